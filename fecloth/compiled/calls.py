@@ -3,7 +3,7 @@
 Python needs 2 to 10 µs to call a kernel, as much as the forces of 200 triangles take. `join` makes
 one function without arguments of several calls: the addresses of the kernels and of their arrays
 are constants in its code. It is the machine code of the kernels themselves that runs, so the bits
-of the results are those of calls from Python, and no kernel is compiled again.
+of the results are the same as by calls from Python, and no kernel is compiled again.
 
 Numba's convention for a compiled function is used: ``status f(result*, error**, arguments...)``,
 in which an array is seven or more words: two pointers for the memory's owner (null: nobody),
@@ -62,7 +62,7 @@ class JoinedCalls:
 def join(calls: Calls) -> JoinedCalls:
     """Return one function that makes all the calls in order, on the same arrays each time.
 
-    What the kernels return is dropped. Numbers are those of now; arrays may change in place.
+    What the kernels return is dropped. Numbers are taken now; arrays may change in place.
 
     Examples
     --------

@@ -34,7 +34,7 @@ Zeros = tuple[int, ...]
 Function = TypeVar("Function", bound=Callable)
 Result = TypeVar("Result")
 
-# nogil: other Python threads, such as those of a `Team`, run on while a kernel does
+# nogil: other Python threads, such as the threads of a `Team`, run on while a kernel does
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
 WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -42,7 +42,7 @@ WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrappe
 class _RareCollection(event.Listener):
     """Lets Python look for cyclic garbage seldom while Numba compiles: it took a fifth of the time.
 
-    Numba compiles one function at a time, and those that it calls within it.
+    Numba compiles one function at a time, with the functions that it calls.
     """
 
     depth = 0
@@ -256,7 +256,7 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
 
 @cache
 def _describe_code(code: CodeType) -> tuple[tuple, tuple[str, ...], tuple[str, ...]]:
-    """Bytecode and constants; the names of the globals; those of all attributes and globals."""
+    """Bytecode and constants; the names of the globals; the names of all attributes and globals."""
     nested = [_describe_code(each) for each in code.co_consts if isinstance(each, CodeType)]
     plain = [each for each in code.co_consts if not isinstance(each, CodeType)]
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars

@@ -24,7 +24,7 @@ class Link(Protocol):
     size: int
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
-        """Make one worker of each description, and return that of this process."""
+        """Make one worker of each description, and return the worker of this process."""
         ...
 
     def each(self, name: str, arguments: Sequence[tuple]) -> list:

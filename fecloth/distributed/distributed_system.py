@@ -96,7 +96,7 @@ class DistributedSystem(System):
 
     @cached_property
     def bound(self) -> tuple:
-        """The terms: those on single nodes bound here, the others on all processes."""
+        """The terms: terms on single nodes are bound here, the others on all processes."""
         shared = iter(self.crew.here.terms.items())
         return tuple(
             RemoteTerm(self.crew, *next(shared))
@@ -107,14 +107,14 @@ class DistributedSystem(System):
 
     @cached_property
     def reaction_limits(self) -> ReactionLimits:
-        """For `force_size`; each process knows those of its nodes."""
+        """For `force_size`; each process knows the forces of its nodes."""
         nodes, most = zip(*self.crew.call("reaction_limits"), strict=True)
         return ReactionLimits(np.concatenate(nodes), np.concatenate(most))
 
     # --- operators ------------------------------------------------------------------------------
 
     def force(self, state: State) -> np.ndarray:
-        """(n, 3) sum of all terms' forces [N], those of the shared ones in one call."""
+        """(n, 3) sum of all terms' forces [N]; shared terms take one call."""
         f = np.zeros_like(state.x)
         keys = tuple(term.key for term in self.bound if isinstance(term, RemoteTerm))
         if keys:

@@ -28,14 +28,14 @@ MOST_RANGES = 8  # processes; with more, ranges of nodes are long and thin
 class Part:
     """The nodes that a process owns, with the triangles around them.
 
-    The forces and the tangent at the nodes that it owns are those of the whole cloth. At the
+    The forces and the tangent at the nodes that it owns are the same as of the whole cloth. At the
     others, its ghosts, they are not, as triangles are missing there.
     """
 
     # (k, 2) coordinates [m], and (m, 3) corners as numbers of the part.
     corners: np.ndarray
     triangles: np.ndarray
-    # Numbers of its nodes and triangles in the whole cloth; those of its corners ascend.
+    # Numbers of its nodes and triangles in the whole cloth; the numbers of its corners ascend.
     nodes: np.ndarray
     cells: np.ndarray
     is_own: np.ndarray  # whether it owns each of its nodes
@@ -102,7 +102,7 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
 
 
 def _ends(count: int) -> np.ndarray:
-    """Where the ranges end, from 0 to 1; that of the first process is shorter by its own work."""
+    """Where the ranges end, from 0 to 1; the first process has more to do, and a shorter range."""
     first = max((1 + DRIVING) / count - DRIVING, 0.2 / count)
     return first + (1 - first) * np.arange(count) / max(count - 1, 1)
 

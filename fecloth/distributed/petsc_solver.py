@@ -43,7 +43,7 @@ OPTIONS: dict[str, dict[str, object]] = {
 }
 OLD = (3, 20)
 ROWS = 20_000  # of nodes whose blocks are copied at once
-LOST = 2.0  # times rtol: what the true residual may be above that of the recurrence
+LOST = 2.0  # times rtol: what the true residual may be above the residual of the recurrence
 
 
 class TooManyIterations(SolveFailed):
@@ -152,7 +152,7 @@ class PetscSolver:
             options |= {f"mg_levels_{name}": value for name, value in OF_OLD.items()}
         table = PETSc.Options(ksp.getOptionsPrefix())
         for name, value in options.items():
-            if not table.hasName(name):  # those of the environment variable PETSC_OPTIONS stay
+            if not table.hasName(name):  # options of the environment variable PETSC_OPTIONS stay
                 table[name] = value
         ksp.setFromOptions()
         return ksp

@@ -65,7 +65,7 @@ ABILITIES = {
 class Worker:
     """The part of a process: its system, its rows of the matrix, and its share of the solver.
 
-    Positions and velocities of a part hold its ghosts too; forces and other results are those of
+    Positions and velocities of a part hold its ghosts too; forces and other results belong to
     the nodes or triangles that it owns. `key` names a bound term: its number in the system, or
     what `over_step` was given.
     """
@@ -81,7 +81,7 @@ class Worker:
 
     @property
     def matrix(self) -> BlockMatrix:
-        """The part's matrix, of which the rows of its own nodes are those of the whole one."""
+        """The part's matrix; the rows of its own nodes are rows of the whole matrix."""
         if self._matrix is None:
             self._matrix = BlockMatrix.zeros(self.system.pattern)
         return self._matrix

@@ -45,7 +45,7 @@ class Fabric:
         ν_b [-] of bending: a strip bent to the curvature κ along the warp and free across
         takes −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
     bias_rigidity
-        B₄₅ [N m], that of a cylinder at 45° to the warp. Default: Huber's estimate, for which the
+        B₄₅ [N m], for a cylinder at 45° to the warp. Default: Huber's estimate, for which the
         rigidity of twist is D₆₆ = (1 − ν_b) √(B₁ B₂) / 2. It must exceed
         (B₁ + B₂ + 2 ν_b √(B₁ B₂)) / 4.
     bending_hysteresis
@@ -194,7 +194,7 @@ class Fabric:
 
         No test of KES-F twists the cloth, and none measures how it bends across: the rigidity of
         twist follows from B45, or is Huber's estimate without it, and ν_b is 0. The fields of shear
-        (G, 2HG, 2HG5) belong to the plane and tell neither.
+        (G, 2HG, 2HG5) belong to the plane and say nothing of either.
 
         Examples
         --------

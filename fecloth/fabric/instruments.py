@@ -17,7 +17,7 @@ Sources:
 
 Neither instrument twists a fabric: the rigidity of twist comes from a specimen cut at 45° and bent
 as the others, where the laboratory has one, and else is Huber's estimate. Neither measures
-Poisson's ratio of bending. Shear and its hysteresis are those of the plane, and tell neither.
+Poisson's ratio of bending. Shear and its hysteresis belong to the plane, and say nothing of either.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ class Panel:
         return self.cloth.weighted_load(self.density)
 
     def count(self, y: np.ndarray) -> np.ndarray:
-        """Values (n, 3) of the nodes, zero at those that do not count in sums over nodes."""
+        """Values (n, 3) of the nodes, zero at nodes that do not count in sums over nodes."""
         if self.counted is None:
             return y
         return np.where(self.counted(np.arange(len(y))[:, None])[:, None], y, 0.0)

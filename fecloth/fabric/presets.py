@@ -34,12 +34,12 @@ strips in several directions, and bent them, with their own apparatus.
   O'Brien 2012, dde.cpp and physics.cpp). The energy is c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂².
   ARCSim doubles the numbers when it reads them, and replaces negative ones by zero. Therefore Y
   follows from the moduli 2c, and G = c₃₃.
-- In shear ARCSim is inconsistent by a factor of 2. The energy above is that of its forces
+- In shear ARCSim is inconsistent by a factor of 2. The energy above belongs to its forces
   (`stretching_force`, and the comment in it). `stretching_energy` has half of the shear term,
   G = c₃₃/2. The presets follow the forces, because these move the cloth in ARCSim.
 - A hinge has the energy k l²θ²/8 over the area of its two triangles. Therefore B = k/4 (see
   `HingeBending`).
-- Of the three rows of "bending" that of edges at 45° gives the rigidity on the bias, and with it
+- Of the three rows of "bending" the row of edges at 45° gives the rigidity on the bias, and with it
   the rigidity of twist. They did not measure Poisson's ratio of bending: no preset has one.
 - The direction v is taken as warp or wale. In the denim it is the stiffer direction, and the
   elastane is in the weft.

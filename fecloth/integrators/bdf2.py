@@ -50,7 +50,7 @@ class BDF2(WithMemory):
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, III.5.
     """
 
-    # the error constant is that of constant steps
+    # the error constant of constant steps
     traits = MethodTraits(
         order=2,
         error_constant=2 / 9,
@@ -69,7 +69,7 @@ class BDF2(WithMemory):
     def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
         """The method's rate of y(x): (y₁ − (1 + e) y₀ + e y₋)/(b dt).
 
-        That of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as the
+        The rate of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as the
         difference between x₀ ± dt/2 v₀ that is exact for y quadratic in x.
         """
         x = state.x

@@ -168,7 +168,7 @@ class SymplecticEuler(Explicit):
         order=1,
         explicit=True,
         error_constant=1 / 2,
-        drift=(2, 1 / 24),  # that of central differences, started half a step off
+        drift=(2, 1 / 24),  # as of central differences, started half a step off
         stability=(1 / 4, 1 / 2),
         studied=("stability",),
     )

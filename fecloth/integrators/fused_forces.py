@@ -157,7 +157,7 @@ def add_work(
 def force_calls(
     system: System, columns: tuple[Column, ...], moves: Moves, f: Array
 ) -> Calls | None:
-    """The calls that add all forces to f, with those that take out the columns' parts."""
+    """The calls that add all forces to f, and the calls that take out the columns' parts."""
     calls: list[AnyCall] = []
     of_term = {column.name: column for column in columns}
     x, v = moves.x, moves.ahead

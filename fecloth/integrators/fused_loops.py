@@ -1,6 +1,6 @@
 """The compiled loop over steps of central differences, and its passes over the nodes.
 
-Each rounds its operations one by one, as those of `explicit` do.
+Each rounds its operations one by one, as the loops of `explicit` do.
 """
 
 from __future__ import annotations

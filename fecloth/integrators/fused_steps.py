@@ -1,7 +1,7 @@
 """Many steps of central differences without Python between them, for any terms that are compiled.
 
-The steps are those of `CentralDifference.step`, to the last bit: the kernels of the terms add to
-one force in the same order, and the loops over the nodes round each operation by itself. Work,
+The steps are the steps of `CentralDifference.step`, to the last bit: the kernels of the terms add
+to one force in the same order, and the loops over the nodes round each operation by itself. Work,
 dissipation and the numerical dissipation of every step are added up, for the energy ledger.
 """
 
@@ -63,8 +63,8 @@ class FusedSteps:
     moves: Moves  # what the columns need of a step
     stretches: np.ndarray
     columns: tuple[Column, ...]  # of the ledger
-    calls: Calls  # those of `forces`
-    # Calls that add the forces, those at the begin and the end of a step for the columns of the
+    calls: Calls  # the calls of `forces`
+    # Calls that add the forces, calls at the begin and the end of a step for the columns of the
     # ledger, and one that fills `stretches` (2,): the least and the largest.
     forces: JoinedCalls
     before: JoinedCalls

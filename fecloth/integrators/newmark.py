@@ -92,7 +92,7 @@ class AccelerationMethod(WithMemory):
         """Open a step from `state` over `dt` [s] after the one that left this memory; q = a₁.
 
         Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        `over` is the system over the step, if the rates over it are not those of this method.
+        `over` is the system over the step, if the rates over it are not the rates of this method.
         """
         alpha_m, alpha_f = self.parameters[:2]
         end, before = prescribed_end(system, state, dt), system.with_history(history)

@@ -67,7 +67,7 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     )
     ends = (before, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(before)
-    if any(term.has_energy for term in before.bound):  # as that of contact, beside its friction
+    if any(term.has_energy for term in before.bound):  # as contact has, beside its friction
         places = [(after, step.balanced_at)]
         if step.ends:
             places = [(before, old), (after, step.state)]
@@ -77,7 +77,7 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
 
 
 def barrier_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of some energies, beyond that of quadratic ones.
+    """Numerical dissipation [J] of some energies, beyond the part of quadratic energies.
 
     −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier of contact, and a term
     whose history yields, are far from quadratic over the way of a step. Without these it is 0.

@@ -116,7 +116,7 @@ class MethodTraits:
 
 
 def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
-    """Return (q, κ) of a method; without a `drift` that of the error of its steps, if known."""
+    """Return (q, κ) of a method; without a `drift` (q, κ) of the error of its steps, if known."""
     if traits.drift is not None:
         return traits.drift
     return None if traits.error_constant is None else (traits.order, traits.error_constant)
@@ -212,7 +212,7 @@ class StepChoice(Integrator, Protocol):
 
     Its ``step(system, state, horizon, solver, memory, history)`` takes one step of any size up to
     `horizon` [s]; the time of the state that it returns says how long it was. Its traits are
-    ``replace(method.traits, chooses_dt=True)``, and its memory contains that of the method.
+    ``replace(method.traits, chooses_dt=True)``, and its memory contains the memory of the method.
 
     `FixedStep`, `GivenSteps`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such
     values, and `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has

@@ -56,7 +56,7 @@ class Step:
     # without any
     history: History | None = None
     earlier: History | None = None
-    # the size [s] that a choice of steps asked of the method, if it was not that of `march`
+    # the size [s] that a choice of steps asked of the method, if it was another than in `march`
     size: float | None = None
 
     def around(self, system: System) -> tuple[System, System]:

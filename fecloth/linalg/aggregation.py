@@ -84,7 +84,7 @@ def orthonormalise(aggregates: Aggregates, motions: np.ndarray, team: Team) -> n
     Parameters
     ----------
     motions
-        (n, 3, 6) B, overwritten with Q. A motion that depends on those before it leaves zeros.
+        (n, 3, 6) B, overwritten with Q. A motion that depends on motions before it leaves zeros.
     team
         Shares the aggregates.
 

@@ -104,7 +104,7 @@ def step(
 ) -> tuple[float, int]:
     """One iteration for z = M⁻¹ r with any M, on all threads.
 
-    Parameters are those of `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
+    Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
 
     Returns
     -------

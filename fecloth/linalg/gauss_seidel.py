@@ -25,9 +25,9 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 class SweepOrder:
     """The nodes of a pattern by colours, and its blocks in the same order.
 
-    For place q of the order, blocks indptr[q] … indptr[q + 1] − 1 are those in columns of earlier
-    colours, and indptr[n + q] … indptr[n + q + 1] − 1 those of later ones: L and U are apart in
-    memory. Those on the diagonal are left out.
+    For place q of the order, blocks indptr[q] … indptr[q + 1] − 1 are in columns of earlier
+    colours, and blocks indptr[n + q] … indptr[n + q + 1] − 1 in columns of later colours: L and U
+    are apart in memory. Blocks on the diagonal are left out.
     """
 
     # (n,) int32 node at each place, and place of each node.
@@ -85,7 +85,7 @@ def _colour(indptr: Array, indices: Array, colours: Array) -> None:
 def _split(
     indptr: Array, indices: Array, colours: Array, nodes: Array, new_indptr: Array, slots: Array
 ) -> None:
-    """Write the blocks of each row in columns of earlier colours, then those of later ones."""
+    """Write the blocks of each row in columns of earlier colours, then of later colours."""
     k, n = 0, len(nodes)
     for side in (0, 1):
         for q in range(n):

@@ -46,8 +46,8 @@ class Level:
 
     grid: Grid
     A: BlockMatrix  # the matrix
-    # (b − n, 3, 3) its blocks beside the diagonal, by colours. Those of the finest level are in
-    # single precision, as are P and `columns`: reading them from memory takes most of the time.
+    # (b − n, 3, 3) its blocks beside the diagonal, by colours. The blocks of the finest level are
+    # in single precision, as are P and `columns`: reading them from memory takes most of the time.
     values: np.ndarray
     inverse: np.ndarray  # (n, 6) inverses of the diagonal blocks, by colours
     # (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.

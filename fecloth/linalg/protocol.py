@@ -71,7 +71,7 @@ class LinearSolver(Protocol):
         ...
 
     def drop(self) -> None:
-        """Forget the steps before, so that those that follow do not depend on them."""
+        """Forget the steps before, so that later steps do not depend on them."""
         ...
 
 

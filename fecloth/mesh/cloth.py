@@ -126,8 +126,8 @@ class Cloth:
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
         all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any command,
-        otherwise only those of geometry and mesh sizes. Gmsh is stopped after `time_limit` seconds.
-        A `grading`, see `Grading`, is for a .geo file with h.
+        otherwise only commands of geometry and mesh sizes. Gmsh is stopped after `time_limit`
+        seconds. A `grading`, see `Grading`, is for a .geo file with h.
         """
         return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
 

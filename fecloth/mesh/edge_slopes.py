@@ -25,7 +25,7 @@ import scipy.sparse as sparse
 from fecloth.mesh.hinges import HalfEdges
 
 LEAST_SINGULAR = 0.15  # of the angles of a patch, in edge lengths; below it the patch is widened
-SINGULAR = 1e-6  # likewise; below it the weights are those of the shortest least-squares fit
+SINGULAR = 1e-6  # likewise; below it the weights come from the shortest least-squares fit
 ROUND_OFF = 1e-12  # weights below it are zero
 IMAGES = 1e-11  # φ̂ below it is zero: the two triangles are images of each other
 
@@ -43,7 +43,7 @@ class EdgeSlopes:
     def patches(self) -> sparse.csr_matrix:
         """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
 
-        They are those of the edge's two triangles. With fewer than three hinges all triangles at
+        They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
         the four nodes take part; where the angles hardly tell one of the curvatures, all triangles
         at the two nodes of the edge.
         """
@@ -74,8 +74,9 @@ class EdgeSlopes:
     def pairs(self) -> np.ndarray:
         """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
 
-        They are those of any plate on this mesh. On regular meshes many weights are zero. Those of
-        the edges in `_changing` are not zero in every plate: they have all hinges of their patches.
+        They are the same for any plate on this mesh. On regular meshes many weights are zero. The
+        weights of the edges in `_changing` are not zero in every plate: they have all hinges of
+        their patches.
         """
         m, h = len(self.edges.triangles), len(self.edges.of_hinge)
         if not h:  # a triangle alone, whose clamps have angles to its corners
@@ -195,7 +196,7 @@ class _Plate:
         return sparse.csr_matrix((np.ones(len(used)), (used // 3, self.hinge[used])), shape=shape)
 
     def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-        """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ is that of the left side of `centre`."""
+        """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ belongs to the left side of `centre`."""
         h, slope = len(self.edges.of_hinge), self.edges.slopes_of_curvature
         halves = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])
         left = halves[hinge]

@@ -27,7 +27,7 @@ def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
 def _frame(normal: np.ndarray) -> np.ndarray:
     """Two orthonormal axes (2, 3) in the plane.
 
-    The sign of the normal is chosen so that the axes vary continuously from those of the
+    The sign of the normal is chosen so that the axes vary continuously from the axes of the
     coordinate planes xy, xz and yz.
     """
     signed = normal * (1.0, -1.0, 1.0)

@@ -32,8 +32,9 @@ def rectangle(
     The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
     cells. In the pattern "equilateral" the rows have a height near h √3/2 that divides the height
     of the rectangle. Every second row is shifted by half an edge. The left and right borders are
-    straight and have half triangles. The edge length along x divides the width and is the nearest
-    one to that of an equilateral triangle. Thus the angles are exactly 60° only if the sides fit.
+    straight and have half triangles. The edge length along x divides the width and is as near as
+    possible to the edge length of an equilateral triangle. Thus the angles are exactly 60° only if
+    the sides fit.
 
     `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
     ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.

@@ -40,8 +40,8 @@ def read(
         ``DefineConstant[ h = ... ];``. In a file without this line it is both the lower and the
         upper limit of every size, so that the mesh is uniform. Default: the sizes of the file.
     trust : bool
-        Whether a ``.geo`` file may hold any command of Gmsh, also those that run programs and write
-        files. Default: only those of `geo_commands.check_geo`.
+        Whether a ``.geo`` file may hold any command of Gmsh, also commands that run programs and
+        write files. Default: only the commands of `geo_commands.check_geo`.
     time_limit : float
         Seconds after which Gmsh, which works in a process of its own, is stopped.
     grading : sequence of Grading
@@ -52,14 +52,14 @@ def read(
     -------
     FlatMesh
         Made by `FlatMesh.from_arrays`. Physical groups of points, curves and surfaces become node
-        sets. Those of curves also become edge sets. A group without a name is called
+        sets. Groups of curves also become edge sets. A group without a name is called
         ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are united.
         meshio's point and cell sets, and the names in ``field_data`` for ``gmsh:physical`` cell
         data, are read in the same way.
 
     Notes
     -----
-    All triangles of the file belong to the cloth, also those in no physical surface. Nodes that
+    All triangles of the file belong to the cloth, also triangles in no physical surface. Nodes that
     are used by no triangle are removed if they only define the geometry. In ``.geo`` and ``.msh``
     files these are all such nodes (centres of circles, construction curves). In other files these
     are the nodes of vertex and line cells. A set that contains a removed node is an error. Nodes at

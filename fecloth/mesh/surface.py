@@ -174,7 +174,7 @@ _QUADRATIC = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # in VTK's order of `
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Flat triangles between the nodes of a cloth: those of P1, four of each triangle of P2."""
+    """Flat triangles between the nodes of a cloth: its triangles of P1, four for each of P2."""
 
     triangles: np.ndarray  # (s, 3) nodes
     sides: np.ndarray  # (h, 2) the two triangles at each interior edge

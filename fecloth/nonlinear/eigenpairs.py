@@ -15,9 +15,9 @@ from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-FIRST = 1e-8  # of the mean of K over that of M: the first shift
+FIRST = 1e-8  # of the mean of K over the mean of M: the first shift
 GROWTH, MOST = 10.0, 18  # factor between two shifts, and their number
-ROUND_OFF = 1e-11  # of the mean of K over that of M: eigenvalues below are 0
+ROUND_OFF = 1e-11  # of the mean of K over the mean of M: eigenvalues below are 0
 ANOTHER = 1e-8  # relative to its distance from the shift: an eigenvalue less than the last found
 RTOL = 1e-10  # of each linear solve
 TOLERANCE, RESTARTS = 1e-11, 100  # of ARPACK: relative residual, and the most restarts
@@ -39,9 +39,9 @@ class Eigenpairs:
 def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) -> Eigenpairs:
     """The `count` least eigenvalues of K u = λ M u at `state`, for v = 0, by Lanczos iteration.
 
-    K is the sum of all terms' exact tangents, those of low rank too, and u is in the directions
+    K is the sum of all terms' exact tangents, also tangents of low rank, and u is in the directions
     that pins and slides allow. The iteration is on (K + s M)⁻¹ M with s > 0, whose largest
-    eigenvalues 1/(λ + s) are those of the least λ. s is the first of 1e-8, 1e-7, … times the ratio
+    eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times the ratio
     of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below every λ, and
     a free body or an unstable state has a factor too. Of an eigenvalue with several vectors the
     iteration may find one only; so it is repeated without the vectors found, until it finds no
@@ -73,7 +73,7 @@ class _Pencil:
     updates: list[tuple[float, np.ndarray]]  # (c, u) of these parts, in the free directions
     nodal: sparse.csr_matrix
     mass: sparse.csr_matrix  # (f, f) M of the free directions
-    scale: float  # the mean of |K| over that of M, by their diagonals
+    scale: float  # the mean of |K| over the mean of M, by their diagonals
     asymmetry: float  # as for `Eigenpairs`
 
     @classmethod

@@ -31,8 +31,8 @@ class ErrorLeft:
 
     A correction s of the unknown changes the velocity by wv s, and the cloth is then by dt wv s
     further on after one more step. The length of s is the mass-weighted root mean square of this
-    over the nodes. With the contraction θ, the length of the last correction over that of the one
-    before, the error left is about
+    over the nodes. With the contraction θ, the length of the last correction over the length of the
+    correction before, the error left is about
 
         θ / (1 − θ) × the last length
 

@@ -47,7 +47,7 @@ def iterate(
 ) -> tuple[np.ndarray, Counts]:
     """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
 
-    With `left` the iteration ends also where the error left is small against that in time.
+    With `left` the iteration ends also where the error left is small against the error in time.
 
     If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
     or takes too long, the error is `Equation.failure`.

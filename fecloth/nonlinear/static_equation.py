@@ -23,7 +23,7 @@ class EquilibriumFailed(FeclothError):
     """No equilibrium was found; `state` is the best one reached, with its `residual`.
 
     With load steps, `state` balances the loads times `load`, the largest factor solved, and
-    `residual` is that of the last attempt at a larger one.
+    `residual` belongs to the last attempt at a larger load.
     """
 
     def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
@@ -103,7 +103,7 @@ class StaticEquation:
         return -f, scale
 
     def round_off(self, x: np.ndarray) -> float:
-        """That of the forces."""
+        """How much the forces change by round-off."""
         change = measure_round_off(lambda state: self.forces(state)[0], self.at(x))
         return self.system.sums.norm(change)
 

@@ -46,7 +46,7 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     """Return the point data and cell data of a state, as listed at the head of this file.
 
     Stress resultants and energy density are summed over the membrane terms; a system without one
-    has neither. With `error_density` the cells have that of `space_error`.
+    has neither. With `error_density` the cells have the error density of `space_error`.
     """
     cloth, G = system.cloth, system.panel.gradients
     membranes = [term for term in system.bound if term.has_stress]

@@ -94,12 +94,12 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
 
 
 def drawable(values: np.ndarray) -> np.ndarray:
-    """Return which values can be drawn; those of a cloth that blows up may overflow."""
+    """Return which values can be drawn; the values of a cloth that blows up may overflow."""
     return np.abs(values) < LARGEST  # NaN is not
 
 
 def clip_to_drawable(values: np.ndarray) -> np.ndarray:
-    """Return the values as float64, those that cannot be drawn clipped to the others' extremes.
+    """Return the values as float64; values that cannot be drawn become extremes of the others.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class Series:
 
 
 def straight(cells: np.ndarray) -> np.ndarray:
-    """Return triangles (m or 4 m, 3) to draw; those of cell i are i, or 4 i to 4 i + 3.
+    """Return triangles (m or 4 m, 3) to draw; cell i has the triangle i, or 4 i to 4 i + 3.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Frames for ParaView: one .vtu for each state, listed with their times in .pvd and .vtu.series.
 
-A frame's points are the current positions, so that no filter is needed; its arrays are those of
-`frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it. Numbers are
+A frame's points are the current positions, so that no filter is needed; its arrays are the arrays
+of `frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it. Numbers are
 float64, compressed without loss: a frame read back is the state itself.
 """
 

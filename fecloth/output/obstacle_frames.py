@@ -86,7 +86,7 @@ def _are_equal(one: Obstacles, other: Obstacles) -> bool:
 
 
 def read_obstacles(folder: Path, number: int) -> Obstacles | None:
-    """The obstacles at frame i of a run: those written last, up to that frame; None without any."""
+    """The obstacles as written last, up to frame i of a run; None without any."""
     before = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
     if not before:
         return None

@@ -145,7 +145,7 @@ def _system(scene: SceneData, cloth: Cloth, start: State, at: At, make_system: C
 
 
 def _each(value: Any, function: Callable) -> Any:
-    """Apply the function to the value, or to that of each region."""
+    """Apply the function to the value, or to the value of each region."""
     if isinstance(value, Mapping):
         return {name: function(one) for name, one in value.items()}
     return function(value)

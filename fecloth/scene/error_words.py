@@ -22,7 +22,7 @@ _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
     """Return the first mistake of the scene `data` from the file `where`, and the others in it.
 
-    `text` is that of the file, for the number of the line.
+    `text` is the text of the file, for the number of the line.
     """
     found = (
         words

@@ -30,7 +30,7 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
 class FabricTable(_FabricFields):
     """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives the constants that are left out.
 
-    The fields of `kes` and `fast` are those of `Fabric.from_kes` and `Fabric.from_fast`, in the
+    `kes` and `fast` have the fields of `Fabric.from_kes` and `Fabric.from_fast`, in the
     units of the instruments, with `load` and `tensile` among them.
     """
 
@@ -56,7 +56,7 @@ class FabricTable(_FabricFields):
 
 
 def _constants(key: str, value: Any) -> dict:
-    """Return the constants of a preset, or those computed from the readings of an instrument."""
+    """Return the constants of a preset, or constants from the readings of an instrument."""
     if key == "preset":
         return presets.constants(value)
     if not isinstance(value, dict):

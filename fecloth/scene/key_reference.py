@@ -86,7 +86,7 @@ def _shapes() -> list[str]:
     for name, table in shapes.items():
         lines += [f"Shape `{name}`: {_summary(table)}", ""]
         lines += [*_rows(table, without=common), ""]
-    lines += ["All shapes have these keys besides; `rotate` is a table as that of a pin:", ""]
+    lines += ["All shapes have these keys besides; `rotate` is a table as in a pin:", ""]
     return [*lines, *_rows(shapes["Plane"], without=["point", "normal"]), ""]
 
 

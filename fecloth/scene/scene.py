@@ -222,14 +222,14 @@ def load_scene(
     path
         A TOML file; the paths in it are relative to its folder.
     overrides
-        Values that replace those of the file, as in ``["time.dt=0.005", "terms.0.time=0.02"]``.
+        Values that replace values of the file, as in ``["time.dt=0.005", "terms.0.time=0.02"]``.
     terms
-        The user's own types of terms, beside those of `fecloth.terms`: ``{"Winkler": Winkler}``,
-        each a dataclass whose fields are the keys of its ``[[terms]]`` table. Only Python code can
-        add them: a scene names no code, so that a file from elsewhere runs none.
+        The user's own types of terms, beside the terms of `fecloth.terms`: ``{"Winkler":
+        Winkler}``, each a dataclass whose fields are the keys of its ``[[terms]]`` table. Only
+        Python code can add them: a scene names no code, so that a file from elsewhere runs none.
     trust_geo
-        Whether a .geo file that the scene names may hold any command of Gmsh, also those that run
-        programs and write files.
+        Whether a .geo file that the scene names may hold any command of Gmsh, also commands that
+        run programs and write files.
     mesh_time
         Seconds after which reading or meshing that file is stopped.
 

@@ -128,7 +128,7 @@ class Made(Table):
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
     """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
-    The text of the table and the meanings of its keys are those of the dataclass's docstring. A
+    The text of the table and the meanings of its keys come from the dataclass's docstring. A
     field annotated ``object`` holds another term, such as the law of a damping. Functions are
     removed from the types of fields. `more` has types and defaults that replace those of fields.
     """

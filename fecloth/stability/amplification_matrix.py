@@ -66,7 +66,7 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 
 
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
-    """(x, v, memory) at the end of a step of dt = 1 from those at its begin, one component of each.
+    """(x, v, memory) after a step of dt = 1, from (x, v, memory) before it; one component of each.
 
     The memory is every array (n, 3) in the memory that a step hands on to the next one, in a
     fixed order; for a method that takes it as a first guess only, its columns are zero.

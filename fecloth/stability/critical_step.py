@@ -125,11 +125,12 @@ def _as_solve_failed() -> Iterator[None]:
 
 
 def element_bound(system: System, method="symplectic_euler") -> float:
-    """A step that is stable at rest [s], at most that of `critical_dt`, by `System.rate_bounds`.
+    """A step that is stable at rest [s], at most `critical_dt`, by `System.rate_bounds`.
 
-    The largest eigenvalues of the single triangles bound that of the cloth (Irons and Treharne
-    1971); pins only lower it. It takes no longer than a few force evaluations, but the step is
-    smaller than that of `critical_dt`. On StVK sheets at rest without pins, it is smaller by:
+    The largest eigenvalues of the single triangles bound the largest eigenvalue of the cloth (Irons
+    and Treharne 1971); pins only lower it. It takes no longer than a few force evaluations, but the
+    step is smaller than `critical_dt`. On StVK sheets at rest without pins, it is smaller
+    by:
 
     ===================================  ============
     rows of triangles: right, cross      1.06, 1.23

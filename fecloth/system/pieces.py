@@ -20,7 +20,8 @@ TINY = 1e-9  # relative size of a singular value that counts as zero
 class Piece:
     """Nodes that terms connect, and the constrained ones among them."""
 
-    # Nodes of the piece, ascending (a slice if they are all), and those that pins or slides hold.
+    # Nodes of the piece, ascending (a slice if they are all), and the nodes that pins or slides
+    # hold.
     nodes: np.ndarray | slice
     held: np.ndarray
     outside: np.ndarray  # (h, 3, 3) projectors I − P onto the held directions of each held node

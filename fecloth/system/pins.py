@@ -123,9 +123,9 @@ class Pin:
         nodes or ``(k, 3)`` in the order of ``cloth.nodes(where)``. Only its changes count:
         x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
     velocity
-        Time derivative of the motion [m/s], as formulas or a function; if None, that of a function
-        is a central difference over 2e-5 s, one-sided where it would need a time before the start
-        of the step. The derivative of formulas is exact.
+        Time derivative of the motion [m/s], as formulas or a function; if None, the derivative of a
+        function is a central difference over 2e-5 s, one-sided where it would need a time before
+        the start of the step. The derivative of formulas is exact.
     name
         Name of the group in reactions; if None, the set's name.
     clamp
@@ -208,7 +208,7 @@ class Pin:
         if callable(self.velocity):  # None otherwise: `__post_init__` makes formulas a `Motion`
             return self._checked(self.velocity, t, "velocity")
         if isinstance(self.motion, Motion):
-            with suppress(InputError):  # not finite, as that of sqrt(t)**3 at 0 by the chain rule
+            with suppress(InputError):  # not finite, as of sqrt(t)**3 at 0 by the chain rule
                 return self.motion.velocity(t)
         return difference_quotient(self.displacement, t, since)
 

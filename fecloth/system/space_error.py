@@ -34,7 +34,7 @@ class SpaceError:
     Attributes
     ----------
     relative
-        Root of the energy of the error over that of the strain; NaN without an estimate.
+        Root of the energy of the error over the energy of the strain; NaN without an estimate.
     density
         (m,) energy of the error per reference area of each triangle [J/m²]; NaN where a term has
         none.
@@ -71,7 +71,7 @@ def name_space_error(relative: float, reason: str = "") -> str:
 def space_error(system: System, state: State) -> SpaceError:
     """Estimate the error in space of a state: how far stress and moment are from smooth ones.
 
-    The exact strain E and curvature κ are nearly smooth; those of the mesh jump between triangles.
+    The exact strain E and curvature κ are nearly smooth; the mesh's E and κ jump between triangles.
     Smooth ones E*, κ* are recovered from them (`fecloth.mesh.recovery`), apart on each side of a
     seam between two fabrics. In the norm of the energy
 
@@ -180,9 +180,9 @@ def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     """Share of the hinge angles (h,) that a constant curvature around each node does not explain.
 
     At a node, κ minimises Σ (θ − Λ κ)² over the hinges of its triangles, with the angles Λ κ of a
-    flat sheet that is bent to κ. The share is the root of these sums over that of Σ θ², both over
-    all nodes: 0 for a constant curvature, of the order of h where it is smooth, near 1 for folds as
-    fine as the triangles.
+    flat sheet that is bent to κ. The share is the root of these sums over the root of Σ θ², both
+    over all nodes: 0 for a constant curvature, of the order of h where it is smooth, near 1 for
+    folds as fine as the triangles.
     """
     edges = cloth.edge_slopes.edges
     hinges, n = edges.hinges, len(edges.X)

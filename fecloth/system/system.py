@@ -231,7 +231,7 @@ class System(Arguments):
         return find_entries(self.scalar_mass, self.pattern.slots)
 
     def with_bound(self, bound: Iterable) -> System:
-        """A copy with other bound terms, such as those over a step; all else is shared."""
+        """A copy with other bound terms, such as terms over a step; all else is shared."""
         _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
         vars(other)["bound"] = tuple(bound)  # in place of the cached property

@@ -18,7 +18,7 @@ with the means d̄ and x̄ by mass. Then neither f nor u has a resultant or a mo
 step keeps linear and angular momentum. Other terms, as loads that are fixed in space, have both,
 and a rigid motion changes U: there u = M d.
 
-The tangent is that of f. It lacks the derivative of N u/(u·d), of second order in d, so that
+The tangent is the tangent of f. It lacks the derivative of N u/(u·d), of second order in d, so that
 Newton's iteration converges linearly, the faster the shorter the step. Where a step turns the cloth
 and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers, for which the
 iteration may fail. So springs and membranes do not use −∂U/∂x for f, but forms of their own for

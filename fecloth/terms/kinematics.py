@@ -21,7 +21,7 @@ def deformation_gradient(
 ) -> np.ndarray:
     """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
 
-    `gradients` (m, q, k, 2) are the G_a of all triangles; without them they are those along X and
+    `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
     Y. With `triangles`, the F of some of the triangles.
     """
     G = cloth.gradients if gradients is None else gradients

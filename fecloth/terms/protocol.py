@@ -9,7 +9,8 @@ studies/examples/term.py is a term in 30 lines.
 knows of it. A description without traits is a term of no kind.
 
 `BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive from
-it and write those that it has; one that does not derive gets those that it lacks from `bound`.
+it and write the abilities that it has; a class that does not derive gets the missing abilities from
+`bound`.
 
 Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s] the
 time. They must not be changed, but for the one named as the result.
@@ -101,7 +102,8 @@ class BoundTerm:
     load
         True for a force from outside, which the load steps of `equilibrium` scale.
     stores_strain
-        False for a term whose energy is not that of a strain: the error in space leaves it out.
+        False for a term whose energy is not the energy of a strain: the error in space leaves it
+        out.
     no_equilibrium
         Why there is no unique equilibrium with the term, as with friction; "" if there is.
     needs_end
@@ -199,9 +201,9 @@ class BoundTerm:
 
         Explicit steps then need no Python between them. They are called again and again while x, v
         and f change in place, and may have work arrays of their own. None where the force depends
-        on t or needs Python. The bits must be those of `add_force`. A `SharedCall`, as `SharedLoop`
-        makes it, is for several threads; one of them makes all other calls. A class that overrides
-        `add_force` must override this too; else it is not asked.
+        on t or needs Python. The bits must be the same as by `add_force`. A `SharedCall`, as
+        `SharedLoop` makes it, is for several threads; one of them makes all other calls. A class
+        that overrides `add_force` must override this too; else it is not asked.
         """
         return None
 
@@ -211,7 +213,7 @@ class BoundTerm:
         """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
 
         It is for nodes outside the fixed pattern, as contact between triangles couples them. Its
-        pattern may change from call to call. `definite` is that of `add_tangent`.
+        pattern may change from call to call. `definite` is as in `add_tangent`.
         """
         return None
 
@@ -353,7 +355,7 @@ class BoundTerm:
         return self
 
     def nbytes(self, explicit: bool) -> int:
-        """Bytes of the arrays of its own, for `explicit` methods without those of the tangent."""
+        """Bytes of the arrays of its own; for `explicit` methods without arrays of the tangent."""
         return 0
 
     # --- which of these it has of its own ---------------------------------------------------------
@@ -400,7 +402,7 @@ ABILITIES = tuple(
 
 
 def has_own(term: BoundTerm, name: str) -> bool:
-    """Whether a bound term has a function of its own in place of that of `BoundTerm`."""
+    """Whether a bound term has its own function in place of the function of `BoundTerm`."""
     own = getattr(term, name)
     return getattr(own, "__func__", own) is not vars(BoundTerm)[name]
 

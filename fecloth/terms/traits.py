@@ -47,8 +47,8 @@ class TermTraits:
         Whether clamped pins may hold the normals of the cloth by it.
     damps
         By what a term damps, and the numbers that it then has: "motion", with a `rate` c [1/s];
-        "strain" or "bending", with a `time` τ [s]; "air", with those of `Drag`. "" for any other:
-        studies do not predict what it does.
+        "strain" or "bending", with a `time` τ [s]; "air", with the fields of `Drag`. "" for any
+        other: studies do not predict what it does.
     space_error
         Why `space_error` has no estimate with it, after its name; "" if it has one.
 

@@ -99,7 +99,7 @@ def _model(folder: Path) -> str:
 
 
 def _constants(fabric: Mapping) -> str:
-    """The main constants of a fabric, those along warp and weft as 1 × 2."""
+    """The main constants of a fabric; values along warp and weft as 1 × 2."""
     words = [f"{1000 * fabric['areal_density']:.4g} g/m²"]
     for key, unit in (("tensile_stiffness", "N/m"), ("bending_rigidity", "N m")):
         if value := fabric.get(key):
@@ -109,7 +109,7 @@ def _constants(fabric: Mapping) -> str:
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """Return the failure, the warnings of the summary, and those that only the log has."""
+    """Return the failure, the warnings of the summary, and warnings that only the log has."""
     if text := summary.get("error"):
         yield {"kind": "note failed", "text": str(text)}
     lines = _text(folder / "run.log").splitlines()

@@ -235,7 +235,7 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
 
 
 def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
-    """Show the obstacles in place of those of the last frame."""
+    """Show the obstacles in place of the obstacles of the last frame."""
     if obstacles is None:
         return
     points = obstacles.points.astype(float)
@@ -245,7 +245,7 @@ def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
 
 
 def _update_cloth(cloth, frame: Frame, shot: Shot, parts: int) -> None:
-    """Set the mesh's points, values and normals to those of a frame."""
+    """Set the mesh's points, values and normals from a frame."""
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
         X = checker_pattern.material_coordinates(frame)

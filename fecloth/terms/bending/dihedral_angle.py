@@ -8,9 +8,9 @@ height h; seen from the right triangle b = s e + h m with n̂ = b × e/|b × e| 
     ∂θ/∂a = n̂_a / h_a,   ∂θ/∂b = n̂_b / h_b,   ∂θ/∂e = −s_a ∂θ/∂a − s_b ∂θ/∂b
 
 which is the gradient as in Bridson, Marino and Fedkiw (2003), Simulation of Clothing with Folds
-and Wrinkles, section 4, up to its scale. Differentiated once more (the second derivatives are those
-of Tamstorf and Grinspun 2013, Discrete bending forces and their Jacobians, in another basis), with
-A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a or ∂θ/∂b,
+and Wrinkles, section 4, up to its scale. Differentiated once more (the second derivatives are the
+ones of Tamstorf and Grinspun 2013, Discrete bending forces and their Jacobians, in another basis),
+with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a or ∂θ/∂b,
 
     ∂²θ/∂a²   = A_a,       ∂²θ/∂b² = A_b,       ∂²θ/∂a∂b = 0
     ∂²θ/∂a∂e  = −s A − ê gᵀ/|e|                                            likewise for b

@@ -34,8 +34,8 @@ class HingeBending:
 
     The factor is derived, not fitted: nodes on a cylinder z = κ y²/2 give an edge along its axis
     the angle θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges
-    lie so, and the sum over the edges is that of ½ B κ² over the area for k = c B l²/(A₁ + A₂)
-    with c = 1: in the direction n of the curvature, with t along the edge, θ is proportional to
+    lie so, and the sum over the edges is the integral of ½ B κ² over the area for k = c B l²/(A₁ +
+    A₂) with c = 1: in the direction n of the curvature, with t along the edge, θ is proportional to
     κ_nn − κ_tt/3, so the other two thirds have none. Published forms: Bergou et al. (2006), A
     Quadratic Bending Model for Inextensible Surfaces, have c = 3 with their own stiffness, Grinspun
     et al. (2003), Discrete Shells, 3 k_b without the ½, so c = 6: their stiffnesses are not B.
@@ -63,7 +63,7 @@ class HingeBending:
     `studies/models/hinge_bias.py`). `right` also couples bending and twist: a strip of it turns
     out of its plane.
 
-    On equilateral meshes, and nearly on those of Gmsh, hinges are an isotropic plate of rigidity B
+    On equilateral meshes, and nearly on meshes of Gmsh, hinges are an isotropic plate of rigidity B
     and of Poisson's ratio −1/3, whatever the fabric's: a disk that is simply supported sags 40 %
     too far for a fabric of ν = 0 and 71 % for ν = 0.3. `PlateBending` has neither fault.
 

@@ -60,9 +60,9 @@ class PlateBending:
     Parameters
     ----------
     rest
-        The angles without moment: "flat"; "start", those of the positions ``System(start=...)``
-        (in scenes of the table [start]); one angle [rad]; or one for each hinge, in the order of
-        `hinge_angles`.
+        The angles without moment: "flat"; "start", the angles of the positions
+        ``System(start=...)`` (in scenes of the table [start]); one angle [rad]; or one for each
+        hinge, in the order of `hinge_angles`.
 
     Raises
     ------
@@ -195,8 +195,9 @@ class BoundPlate(BoundTerm):
         """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
         p are the points that stand for the normals. `old` and `new` are the positions (n, 3) and
-        times of the ends, and `stages` those at which the forces act in this step. In a translation
-        the work cancels with that of the pinned nodes, which take the opposite forces.
+        times of the ends, and `stages` the times at which the forces act in this step. In a
+        translation the work cancels with the work of the pinned nodes, which take the opposite
+        forces.
         """
         if self.plate.moved is None:
             return 0.0

@@ -176,7 +176,7 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
 
 @inner
 def add_fold(slope, bend, g, H):
-    """H (4, 3, 4, 3) of the angle becomes that of its measure: μ′ H + μ″ g gᵀ."""
+    """H (4, 3, 4, 3) of the angle becomes H of its measure: μ′ H + μ″ g gᵀ."""
     for i in range(4):
         for c in range(3):
             for j in range(4):

@@ -150,7 +150,7 @@ class BoundContact(BoundTerm):
 class ContactOverStep(BoundTerm):
     """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
 
-    λ and the directions of sliding are those at the end of the last step, where that was committed,
+    λ and the directions of sliding are taken at the end of the last step, where that was committed,
     and the velocity is the method's difference.
     """
 
@@ -193,7 +193,7 @@ class ContactOverStep(BoundTerm):
         return ((each, each.slip((each.values(x) - past) / h)) for each, past in begin)
 
     def energy(self, x, t) -> float:
-        """That of the barrier, and h Σ μ λ f₀(y) [J]."""
+        """The energy of the barrier, and h Σ μ λ f₀(y) [J]."""
         rubbing = self.rubbing(x)
         energy = self.contact.energy(x, t)
         return sum((self.step.h * each.rate(w) for each, w in rubbing), start=energy)

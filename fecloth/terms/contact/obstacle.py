@@ -45,7 +45,7 @@ class Obstacle:
     With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its normal
     force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is
     1 from y = ε on, 2y/ε − y²/ε² below, with ε = 0.001 extents of the cloth a second: a cloth at
-    rest on a slope creeps with less than ε. Over a step, λ and ∇d are those at its begin, so that
+    rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken at its begin, so that
     friction has a potential.
 
     K = κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d). Its second part is negative for a convex shape; the definite

@@ -37,7 +37,7 @@ class NodePoints:
         return np.flatnonzero(at_nodes < reach)
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(p, 3) values at some of the points, from those of the nodes (n, 3)."""
+        """(p, 3) values at some of the points, from values at the nodes (n, 3)."""
         return of_nodes[which]
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
@@ -96,7 +96,7 @@ Points = NodePoints | TrianglePoints
 class Contacts(NamedTuple):
     """Points of one kind that an obstacle pushes."""
 
-    # The points, and (p,) the numbers of those nearer than the gap.
+    # The points, and (p,) the numbers of the points nearer than the gap.
     points: Points
     which: np.ndarray
     y: np.ndarray  # (p, 3) their places in the frame of the shape
@@ -178,7 +178,8 @@ def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return first, same.ravel()
 
 
-# --- compiled loops: values of points from those of nodes, and what goes back to them -------------
+# --- compiled loops: values of points from values of nodes, and what goes back to them
+# -------------
 
 
 @kernel

@@ -130,7 +130,7 @@ def _cut_edges(tetrahedra: np.ndarray, d: np.ndarray) -> np.ndarray:
     """(q, 3, 2) the edges on which the corners of each triangle lie."""
     inside = np.sort(np.where(d[tetrahedra] < 0, 0, 4) + np.arange(4), axis=1)
     count = (inside < 4).sum(axis=1)
-    node = np.take_along_axis(tetrahedra, inside % 4, axis=1)  # those inside first
+    node = np.take_along_axis(tetrahedra, inside % 4, axis=1)  # corners inside first
     a, b, c, e = node.T
     pairs = {
         1: [((a, b), (a, c), (a, e))],

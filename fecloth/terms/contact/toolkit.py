@@ -33,7 +33,7 @@ def load(where: str) -> Any:
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    Those at the positions asked for last are kept. So are all pairs that are nearer than three
+    The pairs at the positions asked for last are kept. So are all pairs that are nearer than three
     gaps, if they are few: while no node has moved by a gap since then, no others can touch.
     """
 
@@ -60,9 +60,9 @@ class ContactSets:
         stiffness: float,
         fixed: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> ContactSets:
-        """Return those of a cloth, with `fixed`: nodes (k, 3) and triangles of a mesh.
+        """Return the pairs of a cloth, with `fixed`: nodes (k, 3) and triangles of a mesh.
 
-        With a fixed mesh only pairs of the cloth and that mesh count, otherwise those of the cloth.
+        With a fixed mesh only pairs of the cloth and that mesh count, otherwise pairs of the cloth.
         `where` begins the error if ipctk is missing.
         """
         ipctk, triangles = load(where), Surface.of(cloth).triangles

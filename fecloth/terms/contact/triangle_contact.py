@@ -27,7 +27,7 @@ NAMED = 5  # pairs of triangles that an error names
 
 @dataclass(frozen=True, eq=False)
 class SlidingTriangles:
-    """Pairs of triangles that slide on each other; velocities are those of all nodes (n, 3)."""
+    """Pairs of triangles that slide on each other; velocities belong to all nodes (n, 3)."""
 
     # The contacts, and the toolkit's own with their normal forces and directions.
     sets: ContactSets
@@ -61,7 +61,7 @@ class SlidingTriangles:
 
 
 def _turn(f: np.ndarray, R: np.ndarray | None) -> np.ndarray:
-    """Vectors (n, 3) in space, from those in the frame of the fixed mesh."""
+    """Vectors (n, 3) in space, from vectors in the frame of the fixed mesh."""
     return f if R is None else f @ R.T
 
 

@@ -56,7 +56,7 @@ class Condition:
     tangent
         Of the damping: "symmetric" (without the first part of eq. 12) or "exact".
     convex
-        ∂²C is positive semi-definite everywhere, as that of a length: a definite tangent then
+        ∂²C is positive semi-definite everywhere, as for a length: a definite tangent then
         keeps the part with ∂²C where it is under tension, else it drops all of it.
     name
         In the ledger.

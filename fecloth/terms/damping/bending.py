@@ -27,7 +27,7 @@ class BendingDamping:
     """Moments −τ Q θ̇ at the hinges, with the stiffness Q of a bending law.
 
     Force d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ θ̇ᵀ Q θ̇; zero in rigid motion,
-    and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ + A₂); that of
+    and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ + A₂); Q of
     `PlateBending` couples neighbouring hinges, and its measure μ stands in place of θ.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the

@@ -124,8 +124,8 @@ class StrainRateDamping:
 class BoundStrainRate(BoundTerm):
     """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
 
-    Its own functions are those of rate = "velocity"; `over_step` has those of "step". The loops are
-    the ones of `StVK` with the rate of the strain, whose energy is half of the power.
+    Its own functions are for rate = "velocity"; `over_step` has the functions of "step". The loops
+    are the ones of `StVK` with the rate of the strain, whose energy is half of the power.
     """
 
     panel: Panel

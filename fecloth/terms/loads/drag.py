@@ -190,7 +190,7 @@ class BoundDrag(BoundTerm):
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
 
         The bound of D for a triangle is k A/9 Σ 1/m_a, where m_a is its share of the mass of node
-        a. For the quadratic law k is replaced by 2 k |u|. The bound of K is that of |eigenvalues|;
+        a. For the quadratic law k is replaced by 2 k |u|. The bound of K holds for |eigenvalues|;
         it is zero for tangent = "symmetric".
         """
         cloth, (normal, tangential, quadratic) = self.panel.cloth, self.law

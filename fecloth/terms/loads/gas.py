@@ -42,7 +42,7 @@ class Gas:
     Valid if the volume is positive, the rim and o are in one plane, and pressure waves in the gas
     are much faster than the cloth.
 
-    Cost: that of `Pressure`, and a second linear solve.
+    Cost: as for `Pressure`, and a second linear solve.
 
     Parameters
     ----------

@@ -204,7 +204,7 @@ class BoundCondition(BoundTerm):
         return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
 
     def _bound(self, mass: np.ndarray, wx: float, wv: float) -> float:
-        """Bound the eigenvalues of M⁻¹(wx K + wv D) by those of the stencils."""
+        """Bound the eigenvalues of M⁻¹(wx K + wv D) by the eigenvalues of the stencils."""
         if not (self.stiffness.any() if wx else self.damping.any()):
             return 0.0
         parts = [squared_norms(blocks) for blocks in self._blocks(wx, wv)]

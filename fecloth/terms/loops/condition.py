@@ -21,8 +21,8 @@ A family of conditions is a compiled function
     c (p,)               the constants of the stencil
     order                which to compute: 0 only C, 1 also g, 2 also H
     C (r,), g (r, k, 3), H (r, k, 3, k, 3)
-                         to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry of those that `order`
-                         names, because they hold the values of another stencil before
+                         to be filled with C, ∂C/∂y and ∂²C/∂y∂y: every entry of the arrays that
+                         `order` names, because they hold the values of another stencil before
 
 The loops below are templates that call it; `bound_condition.kernels` compiles them and
 `BoundCondition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and

@@ -10,7 +10,7 @@ weight w (`membrane_loops`). With the pointwise strain these are
     K_ab = Σ w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃)            stiffness, δE = Σ B_a δx_a
 
 (Bonet and Wood 2008, Nonlinear Continuum Mechanics for Finite Element Analysis, sections 9.3
-and 9.4.) `regge_strain` has those of the interpolated strain.
+and 9.4.) `regge_strain` has the same for the interpolated strain.
 
 Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
 fabric of Y and ν (tests/terms/membranes/test_tension_field.py checks each line):
@@ -244,8 +244,8 @@ class OverMeanStrain(BoundTerm):
     """A membrane of E_h over a step from `start` to 2x − start, with the mean of the end's strains.
 
     E_h is quadratic in x. So the stress S(Ē) of the mean Ē = ½ (E₀ + E₁) with ∂E/∂x at the mean x
-    does the work of an energy quadratic in E. It is that of the membrane at x with a rest strain
-    for which E is Ē there.
+    does the work of an energy quadratic in E. It is the energy of the membrane at x with a rest
+    strain for which E is Ē there.
     """
 
     membrane: BoundMembrane

@@ -26,7 +26,7 @@ A kind of strain is a mapping of plain functions, whose bodies are inserted for 
     POINTWISE     E = (FᵀF − I)/2
     RESTED        E = (FᵀF − I)/2 − y        with a rest strain y, of damping over a step
     RATE          Ė = sym(FᵀḞ)               of the velocities y
-    REGGE         E = E_h − y                with a rest strain, also that of the flat cloth
+    REGGE         E = E_h − y                with a rest strain, also of the flat cloth
     REGGE_RATE    Ė_h                        of the velocities y
 
 `per_node` and `per_point` are tuples with one zero for each node and each point, so that the
@@ -280,7 +280,7 @@ class Kernels:
 
     @cached_property
     def over_step(self) -> DiscreteGradientKernels:
-        """Those of pointwise strains over a step of energy–momentum."""
+        """The loops of pointwise strains over a step of energy–momentum."""
         return membrane_discrete_gradient.kernels(self.law, self.definite_law, self.is_quadratic)
 
     def _make(self, template: Callable[..., T], law: Any = None) -> Callable[..., T]:

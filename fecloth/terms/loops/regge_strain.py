@@ -9,7 +9,8 @@ artefact: too stiff by orders for thin cloth (membrane locking). The linear tens
 has no such part, and equals E where E is linear in X, as it is about flat (Neunteufel and Schöberl
 2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech. Engrg. 373).
 P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies. In L2 and H1 the
-errors of a taut sheet differ from those with E by less than 5 % (cases of `studies.convergence`).
+errors of a taut sheet differ from the errors with E by less than 5 % (cases of
+`studies.convergence`).
 
 The energy is Σ_p w_p W(E_h(p)) over three points. Each component k of E_h(p), in the order
 (11, 22, 12), is a quadratic form of the nodes' positions,

@@ -1,7 +1,7 @@
 """A loop over elements that adds to their nodes, shared among threads to the bits of one thread.
 
 Each thread takes a range of the elements, and owns the nodes that no thread before it has touched.
-It also computes those elements of its neighbours that touch its nodes. So no node is written by
+It also computes the elements of its neighbours that touch its nodes. So no node is written by
 two threads, and what a node gets is added in the order of the elements. Elements are numbered
 along a narrow band, therefore only the few at both ends of a range, the seams, touch nodes of
 other threads. Their sums go to an array of the thread, from which its own nodes are copied.
@@ -112,7 +112,7 @@ class SharedLoop:
     def _calls(
         self, p: int, call: CallOf, target: np.ndarray, indptr: np.ndarray | None
     ) -> Iterator[Call]:
-        """The calls of thread p; those of a seam work on an array of the thread."""
+        """The calls of thread p; the calls of a seam work on an array of the thread."""
         for piece in self.parts[p] if self.parts else []:
             if piece.nodes is None:
                 yield call(piece.span, target)
@@ -235,7 +235,7 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
 
 
 def _own(nodes: np.ndarray, owner: np.ndarray, p: int) -> np.ndarray:
-    """Those of the nodes that belong to thread p."""
+    """The nodes (of these) that belong to thread p."""
     touched = np.unique(nodes)
     own: np.ndarray = touched[owner[touched] == p]
     return own

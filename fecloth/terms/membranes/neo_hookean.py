@@ -37,7 +37,7 @@ class NeoHookean:
         W = μ/2 (I₁ − 2) − μ ln J + λ/2 (ln J)²,   S = μ (I − C⁻¹) + λ ln J C⁻¹
         ℂ = λ C⁻¹ ⊗ C⁻¹ + 2 (μ − λ ln J) C⁻¹ ⊙ C⁻¹
 
-    So that it is a membrane's, λ and μ are those of plane stress: from the fabric
+    So that it is a membrane's, λ and μ are taken for plane stress: from the fabric
     μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), and at rest the law agrees with `StVK`. At finite strain
     it is a law of its own for the sheet; it does not need the thickness. In the metric of C the
     eigenvalues of ℂ are 2 (μ − λ ln J), twice, and 2 (λ + μ − λ ln J): W is convex in E up to
@@ -139,7 +139,7 @@ def invariants(E):
 def positive(D):
     """D, or NaN where D ≤ 0: no deformation has it, but an interpolated strain may, in a long step.
 
-    Newton's line search then takes a shorter one; W would be below that of the cloth at rest.
+    Newton's line search then takes a shorter step; W would be below W of the cloth at rest.
     """
     return D if D > 0.0 else math.nan
 

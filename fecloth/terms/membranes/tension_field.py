@@ -35,7 +35,7 @@ class TensionField:
 
     Source: Pipkin (1986), The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
     Math. 36, 85–99, and Steigmann (1990), Tension-field theory, Proc. R. Soc. Lond. A 429,
-    141–173; the criterion is that of Roddeman, Drukker, Oomens and Janssen (1987), The wrinkling
+    141–173; the criterion is from Roddeman, Drukker, Oomens and Janssen (1987), The wrinkling
     of thin membranes, J. Appl. Mech. 54, 884–887; here for the energy of `StVK`.
 
     Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and the
@@ -44,8 +44,8 @@ class TensionField:
     static solution needs a load or a mass there, and where much is slack `equilibrium` may need
     several hundred iterations (``max_iterations=600``), or the end of a damped run as its start. In
     tension it holds for the small strains of
-    `StVK`. Isotropic fabrics only: for an orthotropic one the direction of tension is not that of
-    E₁.
+    `StVK`. Isotropic fabrics only: for an orthotropic fabric the direction of tension is not the
+    direction of E₁.
 
     Cost relative to `StVK`: force 1.7, tangent 1.2.
 
@@ -66,7 +66,7 @@ class TensionField:
         return np.array(fabric.isotropic("TensionField"))
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
-        """(6,) ℂ [N/m], that of the taut state."""
+        """(6,) ℂ [N/m] of the taut state."""
         fabric.isotropic("TensionField")
         return fabric.moduli()
 

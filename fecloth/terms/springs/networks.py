@@ -50,7 +50,7 @@ class Net:
         return k
 
     def _derive_stiffness(self, panel, kind):
-        """Derive k (s,) from the fabric for the springs of a class; ignore that of the others."""
+        """Derive k (s,) from the fabric for the springs of a class; ignore k of other classes."""
         area = panel.cloth.weights.sum(axis=1)
         square = np.sum(self.vectors**2, axis=1)
         if kind == EDGE:
@@ -86,7 +86,7 @@ def edges(cloth: Cloth) -> Net:
 
 
 def structural(cloth: Cloth, shear: float | None = None, bend: float | None = None) -> Net:
-    """Make springs of Provot's classes on a grid, without those of stiffness 0; else the edges.
+    """Make springs of Provot's classes on a grid, without springs of stiffness 0; else the edges.
 
     If `shear` is None there are shear springs; if `bend` is None there are no bend springs.
     """
