@@ -68,7 +68,7 @@ class MpiLink:
         self.here: Worker | None = None
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
-        """Make one worker of each description, and return that of this process."""
+        """Make one worker of each description, and return the worker of this process."""
         self.each("", [(description,) for description in descriptions])
         assert self.here is not None
         return self.here

@@ -237,7 +237,7 @@ def _pin_of(pin: Pin, nodes: np.ndarray, cloth: Cloth, start: State) -> Pin:
 
 
 def _regions_of(cloth: Cloth, values: Any) -> Any:
-    """One value for all, or those of the regions that the part has."""
+    """One value for all, or the values of the regions that the part has."""
     if not isinstance(values, Mapping):
         return values
     return {name: value for name, value in values.items() if name in cloth.triangle_sets}

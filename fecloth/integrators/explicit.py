@@ -38,7 +38,7 @@ class ExplicitOpening(NamedTuple):
     system: System
     over: System
     at: State  # the state at which the step needs the acceleration
-    # The state at the begin, and that of the held directions at the end.
+    # The state at the begin, and at the end the state of the held directions.
     begin: State
     end: State
     dt: float  # size of the step [s]

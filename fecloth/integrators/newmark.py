@@ -258,7 +258,7 @@ class GeneralizedAlpha(AccelerationMethod):
 
     @property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
-        """Error constant β − ½ (α_f − α_m) − 1/6: a is that of a time (α_f − α_m) dt before."""
+        """Error constant β − ½ (α_f − α_m) − 1/6: a belongs to a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters
         lag = alpha_f - alpha_m
         return MethodTraits(

@@ -130,12 +130,12 @@ class Opening:
     is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to any q.
     """
 
-    method: Any  # whose step it is: that of the first step of BDF2 is another one
+    method: Any  # whose step it is; the first step of BDF2 is a step of another method
     # The system, and the system over the step.
     system: System
     over: System
     stage: Stage  # the affine maps of q, with what the pins prescribe
-    # The state at the begin, and that of the held directions at the end.
+    # The state at the begin, and at the end the state of the held directions.
     begin: State
     end: State
     dt: float  # size of the step [s]

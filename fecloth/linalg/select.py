@@ -35,13 +35,13 @@ ASSEMBLY = 2.0  # work of a tangent, for each block in a row
 CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations that new coarse matrices cost
 MULTIGRID = 150.0  # work of a solve with it, as a guess
 REUSE = 0.8  # new factors for each solve with one, as a guess
-SUPERLU = 8.0  # work of SuperLU over that of PARDISO
+SUPERLU = 8.0  # work of SuperLU over the work of PARDISO
 PATTERN = {"pcg": 0.0, "direct": 320.0, "multigrid": 100.0}  # work of a new pattern
 LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
 LARGE = 2_000  # nodes from which on multigrid is considered
 WEIGHT = 1 / 12  # of a new solve in the average, after 1/2, 1/3, … for the first ones
 MEMORY = 0.998  # factor on the averages of the other solvers
-GAIN = 0.85  # largest average of another solver, over that of the current one, that changes it
+GAIN = 0.85  # largest ratio of averages, another solver over the current one, for a change
 PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at first and later
 
 
@@ -109,7 +109,7 @@ class AutoSolver:
         return REUSE * self._preparation(mode) + self._solution(mode, 0)
 
     def _price(self, mode: str) -> float:
-        """The average work of a solve, and that of its share of a new pattern."""
+        """The average work of a solve, with its share of the work of a new pattern."""
         return self._average[mode] + self._share * PATTERN[mode]
 
     def _preparation(self, mode: str) -> float:

@@ -101,8 +101,8 @@ class _Search:
         """Numbers and remedies in order.
 
         After the first remedy, and after one that clamps, the first is tried again, then in the
-        first CLAMPED such iterations `clamped`, and then those from `next` on. After any other,
-        those from the next weaker one on are tried.
+        first CLAMPED such iterations `clamped`, and then the remedies from `next` on. After any
+        other, the remedies from the next weaker one on are tried.
         """
         numbers = list(range(len(self.order)))
         if self.last and not self.order[self.last].definite:

@@ -113,7 +113,7 @@ class StageEquation:
         return system.constraints.project(R), scale
 
     def round_off(self, q: np.ndarray) -> float:
-        """That of the forces; the inertia, linear in q, has little."""
+        """The round-off of the forces; the inertia, linear in q, has little."""
         change = measure_round_off(self.system.force, self.state(q))
         return self.system.sums.norm(self.system.constraints.project(change))
 

@@ -176,9 +176,9 @@ def derivative(node: ast.expr, variable: str) -> ast.expr:
     """Return the syntax tree of the derivative of a formula with respect to `variable`.
 
     `node` is the tree of a checked formula whose value is a number, not a condition. At a kink or
-    a jump the derivative is that on one side: 0 for abs, sign and floor, that of the second
-    argument for min and max, and that of the chosen part for where. For mod(a, b) it is that
-    between the jumps.
+    a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the derivative of
+    the second argument for min and max, and the derivative of the chosen part for where. For mod(a,
+    b) it is the derivative between the jumps.
     """
     slope = _slope(node, variable)
     return _ZERO if slope is None else slope

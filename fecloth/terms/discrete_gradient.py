@@ -127,7 +127,7 @@ class DiscreteGradient(BoundTerm):
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
 
-        Over the step the normals are those of the mean time, and the forces on the nodes have the
+        Over the step the normals are taken at the mean time, and the forces on the nodes have the
         work of the energy for these. What is left are the changes before and after that time.
         """
         if self.term.work_of_clamps(old, new, stages) == 0.0:

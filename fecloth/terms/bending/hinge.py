@@ -169,7 +169,7 @@ class QuadraticBending:
 
     At flat, Q is the stiffness of `HingeBending` out of the plane, so its B_eff on each mesh is
     the same, and so is its Poisson's ratio of bending: −1/3 on equilateral meshes, and nearly on
-    those of Gmsh, whatever the fabric's. `PlateBending` has the fabric's own.
+    meshes of Gmsh, whatever the fabric's. `PlateBending` has the fabric's own.
 
     While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in them that
     point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.

@@ -22,7 +22,7 @@ from fecloth.terms.loops.shared_loop import SharedLoop, cut
 class CoupledRows:
     """The blocks of each row e of Q: of the four nodes of e with all nodes of its row."""
 
-    place: np.ndarray  # (entries of Q, 4) which of the row's nodes are those of the entry's hinge
+    place: np.ndarray  # (entries of Q, 4) which of the row's nodes the entry's hinge has
     # (h,) first slot of each row, and the number of its nodes u.
     start: np.ndarray
     width: np.ndarray
@@ -39,7 +39,7 @@ class CoupledRows:
     def make(
         cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
     ) -> CoupledRows:
-        """Find the blocks of hinges with `nodes` (h, 4) among those of the `pairs` (p, 2)."""
+        """Find the blocks of hinges with `nodes` (h, 4) among the blocks of the `pairs` (p, 2)."""
         both, alone = slots(pairs), slots(np.arange(n, dtype=np.int32)[:, None])
         i = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(n)])
         j = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(n)])
@@ -80,7 +80,7 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
 def mirror(corners: np.ndarray) -> np.ndarray:
     """(c, 3) the third corners of triangles (c, 3, 3), mirrored in their planes at the first edge.
 
-    The plane through the edge and this point is that of the triangle.
+    The plane through the edge and this point is the plane of the triangle.
     """
     a, b, apex = np.moveaxis(corners, 1, 0)
     edge, arm = b - a, apex - a
@@ -103,7 +103,7 @@ class PlateAngles:
     """The hinge angles of a cloth, and the matrix that couples them."""
 
     nodes: np.ndarray  # (h, 4) nodes of the hinges; −1 for one that is held in space
-    held: np.ndarray  # (c, 3) positions of those at the start [m]
+    held: np.ndarray  # (c, 3) positions of these nodes at the start [m]
     # ``moved(held, t)``: their positions at the time t, or None where they stay.
     moved: Callable[[np.ndarray, float], np.ndarray] | None
     stiffness: sparse.csr_matrix  # (h, h) Q [N m]

@@ -119,7 +119,7 @@ def widest(width):
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, J):
     """J += scale Σ left_ea Q_ef right_fbᵀ.
 
-    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are those of
+    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes of
     hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either is
     −1 for a node that is held in space.
     """

@@ -66,7 +66,7 @@ def angle_stiffness(
     """(h + c, h + c) Q = Cᵀ K C [N m] with the energy ½ θᵀ Q θ of small angles.
 
     K has a block A Bᵀ D B for each triangle, from which the slopes of free edges are eliminated.
-    The arguments are those of `EdgeSlopes.of_plate`.
+    The arguments are as in `EdgeSlopes.of_plate`.
     """
     edges = slopes.edges
     C, hinge = slopes.of_plate(rigidity, material, clamped)

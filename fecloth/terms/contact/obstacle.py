@@ -138,7 +138,7 @@ class MeshObstacle:
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and, without friction,
     `equilibrium`.
 
-    Cost: that of `SelfContact`; a large mesh of few triangles costs more than many small ones.
+    Cost: as for `SelfContact`; a large mesh of few triangles costs more than many small ones.
 
     Parameters
     ----------

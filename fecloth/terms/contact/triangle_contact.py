@@ -210,7 +210,7 @@ class SelfContact:
     Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness; computed by the IPC
     Toolkit, the package ``ipctk``.
 
-    Friction is that of Coulomb, smoothed and lagged, as of `Obstacle`.
+    Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and, without friction,
     `equilibrium`, from a start free of intersections.

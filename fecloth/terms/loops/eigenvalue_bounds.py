@@ -13,9 +13,9 @@ def membrane_bound(panel: Panel, moduli: np.ndarray, mass: np.ndarray) -> float:
 
     The largest eigenvalue of a sum of element matrices is at most the largest of the elements'
     own (Irons and Treharne 1971); each node's mass is shared among its triangles by theirs. With
-    ℂ = L Lᵀ the nonzero eigenvalues of M_e⁻¹ K_e are those of the matrix of 3×3 blocks, one for
-    each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L. The mass (n,) [kg] is
-    lumped.
+    ℂ = L Lᵀ the nonzero eigenvalues of M_e⁻¹ K_e are the eigenvalues of the matrix of 3×3 blocks,
+    one for each pair of quadrature points, Lᵀ (Σ_a √(w_p w_q) B_ap B_aqᵀ / m_a) L. The mass (n,)
+    [kg] is lumped.
     """
     cloth = panel.cloth
     area = cloth.weights.sum(axis=1) * panel.density
