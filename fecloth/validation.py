@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from fecloth.errors import InputError, brief, is_number
@@ -17,6 +18,20 @@ def number(name: str, value: object, above: float, where: str, *, infinite: bool
     if not (endless or (is_number(value) and value > above)):
         allowed = f"must be a finite number > {above:g}{', or infinite' if infinite else ''}"
         raise InputError(f"{name} = {brief(value)}", allowed, where)
+
+
+def positive(name: str, value: object, unit: str, where: str, *, or_zero: bool = False) -> None:
+    """Raise `InputError` for anything but a finite number > 0, or >= 0 with `or_zero`."""
+    if not (is_number(value) and (value > 0 or (or_zero and value == 0))):
+        allowed = f"must be finite and {'>= 0' if or_zero else '> 0'}{f' [{unit}]' if unit else ''}"
+        raise InputError(f"{name} = {value!r}", allowed, where)
+
+
+def one_of(name: str, value: object, names: Sequence[str], where: str) -> None:
+    """Raise `InputError` for a value that is none of the names."""
+    if value not in names:
+        *first, last = (f'"{each}"' for each in names)
+        raise InputError(f"{name} = {value!r}", f"must be {', '.join(first)} or {last}", where)
 
 
 def function(name: str, value: object, example: str, where: str) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth import validation
 from fecloth.integrators.one_stage import ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
@@ -85,9 +85,7 @@ class EnergyMomentum(StageMethod):
     tangent: str = "auto"
 
     def __post_init__(self) -> None:
-        if self.tangent not in ("auto", "symmetric", "exact"):
-            allowed = 'must be "auto", "symmetric" or "exact"'
-            raise InputError(f"tangent = {self.tangent!r}", allowed, "EnergyMomentum")
+        validation.one_of("tangent", self.tangent, ("auto", "symmetric", "exact"), "EnergyMomentum")
 
     @property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed

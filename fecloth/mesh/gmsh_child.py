@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, MeshError, is_number
+from fecloth import validation
+from fecloth.errors import InputError, MeshError
 from fecloth.mesh.gmsh_import import DRAWINGS, RawMesh, from_geo, from_msh, gmsh_plane
 from fecloth.mesh.grading import Grading
 
@@ -42,8 +43,7 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     time_limit
         Seconds after which the process is killed.
     """
-    if not (is_number(time_limit) and time_limit > 0):
-        raise InputError(f"time_limit = {time_limit!r}", "must be finite and > 0 [s]", where)
+    validation.positive("time_limit", time_limit, "s", where)
     package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported
     path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
     command = [sys.executable, "-P", "-m", __name__]

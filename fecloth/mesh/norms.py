@@ -7,6 +7,7 @@ import scipy.sparse as sparse
 import skfem
 from scipy.spatial import cKDTree
 
+from fecloth import validation
 from fecloth.errors import InputError, MeshError
 
 
@@ -209,8 +210,7 @@ def weighted_load(cloth, density: np.ndarray) -> np.ndarray:
 
 def mass_matrix(cloth, kind: str, density: np.ndarray) -> sparse.csr_matrix:
     """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped; see `Cloth.mass`."""
-    if kind not in ("lumped", "consistent"):
-        raise InputError(f"mass = {kind!r}", 'must be "lumped" or "consistent"', "Cloth.mass")
+    validation.one_of("mass", kind, ("lumped", "consistent"), "Cloth.mass")
     if kind == "lumped":
         return sparse.diags(diagonal_mass(cloth, density), format="csr")
     basis = cloth.basis(2 * cloth.kind.degree)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from fecloth import validation
 from fecloth.errors import InputError, is_number
 
 RESIDUAL = 1e-6  # where the tolerance is "auto" and there is no estimate
@@ -79,9 +80,7 @@ class Newton:
         most = self.max_iterations
         if not (isinstance(most, int) and not isinstance(most, bool) and most >= 1):
             raise InputError(f"max_iterations = {most!r}", "must be an integer >= 1", "Newton")
-        if self.definiteness not in DEFINITENESS:
-            allowed = f"must be one of {', '.join(DEFINITENESS)}"
-            raise InputError(f"definiteness = {self.definiteness!r}", allowed, "Newton")
+        validation.one_of("definiteness", self.definiteness, DEFINITENESS, "Newton")
         if not isinstance(self.reuse, bool):
             raise InputError(f"reuse = {self.reuse!r}", "must be True or False", "Newton")
 

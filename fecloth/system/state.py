@@ -23,9 +23,9 @@ class State:
         return f"<State of {len(self.x)} nodes at t = {self.t:g} s>"
 
 
-def make_state(nodes: int, x, v=None, t: float = 0.0, where: str = "System.state") -> State:
+def make_state(nodes: int, x, v=None, t: float = 0.0) -> State:
     """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
-    shape = nodes, 3
+    shape, where = (nodes, 3), "System.state"
     x = floats("x", x, where)
     v = np.zeros(shape) if v is None else floats("v", v, where)
     for name, value in (("x", x), ("v", v)):

@@ -16,9 +16,9 @@ from typing import Literal
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
-from fecloth.terms.contact.shape import positive
 
 GRAVITY = 9.81  # m/s², for the weight of the fabric
 STRAIN = 0.01  # of a fabric that is pulled against an obstacle
@@ -46,9 +46,8 @@ def curvature(s: np.ndarray) -> np.ndarray:
 
 def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
     """Raise `InputError` for numbers that no contact can have."""
-    positive("gap", gap, where)
-    if not (is_number(friction) and friction >= 0):
-        raise InputError(f"friction = {friction!r}", "must be finite and >= 0", where)
+    validation.positive("gap", gap, "m", where)
+    validation.positive("friction", friction, "", where, or_zero=True)
     if stiffness != "auto" and not (is_number(stiffness) and stiffness > 0):
         allowed = 'must be finite and > 0 [Pa], or "auto"'
         raise InputError(f"stiffness = {stiffness!r}", allowed, where)

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth import validation
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.read import read_surface
@@ -177,8 +178,7 @@ class MeshObstacle:
 
     def __post_init__(self):
         _ = self._body  # its mistakes are refused where the obstacle is written
-        if not (is_number(self.scale) and self.scale > 0):
-            raise InputError(f"scale = {self.scale!r}", "must be finite and > 0", "MeshObstacle")
+        validation.positive("scale", self.scale, "", "MeshObstacle")
         barrier.check_numbers("MeshObstacle", self.gap, self.friction, self.stiffness)
 
     @property

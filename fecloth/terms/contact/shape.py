@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth import validation
+from fecloth.errors import InputError
 from fecloth.quantities.formula import Derivative, Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
@@ -158,12 +159,6 @@ def direction(name: str, value: object, where: str) -> np.ndarray:
     return array / np.linalg.norm(array)
 
 
-def positive(name: str, value: object, where: str) -> None:
-    """Raise `InputError` for anything but a finite length > 0."""
-    if not (is_number(value) and value > 0):
-        raise InputError(f"{name} = {value!r}", "must be finite and > 0 [m]", where)
-
-
 VARIABLES = ("x", "y", "z", "t")
 
 
@@ -201,7 +196,7 @@ class Sdf(Shape):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.radius is not None:
-            positive("radius", self.radius, "Sdf")
+            validation.positive("radius", self.radius, "m", "Sdf")
         try:
             _ = self._formula
         except InputError as error:

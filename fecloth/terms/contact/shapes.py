@@ -11,9 +11,10 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.quantities.units import LENGTH, reads_units
-from fecloth.terms.contact.shape import Sdf, Shape, direction, point, positive
+from fecloth.terms.contact.shape import Sdf, Shape, direction, point
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
 
@@ -89,7 +90,7 @@ class Sphere(Shape):
     def __post_init__(self) -> None:
         super().__post_init__()
         point("center", self.center, "Sphere")
-        positive("radius", self.radius, "Sphere")
+        validation.positive("radius", self.radius, "m", "Sphere")
 
     @property
     def radius_of_curvature(self) -> float:
@@ -130,7 +131,7 @@ class Cylinder(Shape):
     def __post_init__(self) -> None:
         super().__post_init__()
         point("point", self.point, "Cylinder")
-        positive("radius", self.radius, "Cylinder")
+        validation.positive("radius", self.radius, "m", "Cylinder")
         _ = self._across
 
     @cached_property
@@ -174,7 +175,7 @@ class Capsule(Shape):
     def __post_init__(self) -> None:
         super().__post_init__()
         a, b = point("a", self.a, "Capsule"), point("b", self.b, "Capsule")
-        positive("radius", self.radius, "Capsule")
+        validation.positive("radius", self.radius, "m", "Capsule")
         if (a == b).all():
             remedy = "Write a Sphere(center, radius)."
             raise InputError(f"a = b = {self.a!r}", "must differ", "Capsule", remedy)
@@ -273,8 +274,8 @@ class Disk(Shape):
     def __post_init__(self) -> None:
         super().__post_init__()
         point("center", self.center, "Disk")
-        positive("radius", self.radius, "Disk")
-        positive("thickness", self.thickness, "Disk")
+        validation.positive("radius", self.radius, "m", "Disk")
+        validation.positive("thickness", self.thickness, "m", "Disk")
         _ = self._axis
 
     @cached_property

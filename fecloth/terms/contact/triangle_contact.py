@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.errors import InputError, is_number
+from fecloth import validation
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import find_intersections
@@ -243,9 +244,7 @@ class SelfContact:
     traits = replace(CONTACT, several_places=False)
 
     def __post_init__(self):
-        if not (is_number(self.thickness) and self.thickness >= 0):
-            what = f"thickness = {self.thickness!r}"
-            raise InputError(what, "must be finite and ≥ 0 [m]", "SelfContact")
+        validation.positive("thickness", self.thickness, "m", "SelfContact", or_zero=True)
         barrier.check_numbers("SelfContact", self.gap, self.friction, self.stiffness)
 
     def stencil(self, cloth: Cloth) -> None:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
@@ -102,7 +103,7 @@ class Condition:
             raise InputError(f"name = {self.name!r}", allowed, "Condition")
         if not callable(self.value):
             raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
-        bound_condition.check_options(self.name, tangent=self.tangent)
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), self.name)
         for key in ("stiffness", "damping"):
             value = np.asarray(getattr(self, key), dtype=float)
             if not (np.isfinite(value).all() and (value >= 0).all()):

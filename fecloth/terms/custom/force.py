@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.calls import Calls
 from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
@@ -73,14 +74,8 @@ class UserForce:
     tangent: str = "symmetric"
 
     def __post_init__(self):
-        for name, choices in (
-            ("per", ("area", "mass", "node")),
-            ("tangent", ("symmetric", "exact")),
-        ):
-            value = getattr(self, name)
-            if value not in choices:
-                allowed = " or ".join(f'"{choice}"' for choice in choices)
-                raise InputError(f"{name} = {value!r}", f"must be {allowed}", "UserForce")
+        validation.one_of("per", self.per, ("area", "mass", "node"), "UserForce")
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "UserForce")
         if not callable(self.force):
             _validated_parts(self.force)
 

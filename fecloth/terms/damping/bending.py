@@ -7,8 +7,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.calls import Calls
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
@@ -60,12 +61,8 @@ class BendingDamping:
 
     def __post_init__(self):
         where = "BendingDamping"
-        if not (is_number(self.time) and self.time > 0):
-            raise InputError(f"time = {self.time!r}", "must be finite and > 0 [s]", where)
-        if self.tangent not in ("symmetric", "exact"):
-            allowed = 'must be "symmetric" or "exact"'
-            raise InputError(f"tangent = {self.tangent!r}", allowed, where)
-
+        validation.positive("time", self.time, "s", where)
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
         if not isinstance(self.law, HingeBending | PlateBending | None):
             allowed = "must be HingeBending() or PlateBending()"
             raise InputError(f"law = {self.law!r}", allowed, where)

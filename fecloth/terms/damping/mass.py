@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth import validation
 from fecloth.compiled.calls import Calls
 from fecloth.compiled.jit import kernel
-from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots, add_mass, find_entries
 from fecloth.linalg.reductions import dot
@@ -50,8 +50,7 @@ class MassDamping:
     rate: Annotated[float, RATE]
 
     def __post_init__(self):
-        if not (is_number(self.rate) and self.rate > 0):
-            raise InputError(f"rate = {self.rate!r}", "must be finite and > 0 [1/s]", "MassDamping")
+        validation.positive("rate", self.rate, "1/s", "MassDamping")
 
     traits = replace(DAMPING, damps="motion")
 

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
@@ -96,11 +97,8 @@ class StrainRateDamping:
     def __post_init__(self):
         where = "StrainRateDamping"
         check_strain(self.strain, where)
-        if not (is_number(self.time) and self.time > 0):
-            raise InputError(f"time = {self.time!r}", "must be finite and > 0 [s]", where)
-        if self.tangent not in ("symmetric", "exact"):
-            allowed = 'must be "symmetric" or "exact"'
-            raise InputError(f"tangent = {self.tangent!r}", allowed, where)
+        validation.positive("time", self.time, "s", where)
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
         if self.rate not in (None, "step", "velocity"):
             allowed = 'must be "step" or "velocity", or left out'
             raise InputError(f"rate = {self.rate!r}", allowed, where)

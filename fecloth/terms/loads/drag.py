@@ -8,9 +8,10 @@ from typing import Annotated, TypeVar
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import inner, kernel
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
@@ -86,18 +87,12 @@ class Drag:
 def check_drag(drag) -> None:
     """Raise `InputError` if a coefficient, `law` or `tangent` is not allowed."""
     where = type(drag).__name__
-    for name in ("normal", "tangential"):
-        value = getattr(drag, name)
-        if not (is_number(value) and value >= 0):
-            raise InputError(f"{name} = {value!r}", "must be finite and >= 0", where)
+    validation.positive("normal", drag.normal, "", where, or_zero=True)
+    validation.positive("tangential", drag.tangential, "", where, or_zero=True)
     if drag.normal == drag.tangential == 0:
         raise InputError("normal = tangential = 0", "at least one must be > 0", where)
-    for name, choices in (("law", ("quadratic", "linear")), ("tangent", ("symmetric", "exact"))):
-        value = getattr(drag, name)
-        if value not in choices:
-            raise InputError(
-                f"{name} = {value!r}", f'must be "{choices[0]}" or "{choices[1]}"', where
-            )
+    validation.one_of("law", drag.law, ("quadratic", "linear"), where)
+    validation.one_of("tangent", drag.tangent, ("symmetric", "exact"), where)
 
 
 def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bound]) -> Bound:

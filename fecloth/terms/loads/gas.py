@@ -9,8 +9,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner, kernel
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
@@ -67,11 +68,8 @@ class Gas:
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):
             value = getattr(self, name)
-            if not (is_number(value) and value > 0):
-                raise InputError(f"{name} = {value!r}", f"must be finite and > 0 [{unit}]", "Gas")
-        if not (is_number(self.ambient) and self.ambient >= 0):
-            allowed = "must be finite and >= 0 [Pa]"
-            raise InputError(f"ambient = {self.ambient!r}", allowed, "Gas")
+            validation.positive(name, value, unit, "Gas")
+        validation.positive("ambient", self.ambient, "Pa", "Gas", or_zero=True)
         if np.shape(self.origin) != (3,) or not np.isfinite(self.origin).all():
             raise InputError(f"origin = {self.origin!r}", "must be three finite numbers", "Gas")
 

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import inner, kernel
-from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.linalg.reductions import dot
@@ -80,9 +80,7 @@ class Pressure:
 
     def __post_init__(self):
         scalar(self.p, "p", "Pressure")
-        if self.tangent not in ("symmetric", "exact"):
-            allowed = 'must be "symmetric" or "exact"'
-            raise InputError(f"tangent = {self.tangent!r}", allowed, "Pressure")
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "Pressure")
 
     traits = LOAD
 

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth import validation
+from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, SPEED
@@ -81,11 +82,8 @@ class Wind:
     def __post_init__(self):
         check_drag(self)
         air_velocity.velocity_field(self.velocity, "Wind")
-        for name in ("gusts", "gust_length"):
-            value = getattr(self, name)
-            if not (is_number(value) and value >= 0) or (name == "gust_length" and value == 0):
-                allowed = "must be finite and " + (">= 0" if name == "gusts" else "> 0 [m]")
-                raise InputError(f"{name} = {value!r}", allowed, "Wind")
+        validation.positive("gusts", self.gusts, "", "Wind", or_zero=True)
+        validation.positive("gust_length", self.gust_length, "m", "Wind")
         if not 0 <= self.seed < 2**32:
             raise InputError(f"seed = {self.seed!r}", "must be in 0 … 2³² − 1", "Wind")
         is_steady = not callable(self.velocity) and not any(

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array, Zeros, specialise
 from fecloth.compiled.team import ALONE, Team
-from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.loops import condition, condition_discrete_gradient
@@ -306,13 +305,3 @@ def _matrices(values: ArrayLike, m: int, r: int) -> np.ndarray:
         rows = values[:, None] if values.ndim == 1 else values
         values = np.broadcast_to(rows, (m, r))[:, :, None] * np.eye(r)
     return np.ascontiguousarray(np.broadcast_to(values, (m, r, r)))
-
-
-def check_options(where: str, hessian: str = "exact", tangent: str = "symmetric") -> None:
-    """Raise an `InputError` for an option that does not exist."""
-    for name, value, allowed in (
-        ("hessian", hessian, ("exact", "gauss_newton")),
-        ("tangent", tangent, ("symmetric", "exact")),
-    ):
-        if value not in allowed:
-            raise InputError(f"{name} = {value!r}", f"must be one of {', '.join(allowed)}", where)

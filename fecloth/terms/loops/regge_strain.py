@@ -30,8 +30,8 @@ from typing import Any
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import Array, inner
-from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.green_strain import Six, Three
@@ -47,9 +47,7 @@ STRAINS = "interpolated", "pointwise"
 
 def check_strain(strain: object, where: str) -> None:
     """Raise an `InputError` for a `strain` that does not exist."""
-    if strain not in STRAINS:
-        allowed = 'must be "interpolated" or "pointwise"'
-        raise InputError(f"strain = {strain!r}", allowed, where)
+    validation.one_of("strain", strain, STRAINS, where)
 
 
 def is_interpolated(strain: object, panel: Panel) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
@@ -88,7 +89,7 @@ class BaraffWitkin:
 
     def __post_init__(self):
         where, p = "BaraffWitkin", self.area_exponent
-        bound_condition.check_options(where, tangent=self.tangent)
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
         for name, values in (
             ("stretch", self.stretch),
             ("shear", self.shear),

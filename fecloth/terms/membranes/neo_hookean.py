@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.fabric import Fabric
@@ -87,10 +88,9 @@ class NeoHookean:
     def __post_init__(self):
         where = "NeoHookean"
         check_strain(self.strain, where)
-        if self.kind not in KINDS:
-            raise InputError(f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", where)
-        if self.mu is not None and not (is_number(self.mu) and self.mu > 0):
-            raise InputError(f"mu = {self.mu!r}", "must be finite and > 0 [N/m]", where)
+        validation.one_of("kind", self.kind, KINDS, where)
+        if self.mu is not None:
+            validation.positive("mu", self.mu, "N/m", where)
         if self.lam is not None and not (is_number(self.lam) and self.lam >= 0):
             allowed, remedy = "must be finite and >= 0 [N/m]", "Below 0, W falls as J goes to 0."
             raise InputError(f"lam = {self.lam!r}", allowed, where, remedy)

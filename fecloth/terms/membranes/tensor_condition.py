@@ -7,8 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner
-from fecloth.errors import InputError, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
@@ -47,8 +47,7 @@ class TensorCondition:
 
     def __post_init__(self):
         check_strain(self.strain, "TensorCondition")
-        if not (is_number(self.k) and self.k > 0):
-            raise InputError(f"k = {self.k!r}", "must be finite and > 0 [N/m]", "TensorCondition")
+        validation.positive("k", self.k, "N/m", "TensorCondition")
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m]; the fabric's own are not used."""

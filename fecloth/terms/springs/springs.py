@@ -25,6 +25,7 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
@@ -115,11 +116,8 @@ class Springs:
     traits = replace(MEMBRANE, elements=("P1",), cheaper=())
 
     def __post_init__(self):
-        if self.kind not in KINDS:
-            raise InputError(
-                f"kind = {self.kind!r}", f"must be one of {', '.join(KINDS)}", "Springs"
-            )
-        bound_condition.check_options("Springs", tangent=self.tangent)
+        validation.one_of("kind", self.kind, KINDS, "Springs")
+        validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "Springs")
         for name in ("stiffness", "shear", "bend", "damping"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value >= 0):

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.compiled.jit import inner
-from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
@@ -58,11 +58,8 @@ class Tether:
     damping: Annotated[float, DAMPER] = 0.0
 
     def __post_init__(self):
-        if not (is_number(self.stiffness) and self.stiffness > 0):
-            what = f"stiffness = {self.stiffness!r}"
-            raise InputError(what, "must be finite and > 0 [N/m]", "Tether")
-        if not (is_number(self.damping) and self.damping >= 0):
-            raise InputError(f"damping = {self.damping!r}", "must be >= 0 [N s/m]", "Tether")
+        validation.positive("stiffness", self.stiffness, "N/m", "Tether")
+        validation.positive("damping", self.damping, "N s/m", "Tether", or_zero=True)
         vector(self.point, "point", "Tether")
 
     traits = TermTraits(elements=("P1", "P2"), shared=True)
