@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from fecloth import validation
 from fecloth.errors import InputError, MeshError
 
+NEAREST = 12  # triangles that are searched for a point before all others
+
 
 def nodal_values(cloth, values) -> np.ndarray:
     """Return a nodal field (n,) or (n, d) as an array; raise `InputError` for other shapes."""
@@ -36,18 +38,18 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
     return sparse.csr_matrix((np.ravel(values), (rows.ravel(), columns.ravel())), shape=shape)
 
 
-def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray, nearest: int = 12):
+def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
 
     scikit-fem's finder is not used because it rejects points outside a polygonal border. The
-    `nearest` triangles, by the distance of their centroids, are searched first.
+    `NEAREST` triangles, by the distance of their centroids, are searched first.
     """
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
         what = f"material points[{bad}] = {points[bad].tolist()}"
         raise MeshError(what, "must be finite", "Cloth.interpolate")
     corners = X[triangles]
-    nearest = min(nearest, len(triangles))
+    nearest = min(NEAREST, len(triangles))
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)
     candidates = candidates.reshape(len(points), nearest)
     depth = _depth(corners[candidates], points[:, None])

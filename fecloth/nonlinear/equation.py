@@ -8,10 +8,24 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.line_search import Point
 from fecloth.system.state import State
 from fecloth.system.system import System
+
+
+class Unsolved(FeclothError):
+    """An equation was not solved; `residual` is the relative residual that was reached."""
+
+    what = ""  # begins the message
+
+    def __init__(self, reason: str, residual: float, remedy: str):
+        self.reason, self.residual, self.remedy = reason, residual, remedy
+        super().__init__(reason, residual, remedy)
+
+    def __str__(self) -> str:
+        return f"{self.what}{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
 
 
 class Remedy(NamedTuple):

@@ -13,6 +13,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import (
     Remedies,
     Remedy,
+    Unsolved,
     admit,
     has_limits,
     largest_step,
@@ -34,15 +35,8 @@ REMEDIES = {
 }
 
 
-class NewtonFailed(FeclothError):
+class NewtonFailed(Unsolved):
     """The stage equation was not solved; `residual` is what was reached."""
-
-    def __init__(self, reason: str, residual: float, remedy: str):
-        self.reason, self.residual, self.remedy = reason, residual, remedy
-        super().__init__(reason, residual, remedy)
-
-    def __str__(self) -> str:
-        return f"{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.equation import Remedies, Remedy, has_limits, largest_step, measure_round_off
+from fecloth.nonlinear.equation import (
+    Remedies,
+    Remedy,
+    Unsolved,
+    has_limits,
+    largest_step,
+    measure_round_off,
+)
 from fecloth.nonlinear.line_search import Point
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -19,20 +25,18 @@ from fecloth.terms.kinematics import principal_stretches
 LESS, MORE = 10, 30  # factors of 4 that the first shift may shrink and grow by
 
 
-class EquilibriumFailed(FeclothError):
+class EquilibriumFailed(Unsolved):
     """No equilibrium was found; `state` is the best one reached, with its `residual`.
 
     With load steps, `state` balances the loads times `load`, the largest factor solved, and
     `residual` belongs to the last attempt at a larger load.
     """
 
-    def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
-        self.reason, self.residual, self.state, self.remedy = reason, residual, state, remedy
-        self.load = load
-        super().__init__(reason, residual, remedy)
+    what = "equilibrium: "
 
-    def __str__(self) -> str:
-        return f"equilibrium: {self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
+    def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
+        self.state, self.load = state, load
+        super().__init__(reason, residual, remedy)
 
 
 @dataclass(frozen=True, eq=False)

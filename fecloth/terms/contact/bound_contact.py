@@ -88,13 +88,7 @@ class BoundContact(BoundTerm):
         """J += wx K of the barrier, and `weight` D of what rubs."""
 
     def couplings(
-        self,
-        x: np.ndarray,
-        t: float,
-        wx: float,
-        rubbing: Rubbing,
-        weight: float,
-        definite: bool,
+        self, x: np.ndarray, t: float, wx: float, rubbing: Rubbing, weight: float, definite: bool
     ) -> sparse.spmatrix | None:
         """The same where it couples nodes outside the fixed pattern."""
         return None

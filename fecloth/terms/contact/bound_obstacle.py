@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, move_out
@@ -96,16 +95,7 @@ class BoundObstacle(BoundContact):
             gradient = self.slopes(at, t)[0]
             at.points.add_force(at.which, self.normal_force(at)[:, None] * gradient, f)
 
-    def add_tangents(
-        self,
-        x: np.ndarray,
-        t: float,
-        wx: float,
-        rubbing: Rubbing,
-        weight: float,
-        J: BlockMatrix,
-        definite: bool,
-    ) -> None:
+    def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
         for at in self.touching(x, t):
             at.points.add_tangent(at.which, wx * self.push_tangent(at, t, definite), J)
         for each, w in rubbing:

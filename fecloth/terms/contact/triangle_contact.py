@@ -123,15 +123,7 @@ class BoundTriangleContact(BoundContact):
         rubbing = self.rubbing(x, v, t) if wv else ()
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
-    def couplings(
-        self,
-        x: np.ndarray,
-        t: float,
-        wx: float,
-        rubbing: Rubbing,
-        weight: float,
-        definite: bool,
-    ) -> sparse.spmatrix | None:
+    def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
         K = self.sets.tangent(self.place(x, t), definite)
         parts = [None if K is None else _turn_matrix(wx * K, self.rotation(t))]
         parts += [each.damping(w, weight) for each, w in rubbing]
