@@ -264,13 +264,7 @@ def restrict(
 
 @inner
 def add_prolonged(
-    indptr: Array,
-    indices: Array,
-    places: Array,
-    P: Array,
-    coarse: Array,
-    x: Array,
-    member: Member,
+    indptr: Array, indices: Array, places: Array, P: Array, coarse: Array, x: Array, member: Member
 ) -> None:
     """x += P coarse, with coarse (m, 6); x has the row of node i at places[i]."""
     begin, end = part_of(member, 0, len(indptr) - 1)

@@ -151,13 +151,7 @@ def sweep_forward(
 
 @inner
 def sweep_residual(
-    starts: Array,
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    x: Array,
-    r: Array,
-    member: Member,
+    starts: Array, indptr: Array, indices: Array, values: Array, x: Array, r: Array, member: Member
 ) -> None:
     """r = b − A x = −U x for the x of `sweep_forward`.
 
@@ -200,14 +194,7 @@ def sweep_backward(
 
 @inner
 def _subtract(
-    indices: Array,
-    values: Array,
-    first: int,
-    end: int,
-    y1: float,
-    y2: float,
-    y3: float,
-    x: Array,
+    indices: Array, values: Array, first: int, end: int, y1: float, y2: float, y3: float, x: Array
 ) -> tuple[float, float, float]:
     """y − Σ A_s x_j over the blocks from `first` to before `end`."""
     for s in range(first, end):

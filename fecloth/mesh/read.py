@@ -177,8 +177,7 @@ def _from_meshio(path: Path, suffix: str) -> RawMesh:
     where = str(path)
     mesh = _meshio_mesh(path, suffix)
     check_cells(
-        {b.type: len(b) for b in mesh.cells if b.type not in ("triangle", "line", "vertex")},
-        where,
+        {b.type: len(b) for b in mesh.cells if b.type not in ("triangle", "line", "vertex")}, where
     )
     blocks = [b.data for b in mesh.cells if b.type == "triangle"]
     triangles = np.concatenate(blocks) if blocks else np.empty((0, 3), dtype=int)

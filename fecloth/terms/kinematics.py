@@ -14,10 +14,7 @@ from fecloth.terms.loops.green_strain import gradient, green_strain
 
 
 def deformation_gradient(
-    cloth: Cloth,
-    x: np.ndarray,
-    gradients: np.ndarray | None = None,
-    triangles: slice = slice(None),
+    cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None, triangles: slice = slice(None)
 ) -> np.ndarray:
     """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
 

@@ -152,10 +152,7 @@ def part(name: str) -> str:
 
 
 def pack_frames(
-    frames,
-    fields: Sequence[str],
-    unit: str = " s",
-    obstacles: Sequence[Obstacles | None] = (),
+    frames, fields: Sequence[str], unit: str = " s", obstacles: Sequence[Obstacles | None] = ()
 ) -> dict:
     """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON.
 
