@@ -11,10 +11,10 @@ from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, METHODS, studied_by
 from fecloth.integrators.protocol import method_of
 from fecloth.scene.scene import Scene
-from fecloth.study.change import Change
-from fecloth.study.levels import FIRST, Level
+from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
-from fecloth.study.run_problems import Point, refused
+from fecloth.study.run_problems import Point
+from fecloth.study.status import REFUSED, failure
 from fecloth.suggest import closest, did_you_mean
 from fecloth.terms import TRAITS
 from fecloth.terms.traits import traits_of
@@ -133,7 +133,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
     except InputError as error:
-        return [Setting(shown, refused(error))]
+        return [Setting(shown, failure(REFUSED, error))]
     shown["element"] = first.cloth.element
     if first.is_static:
         shown["method"] = "equilibrium"

@@ -14,10 +14,10 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
+from fecloth.study.change import Level
 from fecloth.study.chart_grid import Setting, change_names, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
-from fecloth.study.levels import Level
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.refinement import refine_problem
 from fecloth.study.run_problems import (

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from fecloth.errors import InputError, MeshError
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of
+from fecloth.study.change import Level
 from fecloth.study.comparison import (
     Comparison,
     Difference,
@@ -25,20 +25,23 @@ from fecloth.study.comparison import (
     find_scale,
 )
 from fecloth.study.convergence import Convergence
-from fecloth.study.levels import Level
 from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem, open_problem
-from fecloth.study.ranges import read_ranges
 from fecloth.study.refinement import is_number, levels_to_run, summarise
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
-from fecloth.study.status import OK, REFUSED
+from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.tables import Table
-from fecloth.study.variants import describe_failure, make_variants, name_variant, open_first
+from fecloth.study.variants import (
+    Over,
+    combine,
+    make_variants,
+    name_variant,
+    open_first,
+    read_ranges,
+)
 from fecloth.study.workload import LONGEST
 from fecloth.system.state import State
 from fecloth.system.system import System
-
-Variants = str | Iterable[str] | Mapping[str, Sequence]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,7 @@ class _Studied:
 
 def compare(
     problem: Any,
-    variants: Variants | None = None,
+    variants: Over | None = None,
     quantity: str | Callable[[Any], float] | Quantity | None = None,
     refine: str = "h",
     levels: int = 3,
@@ -126,7 +129,7 @@ def compare(
 
 def _open(
     problem: Any,
-    variants: Variants | None,
+    variants: Over | None,
     sizes: Mapping[str, float | None],
     t_end: float | None,
     probes: Sequence[Probe],
@@ -145,12 +148,10 @@ def _open(
         ]
         return _named([(one.name, one) for one in found])
     ranges = read_ranges(variants or ())
-    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    combinations = combine(ranges)
     base = open_first(problem, ranges, sizes, t_end, probes, settings)
-    made, refused = make_variants(base, combinations)
-    answers = [*made, *refused]
-    ordered = [next(one for values, one in answers if values is each) for each in combinations]
-    return _named(list(zip(map(name_variant, combinations), ordered, strict=True)))
+    made = make_variants(base, combinations)
+    return _named(list(zip(map(name_variant, combinations), made, strict=True)))
 
 
 def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
@@ -204,12 +205,12 @@ def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -
     problem = rows[0]["point"].problem
     failed = next((row for row in rows[:levels] if row["status"] != OK), None)
     if failed:
-        return describe_failure(failed["status"], failed["cause"])
+        return failure(failed["status"], failed["cause"])
     try:
         orders = problem.orders(quantity)
         study = summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
     except InputError as error:  # as where a signal has no period
-        return describe_failure("no value", error)
+        return failure("no value", error)
     return _Studied(rows[:levels], study)
 
 
@@ -274,7 +275,7 @@ def _difference(
 def _cells(found: Comparison, name: str, one: _Studied | dict | InputError) -> dict:
     """Return the row of a variant, without its name."""
     if isinstance(one, InputError):
-        return describe_failure(REFUSED, one)
+        return failure(REFUSED, one)
     if isinstance(one, dict):
         return one
     given, unit = one.study.table[0], found.unit if math.isnan(found.scale) else "%"

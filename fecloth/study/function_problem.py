@@ -16,9 +16,8 @@ from fecloth.mesh.grading import Grading
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.change import Change
+from fecloth.study.change import REFINED, Change, Level
 from fecloth.study.fingerprint import source_hash
-from fecloth.study.levels import REFINED, Level
 from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import (
     Setup,

@@ -9,8 +9,8 @@ from typing import Any
 
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
+from fecloth.study.change import Level, make_levels
 from fecloth.study.convergence import Convergence, describe_value, judge
-from fecloth.study.levels import Level, make_levels
 from fecloth.study.problems import Problem
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
 from fecloth.study.status import OK

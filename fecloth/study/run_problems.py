@@ -13,7 +13,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import run_cases
-from fecloth.study.levels import FIRST, Level
+from fecloth.study.change import FIRST, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure, record_of
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.progress import Progress
@@ -63,11 +63,6 @@ def check_points(points: Sequence[Point], runs: Runs) -> None:
     """Print the size of all, and refuse what takes too long."""
     sizes = [point.size for point in points]
     check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.name)
-
-
-def refused(error: Exception | str) -> dict:
-    """Return the row of a run that is refused."""
-    return {"status": status.REFUSED, "cause": str(error).splitlines()[0]}
 
 
 def run_or_skip(

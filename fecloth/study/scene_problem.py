@@ -17,8 +17,7 @@ from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
 from fecloth.study import measured_runs
-from fecloth.study.change import Change
-from fecloth.study.levels import Level
+from fecloth.study.change import Change, Level
 from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import Setup, setup_of_scene, table_of_grading
 from fecloth.study.workload import Workload

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +11,6 @@ from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
 from fecloth.study.change import describe_values
-from fecloth.study.problems import Problem
-from fecloth.study.ranges import read_ranges
 from fecloth.study.result import StudyResult
 from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.stability_figure import MOST_PANELS, draw_map
@@ -30,8 +27,9 @@ from fecloth.study.stability_words import (
     range_of,
     shorten,
 )
+from fecloth.study.status import REFUSED, failure
 from fecloth.study.tables import Table
-from fecloth.study.variants import describe_failure, make_variants, open_first
+from fecloth.study.variants import combine, make_variants, open_first, read_ranges
 from fecloth.study.workload import LONGEST
 from fecloth.suggest import closest, did_you_mean
 
@@ -150,26 +148,23 @@ def stability(
     """
     chosen = known_methods(studied_by("stability") if methods is None else methods)
     ranges = read_ranges(over) if over else {}
-    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    combinations = combine(ranges)
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, (), settings)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     refuse_huge(opened, runs)
-    variants, refused = _variants(opened, combinations)
-    listed = [run for values, one in variants for run in list_runs(values, one, chosen)]
-    cells = run_all(listed, runs)
-    lines = {
-        (method, describe_values(values)): _line(method, values, cells)
-        for values, _ in variants
-        for method in chosen
-    }
-    table = [
-        lines.get((method, describe_values(values))) for method in chosen for values in combinations
+    answers = make_variants(opened, combinations, build=bool(ranges))
+    pairs = list(zip(combinations, answers, strict=True))
+    made = [(values, one) for values, one in pairs if not isinstance(one, InputError)]
+    cells = run_all([run for pair in made for run in list_runs(*pair, chosen)], runs)
+    rows = [_line(method, values, cells) for method in chosen for values, _ in made]
+    rows += [
+        {**values, **failure(REFUSED, error)}
+        for values, error in pairs
+        if isinstance(error, InputError)
     ]
-    rows = [row for row in table if row]
-    rows += [{**values, **describe_failure("refused", why)} for values, why in refused]
     return StabilityMap(
         title=opened.name,
-        verdict=_verdict([values for values, _ in variants], chosen, cells),
+        verdict=_verdict([values for values, _ in made], chosen, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),
         methods=tuple(chosen),
@@ -188,21 +183,14 @@ def known_methods(names: Sequence[str]) -> list[str]:
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")
-    found = []
+    written: dict[str, None] = {}
     for name in names:
         close = closest(name, ALL_METHODS)
         if close.replace("_", "") != str(name).lower().replace("_", ""):
             remedy = did_you_mean(name, ALL_METHODS)
             raise InputError(f"method {name!r}", allowed, "stability", remedy)
-        found.append(close)
-    return list(dict.fromkeys(found))
-
-
-def _variants(opened: Problem, combinations: Sequence[dict]) -> tuple[list, list]:
-    """Return the problem with each combination of values, and the refused ones."""
-    if combinations == [{}]:
-        return [({}, opened)], []
-    return make_variants(opened, combinations, build=True)
+        written[close] = None
+    return list(written)
 
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:

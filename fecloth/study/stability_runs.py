@@ -16,8 +16,7 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study import status
-from fecloth.study.change import describe_values
-from fecloth.study.levels import FIRST
+from fecloth.study.change import FIRST, describe_values
 from fecloth.study.measured_runs import measure, setup_of_importable
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.run_problems import Runs, run_here, run_stored

@@ -44,6 +44,11 @@ def describe_time_limit(limit: float) -> str:
     return f"more than {limit:g} s"
 
 
+def failure(status: str, cause: object) -> dict:
+    """Return the cells of a row that has no value, with the first line of the cause."""
+    return {"status": status, "cause": (str(cause).splitlines() or [""])[0]}
+
+
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
     """Return the result of `function(**settings)` with status "ok", or the status of its failure.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +12,22 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
-from fecloth.study.change import describe_values
+from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import line_style, mark_failures, new_figure
-from fecloth.study.levels import FIRST
 from fecloth.study.problem import Asked
-from fecloth.study.ranges import read_ranges
+from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
-from fecloth.study.status import OK, REFUSED
+from fecloth.study.run_problems import (
+    Point,
+    Runs,
+    check_points,
+    record_at,
+    refuse_huge,
+    run_or_skip,
+)
+from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.tables import Table
-from fecloth.study.variants import describe_failure, make_variants, open_first, size_of
+from fecloth.study.variants import combine, make_variants, open_first, read_ranges, size_of
 from fecloth.study.workload import LONGEST
 
 if TYPE_CHECKING:
@@ -121,50 +126,48 @@ def sweep(
     ['1.045', '1.023', '1.012']
     """
     ranges = read_ranges(over)
-    combinations = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    combinations = combine(ranges)
     opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
     runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     refuse_huge(opened, runs)
     chosen = opened.choose_quantities(quantity)
-    variants, refused = make_variants(opened, combinations)
-    points = [
-        Point(variant, FIRST, describe_values(values), size_of(opened, variant))
-        for values, variant in variants
-    ]
-    check_points(points, runs)
-    rows = run_points(points, chosen, runs)
+    variants = make_variants(opened, combinations)
+    listed = [_point(opened, *pair) for pair in zip(combinations, variants, strict=True)]
+    check_points([point for point in listed if isinstance(point, Point)], runs)
+    rows = run_or_skip(listed, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
-        raise InputError(f"every value: {rows[0]['cause']}")
-    lines = {
-        describe_values(values): _line(values, row, chosen)
-        for (values, _), row in zip(variants, rows, strict=True)
-    }
-    lines |= {
-        describe_values(values): values | describe_failure("refused", why)
-        for values, why in refused
-    }
-    table = Table(tuple(lines[describe_values(values)] for values in combinations))
+        cause = next(row["cause"] for row in rows if "point" in row)
+        raise InputError(f"every value: {cause}")
+    lines = [_line(*pair, chosen) for pair in zip(combinations, rows, strict=True)]
+    table = Table(tuple(lines))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
         verdict=_verdict(table, chosen),
         table=table,
         keys=tuple(ranges),
-        quantities=tuple(one.text for one in chosen),
-        units=tuple(one.unit(names) for one in chosen),
+        quantities=tuple(quantity.text for quantity in chosen),
+        units=tuple(quantity.unit(names) for quantity in chosen),
     )
+
+
+def _point(opened: Problem, values: Mapping, variant: Problem | InputError) -> Point | dict:
+    """Return what runs; a row with the reason if it is refused."""
+    if isinstance(variant, InputError):
+        return failure(REFUSED, variant)
+    return Point(variant, FIRST, describe_values(values), size_of(opened, variant))
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
     """Return the row of the table for one run."""
     if row["status"] != OK:
-        return {**values, **describe_failure(row["status"], row["cause"])}
+        return {**values, **failure(row["status"], row["cause"])}
     line = dict(values)
     for quantity in quantities:
         try:
             line[quantity.text] = value_of(quantity, record_at(row, quantity))
         except InputError as error:  # as where a signal has no period
-            line |= describe_failure("no value", error)
+            line |= failure("no value", error)
     counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
     return {"status": OK} | line | counted
 

@@ -1,18 +1,75 @@
-"""A problem with other values of its keys, and those combinations that it refuses."""
+"""A problem with all combinations of the values of its keys, and which of them it refuses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
-from fecloth.study.change import Change, describe_values
-from fecloth.study.levels import FIRST, Level
+from fecloth.study.change import FIRST, Change, Level, describe_values
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.workload import Workload
+
+SPACINGS: dict[str, Callable] = {"log": np.geomspace, "lin": np.linspace}
+FORM = 'write it like "fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
+MOST = 10_000  # values
+Over = str | Iterable[str] | Mapping[str, Sequence]
+
+
+def parse_range(text: str) -> tuple[str, list]:
+    """Return the key and its values: a:b:log:n, a:b:lin:n, or a list with commas.
+
+    Examples
+    --------
+    >>> parse_range("fabric.tensile_stiffness=10:1000:log:3")
+    ('fabric.tensile_stiffness', [10.0, 100.0, 1000.0])
+    >>> parse_range("time.method=bdf2, newmark"), parse_range("cloth.h=0.1,0.05")
+    (('time.method', ['bdf2', 'newmark']), ('cloth.h', [0.1, 0.05]))
+    """
+    key, equals, values = (part.strip() for part in text.partition("="))
+    if not (key and equals and values):
+        raise InputError(f"--over {text!r}", FORM)
+    if ":" not in values:
+        return key, [_value(word.strip()) for word in values.split(",")]
+    try:
+        start, stop, spacing, count = values.split(":")
+        numbers = SPACINGS[spacing.strip()](float(start), float(stop), int(count))
+    except (ValueError, KeyError) as error:
+        raise InputError(f"--over {text!r}", FORM) from error
+    if not (len(numbers) and len(numbers) <= MOST and np.isfinite(numbers).all()):
+        raise InputError(f"--over {text!r}", f"must have 1 to {MOST} finite values")
+    return key, [float(f"{number:.12g}") for number in numbers]
+
+
+def read_ranges(over: Over) -> dict[str, list]:
+    """Return the values by key, of texts or of a mapping."""
+    if isinstance(over, Mapping):
+        ranges = {key: list(values) for key, values in over.items()}
+    else:
+        ranges = dict(map(parse_range, [over] if isinstance(over, str) else over))
+    if not ranges or not all(ranges.values()):
+        raise InputError(f"over = {over!r}", FORM)
+    return ranges
+
+
+def _value(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def combine(ranges: Mapping[str, Sequence]) -> list[dict]:
+    """Return all combinations of the values, the last key first."""
+    return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
 
 def open_first(
@@ -27,33 +84,34 @@ def open_first(
 
     `sizes` are its h and dt.
     """
-    given = dict(settings)
+    arguments = dict(settings)
     if not isinstance(problem, Scene | str | Path):
         sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
-        given |= {key: values[0] for key, values in ranges.items() if key not in sizes}
-    return open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, given)
+        arguments |= {key: values[0] for key, values in ranges.items() if key not in sizes}
+    return open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, arguments)
 
 
 def make_variants(
     opened: Problem, combinations: Sequence[dict], build: bool = False
-) -> tuple[list, list]:
-    """Return the problem with each combination of values, and the refused ones with the reason.
+) -> list[Problem | InputError]:
+    """Return the problem with each combination of values, or the reason why it is refused.
 
     With `build` their meshes and systems are made, too, which may refuse more. The first refusal is
     raised if nothing is left, as for a key that does not exist.
     """
-    made, refused = [], []
+    made: list[Problem | InputError] = []
     for values in combinations:
         try:
-            variant = opened.changed(Change.of(values))
+            variant = opened.changed(Change.of(values)) if values else opened
             if build:
                 _ = variant.first
-            made.append((values, variant))
+            made.append(variant)
         except InputError as error:
-            refused.append((values, error))
-    if not made:
-        raise refused[0][1]
-    return made, refused
+            made.append(error)
+    refusals = [error for error in made if isinstance(error, InputError)]
+    if len(refusals) == len(made):
+        raise refusals[0]
+    return made
 
 
 def size_of(opened: Problem, variant: Problem) -> Workload:
@@ -63,11 +121,6 @@ def size_of(opened: Problem, variant: Problem) -> Workload:
     pairs = (opened.h, variant.h), (opened.dt, variant.dt)
     h, dt = (before / now if before and now else 1.0 for before, now in pairs)
     return opened.workload(Level(h, dt))
-
-
-def describe_failure(status: str, cause: object) -> dict[str, object]:
-    """Return the cells of a row that has no value."""
-    return {"status": status, "cause": str(cause).splitlines()[0] if str(cause) else ""}
 
 
 def name_variant(values: Mapping[str, object]) -> str:

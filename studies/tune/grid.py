@@ -31,7 +31,7 @@ from pathlib import Path
 from fecloth import study
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.levels import Level
+from fecloth.study.change import Level
 from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import LATE, OK, REFUSED

@@ -27,7 +27,7 @@ from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, value_of
-from fecloth.study.levels import Level
+from fecloth.study.change import Level
 from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_points

@@ -8,7 +8,7 @@ from support.scene_texts import STRIP
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.study.ranges import parse_range
+from fecloth.study.variants import parse_range
 from studies.references.closed_forms import hanging_strip_tip
 
 TIP = [fc.Probe("tip", "right")]

@@ -11,14 +11,13 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.toml_text import to_toml
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, relative_difference, size_of
-from fecloth.study.change import Change
+from fecloth.study.change import AS_IS, FIRST, Change
 from fecloth.study.command import StudyFailed
-from fecloth.study.levels import AS_IS, FIRST
 from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.run_problems import Point, Runs, record_at, refused, run_or_skip
+from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
 from fecloth.study.simplification.outcome import Outcome
 from fecloth.study.simplification.variants import PATIENCE, Variant, list_variants
-from fecloth.study.status import FAILED, OK
+from fecloth.study.status import FAILED, OK, REFUSED, failure
 from fecloth.terms.traits import traits_of
 
 SHORT = 0.5  # CPU seconds that every run may take
@@ -109,7 +108,7 @@ class Original:
         try:
             changed = self.problem.changed(change)
         except InputError as error:
-            return refused(error)
+            return failure(REFUSED, error)
         return Point(changed, AS_IS, name, self.problem.workload(FIRST), most)
 
     def compare(self, name: str, row: Mapping) -> Outcome:

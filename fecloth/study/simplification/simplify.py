@@ -14,8 +14,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import Change
-from fecloth.study.levels import FIRST, Level
+from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.problems import Problem, SceneProblem, open_problem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge

@@ -13,10 +13,10 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
-from fecloth.study.levels import FIRST, Level
+from fecloth.study.change import FIRST, Level
 from fecloth.study.problems import Problem
-from fecloth.study.run_problems import Point, Runs, record_at, refused, run_or_skip
-from fecloth.study.status import OK
+from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
+from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.tuning.choices import Choice, problem_with
 from fecloth.study.workload import in_words
 
@@ -86,9 +86,10 @@ class Bench:
             problem = problem_with(self.opened, choice)
             size = problem.workload(FIRST)
         except InputError as error:
-            return refused(error)
+            return failure(REFUSED, error)
         if size.seconds > (self.runs.most_seconds or math.inf):
-            return refused(f"it would take about {in_words(size.seconds)}, too long")
+            cause = f"it would take about {in_words(size.seconds)}, too long"
+            return failure(REFUSED, cause)
         return Point(problem, Level(sharper=choice.sharper), str(choice), size)
 
     def within(self, seconds: float) -> Bench:
