@@ -216,7 +216,7 @@ class StepChoice(Integrator, Protocol):
 
     `FixedStep`, `GivenSteps`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such
     values, and `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has
-    all but `method`, `traits` and `step` of a value whose steps are not fixed.
+    all but `method` and `step` of a value whose steps are not fixed.
     """
 
     @property

@@ -75,8 +75,7 @@ class Problem:
     def warnings(self) -> list[str]:
         """Return a sentence for each likely problem of the run, with its remedy."""
         ends = np.append(self.stops, self.t_end)
-        is_static = self.is_static or self._settles
-        run = PlannedRun(self.system, self.state, self.steps, ends, is_static)
+        run = PlannedRun(self.system, self.state, self.steps, ends, self._settles)
         return list(find_warnings(run, OF_SCENES))
 
     @property

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from numbers import Real
 
 import numpy as np
 
 from fecloth.errors import InputError, brief, floats
-from fecloth.integrators.protocol import Integrator, MethodTraits, check_step, take_step
+from fecloth.integrators.protocol import Integrator, check_step, take_step
 from fecloth.integrators.step import Step
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import ChosenSteps, given_times, step_times
@@ -48,11 +47,6 @@ class FixedStep(ChosenSteps):
             raise InputError(f"dt = {self.dt!r}", "must be a number [s]", "march", remedy)
         if not (math.isfinite(self.dt) and self.dt > 0):
             raise InputError(f"dt = {self.dt!r}", "must be finite and > 0 [s]", "march")
-
-    @cached_property
-    def traits(self) -> MethodTraits:
-        """Those of the method; `march` takes no other dt."""
-        return replace(self.method.traits, chooses_dt=True)
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
         """Return the end of every step."""
@@ -103,11 +97,6 @@ class GivenSteps(ChosenSteps):
             allowed = "must be a number, or a list of at least one, finite and > 0 [s]"
             raise InputError(f"dt = {brief(self.sizes)}", allowed, "march")
         object.__setattr__(self, "sizes", tuple(sizes.tolist()))
-
-    @cached_property
-    def traits(self) -> MethodTraits:
-        """Those of the method; `march` takes no other dt."""
-        return replace(self.method.traits, chooses_dt=True)
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
         """Return the end of every step, at which the stops and `t_end` must lie."""

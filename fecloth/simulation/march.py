@@ -69,12 +69,10 @@ class StepInfo:
 
     Attributes
     ----------
-    step, t, dt
-        Number (from 1), time reached and size [s].
-    result
-        The method's `Step`.
-    old
-        The state before it.
+    step
+        Number, from 1.
+    old, result
+        The state before it, and the method's `Step`.
     memory
         Continues `march` from here.
     skipped
@@ -82,12 +80,20 @@ class StepInfo:
     """
 
     step: int
-    t: float
-    dt: float
     old: State
     result: Step
     memory: Memory
     skipped: Skipped | None = None
+
+    @property
+    def t(self) -> float:
+        """The time reached [s]."""
+        return self.result.state.t
+
+    @property
+    def dt(self) -> float:
+        """The size of the step [s], by the times of its states."""
+        return self.t - self.old.t
 
     @property
     def counts(self) -> Counts:
@@ -183,28 +189,28 @@ def march(
     place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
     while place < len(targets):
         target = targets[place]
-        number, size = number + 1, target - state.t
+        number, horizon = number + 1, target - state.t
         if is_informed:
             solver = history.inform(solver, system, steps.traits, state)
         try:
             known = skipped.step if skipped else None
-            result = known or take_step(steps, system, state, size, solver, last_memory, records)
+            result = known or take_step(steps, system, state, horizon, solver, last_memory, records)
         except (NewtonFailed, SolveFailed) as failure:
-            raise step_failed(system, state, number, size, failure) from failure
+            raise step_failed(system, state, number, horizon, failure) from failure
         if number == begin.step + 1:
             check_step(result, method_of(steps))
-        new = _snap_to_target(result.state, target, size)
-        last = new.t == targets[-1]
-        if new.t < target and (words := coarse_clock(new.t, new.t - state.t)):
-            raise step_failed(system, good, number, new.t - state.t, Problem(words, remedy=EARLIER))
+        new = _snap_to_target(result.state, target, horizon)
+        taken, last = new.t - state.t, new.t == targets[-1]
+        if new.t < target and (words := coarse_clock(new.t, taken)):
+            raise step_failed(system, good, number, taken, Problem(words, remedy=EARLIER))
         if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
-            raise step_failed(system, good, number, new.t - state.t, problem)
+            raise step_failed(system, good, number, taken, problem)
         good = new if number % check_every == 0 else good
         if is_informed:
             history = history.after(system, steps.traits, state, new)
         after = Memory(number, begin.start, result.memory, history, result.history)
         result = result if new is result.state else replace(result, state=new)
-        info = StepInfo(number, new.t, new.t - state.t, state, result, after, skipped)
+        info = StepInfo(number, state, result, after, skipped)
         state, last_memory, records = new, result.memory, result.history
         wanted = yield state, info
         skipped = None if records else fused.skip(state, last_memory, number, wanted)
@@ -225,9 +231,9 @@ def refuse_arguments(system, method, state, newton, most_stretch):
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)
 
 
-def _snap_to_target(state, target, size):
+def _snap_to_target(state, target, horizon):
     """Return the state with t exactly at the target if it differs by round-off only."""
-    differs = 0.0 < abs(target - state.t) <= 1e-9 * size
+    differs = 0.0 < abs(target - state.t) <= 1e-9 * horizon
     return replace(state, t=target) if differs else state
 
 

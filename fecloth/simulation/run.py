@@ -225,8 +225,7 @@ def run(
     record = trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    is_static = isinstance(steps, LoadSteps)
-    foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends, is_static)))
+    foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends)))
     for words in foreseen:
         warnings.warn(words, FeclothWarning, stacklevel=2)
     if memory is None:  # `march` checks and warns only without a memory

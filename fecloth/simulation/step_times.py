@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError, floats
-from fecloth.integrators.protocol import chooses_method, method_of
+from fecloth.integrators.protocol import MethodTraits, chooses_method, method_of
 from fecloth.integrators.step import Step
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -101,14 +103,20 @@ class ChosenSteps:
     method: Any
     dt: None = None
 
+    @cached_property
+    def traits(self) -> MethodTraits:
+        """Those of the method; `march` takes no other dt."""
+        return replace(self.method.traits, chooses_dt=True)
+
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
         """Return the stops and the end, at which a step must end."""
         return end_times(t, t_end, stops)
 
     def check(self, system: System) -> None:
         """Raise `InputError` for a system that the method cannot step."""
-        if not chooses_method(self):  # Auto has none yet
-            check_mass(method_of(self), system)
+        method = method_of(self)
+        if method.traits.explicit and not chooses_method(self):  # Auto has no method yet
+            method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step, by the method's own formula."""
@@ -116,12 +124,6 @@ class ChosenSteps:
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Nothing to refuse: the steps are chosen so that the method can take them."""
-
-
-def check_mass(method, system: System) -> None:
-    """Raise `InputError` for a mass that an explicit method cannot step."""
-    if method.traits.explicit:
-        method.check(system)
 
 
 def targets_after(targets, t):

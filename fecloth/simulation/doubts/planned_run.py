@@ -11,6 +11,7 @@ import numpy as np
 
 from fecloth.integrators.protocol import StepChoice
 from fecloth.simulation.doubts.signals import Signal, find_signals
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import method_to_report
 from fecloth.stability.critical_step import element_bound
@@ -28,7 +29,7 @@ class PlannedRun:
     state: State  # the start
     steps: StepChoice | Auto
     ends: np.ndarray  # (k,) times at which a step must end; the last is the end of the run [s]
-    is_static: bool = False  # whether a state of rest is sought, on no matter which way
+    settles: bool = False  # whether its steps only seek a state of rest
 
     @property
     def t_end(self) -> float:
@@ -38,7 +39,8 @@ class PlannedRun:
     @property
     def dt(self) -> float | None:
         """The step [s] if it is fixed and resolves a motion, else None."""
-        return None if self.is_static else self.steps.dt
+        is_static = self.settles or isinstance(self.steps, LoadSteps)
+        return None if is_static else self.steps.dt
 
     @property
     def method(self) -> Any:
