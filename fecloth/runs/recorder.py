@@ -29,7 +29,7 @@ from fecloth.runs.restart import Progress, Restart
 from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.runs.stopwatch import Watch
 from fecloth.scene.problem import Problem
-from fecloth.scene.time_table import MOST_STEPS
+from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.contact_words import Contact
 from fecloth.simulation.growth import MOST_GROWTH

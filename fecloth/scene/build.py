@@ -19,13 +19,12 @@ from fecloth.integrators.protocol import StepChoice, check_terms, has_symmetric_
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
-from fecloth.scene.equilibrium_table import EquilibriumTable
+from fecloth.scene.cloth_tables import Pieces
 from fecloth.scene.error_words import errors_at
 from fecloth.scene.expectations import refuse_unknown
-from fecloth.scene.pieces import Pieces
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.problem import Problem
-from fecloth.scene.time_table import Time
+from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto

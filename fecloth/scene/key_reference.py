@@ -14,18 +14,15 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from fecloth.scene import (
-    equilibrium_table,
-    output_table,
     pin_table,
     probe_tables,
+    schedule,
     start_table,
     tables,
-    time_table,
 )
+from fecloth.scene.cloth_tables import Disk, GradingTable, MeshFile, Pieces, Rectangle
 from fecloth.scene.fabric_table import FabricTable
-from fecloth.scene.pieces import Pieces
 from fecloth.scene.scene import Scene
-from fecloth.scene.shape_tables import Disk, GradingTable, MeshFile, Rectangle
 from fecloth.scene.table_model import Table
 from fecloth.scene.type_words import meaning, phrase
 
@@ -39,10 +36,10 @@ SECTIONS = {
     "[fabric]": (FabricTable,),
     "[[pins]]": (pin_table.PinTable, pin_table.RotationTable),
     "[start]": (start_table.Start, start_table.Rotation),
-    "[time]": (time_table.Time,),
-    "[equilibrium]": (equilibrium_table.EquilibriumTable,),
+    "[time]": (schedule.Time,),
+    "[equilibrium]": (schedule.EquilibriumTable,),
     "[solver]": (tables.SolverTable,),
-    "[output]": (output_table.Output,),
+    "[output]": (schedule.Output,),
     "[[probes]]": (probe_tables.ProbeTable,),
     "[expect]": (probe_tables.Expectation,),
     "[interest]": (probe_tables.Interest,),
@@ -92,8 +89,8 @@ def _shapes() -> list[str]:
 
 def _methods() -> list[str]:
     """Return the names of the methods, and tables of their parameters."""
-    lines = [f"The methods are {', '.join(f'`{name}`' for name in time_table.METHOD_TABLES)}.", ""]
-    for name, table in time_table.METHOD_TABLES.items():
+    lines = [f"The methods are {', '.join(f'`{name}`' for name in schedule.METHOD_TABLES)}.", ""]
+    for name, table in schedule.METHOD_TABLES.items():
         if fields(table):
             lines += [f"Parameters of `{name}`:", "", *_rows(table), ""]
     return lines

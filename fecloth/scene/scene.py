@@ -21,19 +21,17 @@ from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.nonlinear.options import Newton
 from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
-from fecloth.scene.equilibrium_table import EquilibriumTable
+from fecloth.scene.cloth_tables import join_pieces
 from fecloth.scene.error_words import errors_at, scene_error
 from fecloth.scene.expectations import refuse_times
 from fecloth.scene.fabric_table import FabricTable
-from fecloth.scene.output_table import Output
 from fecloth.scene.overrides import override
-from fecloth.scene.pieces import join_pieces
 from fecloth.scene.pin_table import PinTable
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable
 from fecloth.scene.problem import Problem
+from fecloth.scene.schedule import EquilibriumTable, Output, Time
 from fecloth.scene.start_table import Start
 from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
-from fecloth.scene.time_table import Time
 from fecloth.system.system import System
 
 

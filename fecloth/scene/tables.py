@@ -14,10 +14,9 @@ from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
+from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File
-from fecloth.scene.pieces import Pieces
 from fecloth.scene.pin_table import RotationTable
-from fecloth.scene.shape_tables import Disk, MeshFile, Rectangle
 from fecloth.scene.table_model import Made, one_of, table_of
 from fecloth.terms.contact import shapes
 from fecloth.terms.protocol import is_description

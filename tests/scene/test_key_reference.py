@@ -9,13 +9,13 @@ import pytest
 from fecloth.cli import main as cli
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene import key_reference
+from fecloth.scene.cloth_tables import Disk
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.json_schema import json_schema, subclasses
 from fecloth.scene.scene import Scene
-from fecloth.scene.shape_tables import Disk
+from fecloth.scene.schedule import METHOD_TABLES
 from fecloth.scene.table_model import Table
 from fecloth.scene.tables import SHAPE_TABLES, TERM_TABLES, SolverTable
-from fecloth.scene.time_table import METHOD_TABLES
 from fecloth.scene.type_words import meaning
 from fecloth.view.checker_pattern import CHECKS
 
