@@ -34,7 +34,7 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.contact_words import Contact
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.record_steps import Record, record_steps, rows_of
+from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts
 from fecloth.simulation.solves import Solves
 from fecloth.system.state import State
@@ -89,7 +89,7 @@ class Recorder:
         accounts = self._frame(problem.state, accounts)
         first = self.files.frames.files(0)[0]
         check_space(self.folder.path, problem, first.stat().st_size)
-        rows = rows_of(accounts, problem.observer.row(None, None))
+        rows = accounts.rows(problem.observer.row(None, None))
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
         return self._progress(problem.state, problem.first_memory, accounts)
 

@@ -137,17 +137,18 @@ class Accounts:
         """Number of the step that must have the next row."""
         return min(record.due for record in self.records.values())
 
-    def row(self, table: str) -> dict[str, float]:
-        """Return the columns that stand in a table."""
-        records = [record for record in self.records.values() if record.table == table]
-        return {key: value for record in records for key, value in record.row().items()}
+    def rows(self, observed: Mapping[str, float]) -> dict[str, dict[str, float]]:
+        """Return the rows of the tables; `observed` are the first columns of "observed"."""
+        rows: dict[str, dict[str, float]] = {"energies": {}, "observed": {**observed}, "steps": {}}
+        for record in self.records.values():
+            rows[record.table].update(record.row())
+        return rows
 
     def new_warnings(self, raised: Sequence[str]) -> list[str]:
         """Return the warnings of kinds that have not been raised yet."""
-        kinds, new = {_kind(words) for words in raised}, []
+        new: list[str] = []
         for words in (words for record in self.records.values() for words in record.warnings()):
-            if words and _kind(words) not in kinds:
-                kinds.add(_kind(words))
+            if words and _kind(words) not in map(_kind, (*raised, *new)):
                 new.append(words)
         return new
 

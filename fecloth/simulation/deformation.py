@@ -50,8 +50,13 @@ class Deformation(Account):
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
         in_place = _energies_in_place(system, state, ledger.potential, places)
-        opened = cls(kinetic, kinetic, in_place, places)
-        return replace(opened, inflow=opened.find_inflow(ledger))
+        return cls(
+            kinetic,
+            kinetic,
+            in_place,
+            places,
+            inflow=find_inflow(ledger, kinetic, kinetic, in_place),
+        )
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Deformation:
         return self.after(run.system, info.old, info.result.state, others[Ledger])
@@ -60,14 +65,15 @@ class Deformation(Account):
         """Return the record after a step between two states, with the ledger after it."""
         pin_v = (new.x - old.x) / (new.t - old.t) if system.movable_pieces else new.v
         kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)
-        after = replace(
+        in_place = _energies_in_place(system, new, ledger.potential, self.places)
+        return replace(
             self,
             kinetic=kinetic,
-            in_place=_energies_in_place(system, new, ledger.potential, self.places),
+            in_place=in_place,
             first=kinetic if self.first is None else self.first,
+            inflow=find_inflow(ledger, kinetic, self.opening, in_place),
             last_inflow=self.inflow,
         )
-        return replace(after, inflow=after.find_inflow(ledger))
 
     def energy(self, ledger: Ledger) -> float:
         """Return the energy of deformation [J]: the measure of what has moved.
@@ -84,17 +90,6 @@ class Deformation(Account):
         now = {**ledger.potential, **self.in_place}
         return [energy - ledger.opening[name] for name, energy in now.items()]
 
-    def find_inflow(self, ledger: Ledger) -> float:
-        """Return the work of loads without an energy, and of pins, on the deformation so far [J].
-
-        The change of the rigid motion's energy, kinetic and in the loads with an energy, is
-        subtracted, and what a load itself dissipates, such as the air.
-        """
-        rigid = ledger.kinetic - self.kinetic
-        rigid -= ledger.opening["kinetic"] - self.opening
-        rigid += sum(ledger.potential[name] - energy for name, energy in self.in_place.items())
-        return sum(ledger.work.values()) + ledger.pins - ledger.lost_outside - rigid
-
     def available(self, ledger: Ledger) -> float:
         """Return an upper bound of the `kinetic` energy that the cloth can have received [J].
 
@@ -109,6 +104,20 @@ class Deformation(Account):
         gains += max(0.0, self.inflow)
         own = OWN_ERROR * (ledger.lost_outside + sum(map(abs, ledger.work.values())))
         return self.opening + (self.first or 0.0) + gains + own
+
+
+def find_inflow(
+    ledger: Ledger, kinetic: float, opening: float, in_place: Mapping[str, float]
+) -> float:
+    """Return the work of loads without an energy, and of pins, on the deformation so far [J].
+
+    The change of the rigid motion's energy, kinetic and in the loads with an energy, is subtracted,
+    and what a load itself dissipates, such as the air. The arguments are as in `Deformation`.
+    """
+    rigid = ledger.kinetic - kinetic
+    rigid -= ledger.opening["kinetic"] - opening
+    rigid += sum(ledger.potential[name] - energy for name, energy in in_place.items())
+    return sum(ledger.work.values()) + ledger.pins - ledger.lost_outside - rigid
 
 
 def negligible_energy(system: System, seconds: float) -> float:

@@ -71,7 +71,7 @@ class Balance(Account):
         )
         trusted = new.trusted(system, ledger)
         if remainder <= trusted:
-            return replace(new, off=0, least=math.inf)
+            return replace(new, off=0, least=math.inf) if new.off else new
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
             return replace(new, off=1, least=remainder)
         return replace(new, off=self.off + 1, least=min(self.least, remainder))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -29,7 +29,7 @@ class Record:
     state: State
     info: StepInfo
     accounts: Accounts  # after the step
-    rows: dict[str, dict[str, float]]  # see `rows_of`
+    rows: dict[str, dict[str, float]]  # of the tables "energies", "observed" and "steps"
     seconds: float  # wall time of the recording
 
 
@@ -60,15 +60,9 @@ def record_steps(
         state, info = taken
         begin = time.perf_counter()
         accounts = accounts.follow(run, info)
-        rows = rows_of(accounts, observer.row(info.old, info.result))
+        rows = accounts.rows(observer.row(info.old, info.result))
         yield Record(state, info, accounts, rows, time.perf_counter() - begin)
         taken = _advance(steps, info, next_row, accounts.due)
-
-
-def rows_of(accounts: Accounts, observed: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return the rows of the tables: "energies", "observed", and what accounts add to "steps"."""
-    rows = {name: accounts.row(name) for name in ("energies", "observed", "steps")}
-    return rows | {"observed": {**observed, **rows["observed"]}}
 
 
 def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | None, due: int):

@@ -34,7 +34,6 @@ from fecloth.simulation.record_steps import (
     check_rows,
     record_steps,
     rows_at_least,
-    rows_of,
     trial_recorder,
 )
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
@@ -293,7 +292,7 @@ def collect(
     of_run = Run(system, method, observer.start, step, most_growth)
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
     accounts, state = Accounts.begin(kinds, of_run, ledger), observer.start
-    rows, raised = [rows_of(accounts, observer.row(None, None))], list[str]()
+    rows, raised = [accounts.rows(observer.row(None, None))], list[str]()
     for record in record_steps(steps, of_run, observer, accounts, next_row):
         state, accounts, step = record.state, record.accounts, record.info.step
         raised += accounts.new_warnings(raised)
