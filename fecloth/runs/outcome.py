@@ -12,7 +12,6 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs.folder import FolderMoved
-from fecloth.runs.frame_shape import shape_message
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
 from fecloth.system.system import System
@@ -80,13 +79,23 @@ def finished_message(outcome: SceneResult) -> str:
     counts, seconds = outcome.summary, outcome.summary["seconds"]
     errors = "".join(f"{words}\n" for words in outcome.accounts.words())
     return (
-        f"{shape_message(counts)}\n"
+        f"{_shape_message(counts)}\n"
         f"{errors}"
         f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
         f"{seconds['total']:.1f} s{_on_threads(counts)}; "
         f"open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
     )
+
+
+def _shape_message(summary: Mapping) -> str:
+    """Return the extremes over all frames in words."""
+    pairs = summary["intersecting_pairs"]
+    inverted = f"at most {summary['inverted_triangles']} triangles turned over"
+    counts = f"{inverted} and {pairs} pairs that intersect, in any frame"
+    if pairs is None:
+        counts = f"{inverted} in any frame; intersections were not counted"
+    return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"
 
 
 def _on_threads(counts: Mapping) -> str:

@@ -16,7 +16,6 @@ from fecloth.output.atomic_files import WriteError
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.frame_shape import FrameShape
 from fecloth.runs.outcome import (
     FAILED,
     INTERRUPTED,
@@ -31,18 +30,19 @@ from fecloth.runs.stopwatch import Watch
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Account, Accounts, End, Run
-from fecloth.simulation.contact_words import Contact
+from fecloth.simulation.contact import Contact
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts
+from fecloth.simulation.shapes import Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.system.state import State
 from fecloth.view.html_report import write_report
 
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
-LAST = (Solves, Contact, FrameShape)  # in this order in the log and among the warnings
+LAST = (Solves, Contact, Shapes)  # in this order in the log and among the warnings
 ORDER = (  # of the keys of summary.json; those of other accounts follow
     *("status", "error", "warnings", "warning", "t", "t_end", "unit"),
     *("time_error", "time_error_in_words", "least_eigenvalue"),
@@ -172,7 +172,7 @@ class Recorder:
         info, before = record.info, self.progress
         self.watch.seconds.setdefault("to_first_step", self.watch.total)
         self.watch.add(info.counts.seconds)
-        accounts = record.accounts.with_record(before.accounts[FrameShape])
+        accounts = record.accounts.with_record(before.accounts[Shapes])
         try:
             steps = {**_step_row(info), **record.rows["steps"]}
             self.files.add_rows({**record.rows, "steps": steps})
@@ -187,7 +187,7 @@ class Recorder:
     def _frame(self, state: State, accounts: Accounts, ended: bool = False) -> Accounts:
         """Write a frame with its row of strains.csv, and return the accounts after it."""
         cells = self.files.add_frame(state)
-        shape, step = accounts[FrameShape], accounts[Solves].steps
+        shape, step = accounts[Shapes], accounts[Solves].steps
         apart = APART[self.problem.method.traits.explicit]
         counts = self.problem.intersections and (ended or step - shape.counted >= apart)
         shape, row = shape.at_frame(self.run, state, cells, step, counts)
@@ -304,8 +304,6 @@ class Recorder:
         energies, observed = (read_columns(tables[name].path) for name in ("energies", "observed"))
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)
-        shape = accounts[FrameShape].shape
-        assert shape
         return SceneResult(
             state=self.progress.state,
             times=times,
@@ -314,7 +312,6 @@ class Recorder:
             seconds=summary["seconds"],
             solver=summary["solver"],
             method=self.problem.method,
-            shape=shape,
             warnings=tuple(self.warnings),
             accounts=accounts,
             status=status,
@@ -326,9 +323,8 @@ class Recorder:
 
 
 def list_scene_accounts(is_static: bool) -> tuple[type[Account], ...]:
-    """Return the accounts of a scene: those of `run`, but with the shape at all frames."""
-    names = [kind.name for kind in LAST]
-    return (*(kind for kind in list_accounts(is_static) if kind.name not in names), *LAST)
+    """Return the accounts of a scene: the accounts of `run`, of which three come last."""
+    return (*(kind for kind in list_accounts(is_static) if kind not in LAST), *LAST)
 
 
 def _step_row(info: StepInfo) -> dict[str, float]:

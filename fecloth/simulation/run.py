@@ -16,7 +16,7 @@ from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.account import Account, Accounts, End, Run
-from fecloth.simulation.contact_words import Contact
+from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
@@ -38,14 +38,14 @@ from fecloth.simulation.record_steps import (
 )
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
+from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
-from fecloth.simulation.surface_checks import Shape, ShapeAtEnd
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import name_time_error
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-AT_END = (ErrorInSpace, Contact, ShapeAtEnd)
+AT_END = (ErrorInSpace, Contact, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
     *(Deformation, Growth, Balance, Solves, TimeError, MethodDissipation),
     *AT_END,
@@ -80,9 +80,6 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without
         dt.
-    shape
-        The least and largest stretch, triangles turned over and pairs of triangles that intersect,
-        at the end.
     warnings
         A sentence for each reason to doubt the result, such as an energy balance that was off
         (`Balance`), also if it closes at the end.
@@ -97,7 +94,6 @@ class Result:
     seconds: dict[str, float]
     solver: str
     method: object
-    shape: Shape
     warnings: tuple[str, ...]
     accounts: Accounts
 
@@ -153,6 +149,13 @@ class Result:
     def contact_in_words(self) -> str:
         """How far the gap and the barrier of each obstacle keep the cloth off it, or ""."""
         return self.accounts[Contact].words()
+
+    @property
+    def shape(self) -> Shape:
+        """Stretches, triangles turned over and pairs of triangles that intersect, at the end."""
+        shape = self.accounts[Shapes].at_end
+        assert shape
+        return shape
 
     @property
     def doubt(self) -> str:
@@ -301,8 +304,6 @@ def collect(
         report(record.info)
     accounts = accounts.finish(of_run, End(state, step))
     raised += accounts.new_warnings(raised)
-    shape = accounts[ShapeAtEnd].shape
-    assert shape
     return Result(
         state=state,
         times=np.array([row["energies"]["t"] for row in rows]),
@@ -311,7 +312,6 @@ def collect(
         seconds={**seconds, "total": time.perf_counter() - begin},
         solver=why,
         method=method,
-        shape=shape,
         warnings=(*foreseen, *raised),
         accounts=accounts,
     )

@@ -7,7 +7,7 @@ from support.linear_term import LinearDamping, LinearMembrane
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.simulation.probes import area
+from fecloth.simulation.probes import Observer, area
 from studies.references.time_problems import CASES
 
 ALL = [method() for method in METHODS.values()]
@@ -79,6 +79,18 @@ def test_reactions_carry_the_weight_at_rest(isotropic):
     weight = 9.81 * 0.2 * cloth.area
     assert result.observed["reaction:top.y"][-1] == pytest.approx(weight, rel=1e-6)
     assert result.observed["reaction:top.x"][-1] == pytest.approx(0.0, abs=1e-6 * weight)
+
+
+def test_reactions_of_an_equilibrium_need_no_step(isotropic):
+    cloth = fc.Cloth.rectangle(0.3, 0.5, h=0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity((0, -9.81, 0))], pins=["top"])
+    start = system.rest()
+    row = Observer.bind(system, start).row_at_rest(fc.equilibrium(system, start))
+    weight = 9.81 * 0.2 * cloth.area
+    assert row["reaction:top.y"] == pytest.approx(weight, rel=1e-6)
+    assert row["reaction:top.x"] == pytest.approx(0.0, abs=1e-6 * weight)
+    assert row["sag"] == 0.0
+    assert row.keys() == Observer.bind(system, start).row(None, None).keys()
 
 
 def test_reaction_drives_a_rigidly_moved_cloth(isotropic):

@@ -12,7 +12,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
-from fecloth.runs.frame_shape import stretch_row
+from fecloth.simulation.shapes import stretch_row
 from fecloth.view.html_report import read_table, write_report
 from fecloth.view.svg_chart import chart
 

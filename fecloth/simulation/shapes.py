@@ -1,4 +1,4 @@
-"""What the frames of a run say of its shape: a row of strains.csv, warnings, the summary."""
+"""What a run says of the shape of the cloth: stretches, triangles turned over, intersections."""
 
 from __future__ import annotations
 
@@ -10,17 +10,38 @@ import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.course import wrinkle_warning
-from fecloth.simulation.surface_checks import Shape, compressed_share, intersection_warning
 from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
+SQUEEZED = 0.2  # of the mean tension; a triangle with more compression counts as compressed
 STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")
+NOTHING = 1e-6  # of the fabric's stiffness; less compression is none
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The shape of a cloth at one time."""
+
+    # Principal stretches of all triangles [-].
+    least_stretch: float
+    largest_stretch: float
+    inverted: int  # triangles that are turned over against all their neighbours
+    # Pairs of triangles that pass through each other; None if it was not counted.
+    intersecting: int | None
+
+    @classmethod
+    def of(cls, run: Run, state: State, intersecting: int | None) -> Shape:
+        """Return the shape of a cloth at a state, whose intersections were counted before."""
+        stretches = extreme_stretches(run.system.cloth, state.x)
+        return cls(*stretches, run.surface.count_inverted(state.x), intersecting)
 
 
 @remembered
 @dataclass(frozen=True)
-class FrameShape(Account):
-    """The shape of the cloth at the frames so far."""
+class Shapes(Account):
+    """The shape of the cloth at the frames so far; of a run without frames, at its end."""
 
     name = "shape"
     # Over all frames: principal stretches, triangles turned over, pairs of triangles that
@@ -30,15 +51,15 @@ class FrameShape(Account):
     inverted: int = 0
     intersecting: int | None = None
     # At the last frame: its step, the pairs (None if not counted), reasons to doubt the run.
-    step: int = 0
+    step: int | None = None
     pairs: int | None = None
     doubts: tuple[str, ...] = ()
     counted: float = -math.inf  # step of the last count of pairs
-    shape: Shape | None = None  # at the end
+    at_end: Shape | None = None
 
     def at_frame(
         self, run: Run, state: State, cells: Mapping[str, np.ndarray], step: int, counts: bool
-    ) -> tuple[FrameShape, dict[str, float]]:
+    ) -> tuple[Shapes, dict[str, float]]:
         """Return the record after a frame with this cell data, and its row of strains.csv.
 
         The pairs of triangles that intersect are counted if `counts`; otherwise they are NaN.
@@ -66,12 +87,18 @@ class FrameShape(Account):
         more = {"compressed": compressed, "inverted": inverted, "intersecting": intersecting}
         return after, row | more
 
-    def finish(self, run: Run, end: End, others: Accounts) -> FrameShape:
-        return replace(self, shape=Shape.of(run, end.state, self.pairs))
+    def finish(self, run: Run, end: End, others: Accounts) -> Shapes:
+        if self.step is not None:
+            return replace(self, at_end=Shape.of(run, end.state, self.pairs))
+        pairs = run.surface.count_intersections(end.state.x)
+        shape = Shape.of(run, end.state, pairs)
+        seen = shape.least_stretch, shape.largest_stretch, shape.inverted, pairs
+        doubt = intersection_warning(end.state.t, pairs, "at")
+        return Shapes(*seen, doubts=(doubt,), at_end=shape)
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the last frame shows; the start counts where no step follows."""
-        return self.doubts if self.step or self.shape else ()
+        return self.doubts if self.step or self.at_end else ()
 
     def summary(self) -> dict[str, object]:
         return {
@@ -80,6 +107,34 @@ class FrameShape(Account):
             "inverted_triangles": self.inverted,
             "intersecting_pairs": self.intersecting,
         }
+
+
+def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:
+    """Return a sentence if pairs of triangles intersect at t [s], or ""."""
+    if not pairs or math.isnan(pairs):
+        return ""
+    return (
+        f"the cloth passes through itself {since} t = {t:g} s ({pairs:.0f} pairs of triangles "
+        "intersect); without SelfContact no layer rests on another: trust the motion up to there, "
+        "add that term, or place the cloth so that its layers do not meet"
+    )
+
+
+def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
+    """Return the part of the reference area that is compressed, 0 without a membrane.
+
+    A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
+    square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
+    """
+    if "S11" not in cells:
+        return 0.0
+    S11, S22, S12 = cells["S11"], cells["S22"], cells["S12"]
+    area = system.cloth.weights.sum(axis=1)
+    mean, radius = (S11 + S22) / 2, np.hypot((S11 - S22) / 2, S12)
+    tension = math.sqrt(float(area @ (mean + radius) ** 2) / area.sum())
+    stiffness = min(min(fabric.tensile) for fabric in system.panel.fabrics)
+    compressed = mean - radius < -(SQUEEZED * tension + NOTHING * stiffness)
+    return float(area @ compressed) / float(area.sum())
 
 
 def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
@@ -92,13 +147,3 @@ def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
     low, high = np.percentile(smaller, 1), np.percentile(larger, 99)
     values = smaller.min(), low, np.median(larger), high, larger.max()
     return {"t": float(t)} | {k: float(v) for k, v in zip(STRETCHES, values, strict=True)}
-
-
-def shape_message(summary: Mapping) -> str:
-    """Return the extremes over all frames in words."""
-    pairs = summary["intersecting_pairs"]
-    inverted = f"at most {summary['inverted_triangles']} triangles turned over"
-    counts = f"{inverted} and {pairs} pairs that intersect, in any frame"
-    if pairs is None:
-        counts = f"{inverted} in any frame; intersections were not counted"
-    return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"

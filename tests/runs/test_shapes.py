@@ -10,7 +10,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.doubts.course import wrinkle_warning
-from fecloth.simulation.surface_checks import compressed_share
+from fecloth.simulation.shapes import compressed_share
 
 TEXT = """
 [cloth]
