@@ -184,7 +184,7 @@ def _compile(function: Any, **options: Any) -> Any:
 
 
 class _UnknownContent(Exception):
-    """A function uses a value of which no process can tell whether it is the same in another."""
+    """A function uses a value, and no process can tell whether another process has the same."""
 
 
 def fingerprint(function: Callable) -> str | None:

@@ -50,7 +50,7 @@ class DistributedSolver:
         return f"PETSc {self.kind}"
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Note the positions, for the rigid motions of which GAMG must know."""
+        """Note the positions: GAMG must know their rigid motions."""
         self.x = x
 
     def drop(self) -> None:

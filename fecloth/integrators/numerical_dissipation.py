@@ -20,7 +20,7 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
 
         M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
 
-    where M Δv/dt is the mean force of the stages, of which the elastic part is that at
+    where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
     old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
     as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
     energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
@@ -147,7 +147,7 @@ def has_work_column(term: BoundTerm) -> bool:
 
 
 def column_forces(system: System, state: State) -> np.ndarray:
-    """(n, 3) forces [N] of which the ledger sums the power."""
+    """(n, 3) forces [N] whose power the ledger sums."""
     f, still = np.zeros_like(state.x), np.zeros_like(state.v)
     for term in filter(has_power_column, system.bound):
         term.add_force(state.x, state.v, state.t, f)
@@ -159,7 +159,7 @@ def column_forces(system: System, state: State) -> np.ndarray:
 
 
 def load_forces(system: System, state: State) -> np.ndarray:
-    """(n, 3) forces [N] of the loads of which the ledger has the work along a displacement."""
+    """(n, 3) forces [N] of the loads whose work along a displacement the ledger has."""
     f = np.zeros_like(state.x)
     for term in filter(has_work_column, system.bound):
         term.add_force(state.x, state.v, state.t, f)

@@ -36,7 +36,7 @@ class MethodTraits:
         p: the error at a given time is proportional to dt^p.
     theta
         Place between the old (0) and the new (1) state where the forces balance: the work of the
-        pins over a step is that at the velocity v₀ + θ Δv. Take ½ if M Δv · (v₀ + v₁)/2 is the
+        pins over a step is the power at the velocity v₀ + θ Δv. Take ½ if M Δv · (v₀ + v₁)/2 is the
         change of the kinetic energy that your method accounts for.
     explicit
         Whether a step needs forces only. An explicit method gets no linear solver, offers `check`,

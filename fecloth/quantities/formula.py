@@ -107,7 +107,7 @@ class Derivative:
         return Derivative, (self.formula, self.variable, self.then)
 
     def derivative(self, variable: str) -> Derivative:
-        """The next derivative, by a variable; of a kink or a jump it is that on one side.
+        """The next derivative, by a variable; of a kink or a jump it is taken on one side.
 
         Examples
         --------

@@ -86,7 +86,7 @@ class Problem:
         return is_euler and dt >= 100 and (self.t_end - self.state.t) / dt <= 10
 
     def next_row(self, info: StepInfo) -> Wanted:
-        """Return the step after `info` of which there must be a row, a frame or a restart file."""
+        """Return the next step after `info` that must have a row, a frame or a restart file."""
         row = rows_at_least(self.rows, self.state.t, self.t_end)(info)
         step, t = row.step, row.t
         if self.frame_steps:

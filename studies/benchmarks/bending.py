@@ -3,7 +3,7 @@
     python -m studies.benchmarks.bending [--quick]
 
 On a wavy square of rows of right triangles and of Gmsh's, on one thread. Times are ratios of the
-minima of several turns of both. The iterations are those of conjugate gradients for a step of
+minima of several turns of both. The iterations are counted in conjugate gradients for a step of
 backward Euler with StVK, to a residual of 1e-8; their matrix is the definite one.
 """
 
@@ -78,7 +78,7 @@ def kernels(pattern: str, n: int, count: int) -> list[Measured]:
 
 
 def iterations(pattern: str, n: int, dt: float, stiffness: float) -> Measured:
-    """Return the iterations for a step with the plate over those with hinges.
+    """Return the iterations for a step with the plate over the iterations with hinges.
 
     `stiffness` is Y h²/B: at 100 the bending decides, at 10,000 the membrane.
     """

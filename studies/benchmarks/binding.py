@@ -4,7 +4,7 @@
 
 A square of the pattern "right", on one thread, a process for each size. "explicit" is StVK and
 gravity with a first step of central differences, "implicit" has hinges besides and a first tangent.
-Seconds are those of the processor. Memory is the peak above what the process had before it meshed,
+Seconds are CPU time. Memory is the peak above what the process had before it meshed,
 for "frame" above what it had before that. With --against the sizes are also measured with the
 fecloth of a commit or a folder, in turns, and the ratios are printed. Linux only, for the memory.
 """

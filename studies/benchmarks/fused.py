@@ -2,11 +2,11 @@
 
     python -m studies.benchmarks.fused [--against COMMIT] [--quick]
 
-The first table has the CPU time of a fused step of central differences over the sum of that of its
-terms' forces, each in a compiled loop of its own, without any call from Python. The second has the
-CPU time of a whole `fc.run`, with energies, probes and estimates of error, for each of its steps;
-with --against, over the same in that commit or folder. The earlier
-tree records every step, so that few steps tell its cost.
+The first table has the CPU time of a fused step of central differences over the summed CPU time of
+its terms' forces, each in a compiled loop of its own, without any call from Python. The second has
+the CPU time of a whole `fc.run`, with energies, probes and estimates of error, for each of its
+steps; with --against, over the same in that commit or folder. The earlier tree records every step,
+so that few steps tell its cost.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def step_over_forces(h: float, name: str, work: int) -> Measured:
 def run_over_before(
     h: float, name: str, steps: int, few: int, before: Path | None
 ) -> list[Measured]:
-    """Return the ratio of whole runs to those of the tree before."""
+    """Return the ratio of whole runs to the same runs of the tree before."""
     now = seconds_of(OWN, h, name, steps, 1)
     size = 2 * round(1 / h) ** 2
     print(f"run, {name}, {size} triangles, {steps} steps: {1e6 * now:.4g} us a step", flush=True)

@@ -90,7 +90,7 @@ def fastest_runs(case: Case, repeat: int) -> dict[str, tuple[float, Counts]]:
 
 
 def table_row(name: str, case: Case, runs: dict[str, tuple[float, Counts]]) -> tuple[str, float]:
-    """Return a row of the table, and the time of auto over that of the fastest solver."""
+    """Return a row of the table, and the time of auto over the time of the fastest solver."""
     seconds = [f"{runs[s][0]:>8.3f}" if s in runs else f"{'':>8}" for s in SOLVERS]
     ratio = runs["auto"][0] / min(runs[s][0] for s in runs if s != "auto")
     few, many = runs["direct"][1], runs["full"][1]

@@ -60,7 +60,7 @@ def explicit_steps(small: int, large: int) -> list[Measured]:
 
 
 def march_over_one_call(triangles: int, limit: float) -> list[Measured]:
-    """Return the time of a step in `march` over that of a step in one compiled call.
+    """Return the time of a step in `march` over the time of a step in one compiled call.
 
     The start of `march` does not count. Both take one thread and are measured in its seconds.
     """

@@ -1,13 +1,13 @@
-"""The choice of `Auto`, and its CPU time over that of the fastest option.
+"""The choice of `Auto`, and its CPU time over the time of the fastest option.
 
     python -m studies.benchmarks.method_choice
 
 Six scenes of different character run at one tolerance, on one thread, with `Auto`, with `Adaptive`
 central differences, and with the implicit methods and either kind of linear solver. The CPU seconds
-are the minimum of several runs, without compilation. Those of Auto include the time of its choice,
-which is also printed alone. A run stops (–) when it takes more than three times the best so far.
-The numbers in brackets are the errors of the last positions over the tolerance: the rms distance
-from a run with a twentieth of the tolerance, over rtol R t.
+are the minimum of several runs, without compilation. The seconds of Auto include the time of its
+choice, which is also printed alone. A run stops (–) when it takes more than three times the best so
+far. The numbers in brackets are the errors of the last positions over the tolerance: the rms
+distance from a run with a twentieth of the tolerance, over rtol R t.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def relative_error(case: Case, run: Run, exact: fc.State) -> float:
 
 
 def report(name: str, case: Case, runs: dict[str, Run]) -> float:
-    """Print a scene's options; return the time of auto over that of the fastest."""
+    """Print a scene's options; return the time of auto over the time of the fastest."""
     exact, auto = reference(case, runs), runs["auto"]
     print(f"{name}, {len(case.system.cloth.X)} nodes, {case.t_end:g} s")
     for option, run in runs.items():

@@ -2,7 +2,7 @@
 
     python -m studies.benchmarks.mujoco [--quick]
 
-Both use one mesh, one lumped mass, one material and one thread. The error is that of the mean
+Both use one mesh, one lumped mass, one material and one thread. The error is the error of the mean
 deflection over t <= 0.2 s, in percent of its peak, against the radial solution of
 `falling_disk.trampoline`. CPU seconds are the minimum of two runs after a warm-up.
 

@@ -1,4 +1,4 @@
-"""CPU time and error of implicit steps at 1/60 s on nine sheets, over those of another tree.
+"""CPU time and error of implicit steps at 1/60 s on nine sheets, over another tree's.
 
     python -m studies.benchmarks.newton_sheets COMMIT [--quick]
 
@@ -9,8 +9,8 @@ Newton's iteration. A process for each tree uses public names only and one threa
 turns. Of each tree the cheapest linear solver of `SOLVERS` counts.
 
 The reference is by central differences at a quarter of their largest step, on the same mesh: errors
-are those in time, as a root mean square over the nodes at ten times. "Apart" is the distance of the
-two trees, relative to the error. It says how much of the error is Newton's, as long as both
+are errors in time, as a root mean square over the nodes at ten times. "Apart" is the distance of
+the two trees, relative to the error. It says how much of the error is Newton's, as long as both
 crumple alike; the other tree's linear solvers are up to 0.16 apart.
 """
 

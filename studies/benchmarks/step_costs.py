@@ -2,15 +2,15 @@
 
     python -m studies.benchmarks.step_costs [--quick] [--sizes N ...] [--out FOLDER]
 
-With --sizes the other rows are those of step_costs.csv in the folder, if there is one.
+With --sizes the other rows come from step_costs.csv in the folder, if there is one.
 
-The sheet and its motion are those of `studies.benchmarks.multigrid`. Implicit steps are of backward
-Euler at 5 ms, explicit ones of central differences at half their largest step; both are measured
-in CPU time, on one thread. The figure has two lines of what the memory allows. A bandwidth is
-measured with a loop a[i] = b[i] + 2 c[i] over arrays that no cache holds. "State read and written"
-is the time to move what an explicit step cannot do without: x and v twice, the masses, and of each
-triangle its corners, gradients and area. "Matrix read once" is the time to read the blocks of the
-tangent; conjugate gradients read it in each of their iterations.
+The sheet and its motion are the same as in `studies.benchmarks.multigrid`. Implicit steps are of
+backward Euler at 5 ms, explicit ones of central differences at half their largest step; both are
+measured in CPU time, on one thread. The figure has two lines of what the memory allows. A bandwidth
+is measured with a loop a[i] = b[i] + 2 c[i] over arrays that no cache holds. "State read and
+written" is the time to move what an explicit step cannot do without: x and v twice, the masses, and
+of each triangle its corners, gradients and area. "Matrix read once" is the time to read the blocks
+of the tangent; conjugate gradients read it in each of their iterations.
 """
 
 from __future__ import annotations

@@ -207,7 +207,7 @@ def competitors(count: int) -> Iterator[None]:
 
 
 def busy(triangles: int, steps: int, only: str) -> list[Measured]:
-    """Compare the seconds of all steps with "auto" to those on one; print those on all threads."""
+    """Compare the seconds of all steps with "auto" to one thread; print the seconds on all."""
     cloth = cloth_of(triangles)
     jobs = {
         "explicit steps": explicit(cloth, ELASTIC, 32),

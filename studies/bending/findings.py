@@ -141,7 +141,7 @@ def conclude_seams(lines: Rows) -> list[Finding]:
         found.append(Finding(f"{seam}: order of the mean deflection", plate[-1]["order"], 1.7, 2.2))
     two = [[r["error"] for r in lines if (r["seam"], r["model"]) == (CROSS, m)][-1]
            for m in (PLATE, MORLEY)]  # fmt: skip
-    found.append(Finding(f"{CROSS}: error over that of Morley's element", two[0] / two[1], high=1))
+    found.append(Finding(f"{CROSS}: error over Morley's element's", two[0] / two[1], high=1))
     cut = [r for r in lines if r["seam"] == LINE]
     found.append(Finding(f"{LINE}: error over h", max(r["error"] / r["h"] for r in cut), high=1))
     return found

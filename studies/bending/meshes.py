@@ -27,7 +27,7 @@ def rectangle(width: float, height: float, h: float, pattern: str, element: str 
 
 
 def longer() -> float:
-    """Return the longest edge of a graded mesh over that of an even one with as many."""
+    """Return the longest edge of a graded mesh over the longest of an even one with as many."""
     return np.log(GRADING) * GRADING / (GRADING - 1)
 
 

@@ -1,7 +1,7 @@
 """Two fabrics, 10 : 1, with a zigzag seam: the deflection of one mesh.
 
 * "line cut by triangles": the fabrics meet at X = ½, but each triangle is of one fabric, so that
-  the seam is a zigzag as fine as the mesh. The exact solution is that of a beam of two parts.
+  the seam is a zigzag as fine as the mesh. The exact solution is a beam of two parts.
 * "zigzag on cross", "zigzag on unstructured": a clamped square whose seam has corners of 90° and
   lies along edges. The reference is Morley's element of scikit-fem, extrapolated.
 """

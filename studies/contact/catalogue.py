@@ -5,7 +5,7 @@ table, a disk and a ring, a strip in ten layers, and a strip that is twisted to 
 have 300 triangles and 0.5 s; a seed draws the shape of the obstacle and its orientation, the cloth,
 its fabric, tilt and speed, and the friction. All have `SelfContact`, and steps of 10 ms.
 
-After every step the nodes are tested against formulas of the shapes that are not those of the term,
+After every step the nodes are tested against other formulas of the shapes than the term uses,
 and the triangles by `fecloth.mesh.surface`, which has nothing from ipctk. Points inside the
 triangles may cut an edge of a box or of a plate; their depth is in the table.
 

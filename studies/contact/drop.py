@@ -1,9 +1,10 @@
 """A sheet that falls on a ball: whether a point ever enters, and what a step costs.
 
 The sheet of 0.4 m (200 g/m², 1000 N/m) starts 5 mm above a ball of 0.1 m, with μ = 0.3, a gap of
-1 mm and steps of 10 ms. The least distance is that of all points at the end of every step. The full
-form takes 2 s and writes drop.md. With --self-contact the sheet cannot pass through itself either
-(gap 1 mm, μ = 0.3). That is 0.3 s of 8,000 triangles: the impact, and the first folds that touch.
+1 mm and steps of 10 ms. The least distance is taken over all points at the end of every step. The
+full form takes 2 s and writes drop.md. With --self-contact the sheet cannot pass through itself
+either (gap 1 mm, μ = 0.3). That is 0.3 s of 8,000 triangles: the impact, and the first folds that
+touch.
 
     python -m studies.contact.drop [--self-contact] [--quick]
 
@@ -43,7 +44,7 @@ class Drop:
     least
         Least distance of any point of the cloth from the ball, of all steps [m].
     gain
-        Largest total energy after the start, less that at the start [J].
+        Largest total energy after the start, less the energy at the start [J].
     drop
         How far the lowest node is below the top of the ball at the end [m].
     """

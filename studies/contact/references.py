@@ -142,9 +142,9 @@ def drum(h: float, gap: float, element: str = "P1") -> tuple[float, float]:
 def drum_on_sheet(h: float, gap: float) -> tuple[float, float]:
     """The same with a held sheet of another mesh in place of the plate, kept apart by SelfContact.
 
-    The closed form is that of small slopes: the drum stretches by another 0.2 ‰ as it is blown up,
-    which takes about 0.2 % from the radius. The height at which the drum touches is that of its
-    nodes, weighted by the force on them.
+    The closed form is for small slopes: the drum stretches by another 0.2 ‰ as it is blown up,
+    which takes about 0.2 % from the radius. The height at which the drum touches is the height of
+    its nodes, weighted by the force on them.
     """
     radius, stretch, height, pressure = 0.1, 1.1, 1.5e-3, 120.0
     pieces = fc.Cloth.disk(radius / stretch, h), fc.Cloth.disk(0.4 * radius, 1.1 * h)

@@ -4,8 +4,8 @@ In space: manufactured solutions (static and dynamic) and closed forms (a strip 
 weight, the lowest frequencies of a taut square and a taut disk), on structured and Gmsh's meshes,
 with linear and quadratic triangles. In time: every method on three motions with known solutions.
 An order is the slope of a line fitted to the three finest meshes or the two finest steps. For a
-swinging sheet, which has no exact solution, it is that of `fc.study.converge`. The exit code is 1
-if an order is missed.
+swinging sheet, which has no exact solution, it is the limit of `fc.study.converge`. The exit code
+is 1 if an order is missed.
 
     python -m studies.convergence [--quick] [--jobs N] [--out DIR]
     fecloth converge my.toml          for a scene of yours

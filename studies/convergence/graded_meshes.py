@@ -34,13 +34,13 @@ PAGE = Path(__file__).with_suffix(".md")
 LEAST_ORDER = {"P1": 0.9, "P2": 1.5}  # in H1 of the taut L, where uniform meshes have 2/3
 HEAD = """# What do meshes graded at corners save?
 
-Levels with h = 0.1 m, 0.05 m … on uniform and on graded meshes; the gradings are those that
+Levels with h = 0.1 m, 0.05 m … on uniform and on graded meshes; the gradings are the ones that
 `fc.study.converge(…, grade=True)` finds from the error in space of the first level. The L has a
-re-entrant corner, and the sheet has four corners where a held side meets a free one. The orders are
-those of the last two levels. The triangles are those of the finest uniform mesh, and of a graded
-mesh of the same error. Errors of the taut L are true ones, from its closed form; those of others
-are distances to the limit on the graded meshes.
-`python -m studies.convergence.graded_meshes --write` makes this page.
+re-entrant corner, and the sheet has four corners where a held side meets a free one. Orders are
+taken between the last two levels. The triangles are counted on the finest uniform mesh, and on a
+graded mesh of the same error. Errors of the taut L are true errors, from its closed form; the
+errors of others are distances to the limit on the graded meshes. `python -m
+studies.convergence.graded_meshes --write` makes this page.
 
 """
 

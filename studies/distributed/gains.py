@@ -25,7 +25,7 @@ sure than on 500,000: the round-off of the forces grows as 1/h^2.5, and moves th
 the triangles do. It remains far below the errors of the charts.
 
 Charts: the limits that the study of bending fits to coarser meshes of P2 are right to 0.05 %. So
-its errors below 0.15 % were not sure to a third of their value, and those above are right. A chart
+its errors below 0.15 % were not sure to a third of their value, and errors above are right. A chart
 of a scene without an exact solution states the uncertainty of its limit from three meshes; that
 covers the truth in nearly all rows of the second table. In the figure the lines are this
 uncertainty, the dotted ones the truth.
@@ -73,7 +73,7 @@ class Series:
 
 
 def list_series(rows: Rows, elements: int) -> list[Series]:
-    """Return the quantities of all scenes; `elements` are those of the radial solution."""
+    """Return the quantities of all scenes; `elements` belong to the radial solution."""
     found = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
         own = sorted((row for row in rows if row["scene"] == scene), key=lambda row: -row["h"])
@@ -149,7 +149,7 @@ def table_of_gains(series: list[Series]) -> Rows:
 
 
 def shifts_of_fitted_limits(options, series: list[Series]) -> list[study.Finding]:
-    """Return how far the limits that the study of bending fits are from those of the references."""
+    """Return how far the limits that the study of bending fits are from the references."""
     fine = study.run_cases(
         list_limits(False), run_rest, **study.run_options(options), time_limit=300
     )

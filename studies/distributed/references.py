@@ -64,7 +64,7 @@ def fall(sizes: Sequence[float], keep: Keep) -> None:
 
 
 def rest(make_system: MakeSystem, scene: str, sizes: Sequence[float], keep: Keep) -> None:
-    """Solve for the equilibrium on each mesh, from that on the mesh before."""
+    """Solve for the equilibrium on each mesh, from the solution on the mesh before."""
     before = None
     for h in sizes:
         problem = REST[scene]("plate", h, make_system)

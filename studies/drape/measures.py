@@ -29,7 +29,7 @@ def shadow_area(x: np.ndarray, triangles: np.ndarray, support: float = 0.0) -> f
 
 
 def drape_coefficient(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
-    """Return the shadow beside the support over that of the flat mesh."""
+    """Return the shadow beside the support over the shadow of the flat mesh."""
     return shadow_area(x, triangles, SUPPORT) / shadow_area(X, triangles, SUPPORT)
 
 

@@ -115,7 +115,7 @@ def start_outside(system: fc.System, x: np.ndarray) -> np.ndarray:
 
 
 def on_disk(disk: fc.Cloth, ring: fc.Cloth, held: np.ndarray) -> np.ndarray:
-    """Positions of the specimen: flat over the support, beside it those of the held ring."""
+    """Positions of the specimen: flat over the support, beside it as in the held ring."""
     x = np.column_stack([disk.X, np.zeros(len(disk.X))])
     x[cKDTree(disk.X).query(ring.X)[1]] = held
     return x

@@ -35,7 +35,7 @@ class Theta(integrators.StageMethod):
 
 @dataclass(frozen=True)
 class SDIRK2(integrators.WithMemory):  # the memory serves the energy balance
-    gamma = 1 - math.sqrt(0.5)  # error constant: coefficient of z³ in R(z) minus that in exp z
+    gamma = 1 - math.sqrt(0.5)  # error constant: coefficient of z³ in R(z) − exp z
     traits = integrators.MethodTraits(order=2, error_constant=3 * gamma**2 - 2 * gamma**3 - 1 / 6)
 
     def step(self, system, state, dt, solver, memory=None, history=None):

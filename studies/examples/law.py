@@ -3,10 +3,10 @@
     W = c/2 (exp Q − 1),   Q = E:ℂ₀:E / c,   c = ε² C₁₁
     S = exp(Q) T,   ℂ = exp(Q) (ℂ₀ + 2/c T ⊗ T),   T = ℂ₀:E
 
-At small strain the moduli are ℂ₀, those of the fabric. At the strain ε along the warp alone the
-stress is e times that of `StVK`. W is convex in E. The form is that of Fung, Fronek and Patitucci
-(1979), Pseudoelasticity of arteries and the choice of its mathematical expression, Am. J. Physiol.
-237, H620–H631; its constants are the moduli of the fabric and ε.
+At small strain the moduli are ℂ₀ of the fabric. At the strain ε along the warp alone the
+stress is e times the stress of `StVK`. W is convex in E. The form is from Fung, Fronek and
+Patitucci (1979), Pseudoelasticity of arteries and the choice of its mathematical expression, Am. J.
+Physiol. 237, H620–H631; its constants are the moduli of the fabric and ε.
 """
 
 import math

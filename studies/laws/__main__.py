@@ -33,7 +33,7 @@ G = Y / (2 * (1 + NU))
 HEAD = f"""# The laws
 
 One section for each term, written by `python -m studies.laws` from its docstring: formula, source,
-validity, cost, parameters. [Symbols and units](../../README.md#symbols-units-signs) are those of
+validity, cost, parameters. [Symbols and units](../../README.md#symbols-units-signs) are as in
 the README; costs in time are relative to `StVK`.
 
 The pictures of membranes and springs have the same axes. All laws represent one fabric, Y =

@@ -163,7 +163,7 @@ def clamps(cloth: fc.Cloth) -> list[fc.Pin]:
 
 
 def in_plane(cloth: fc.Cloth, *pinned: str) -> fc.Slide:
-    """Constrain all nodes but those of the pinned sets to the plane."""
+    """Constrain all nodes but the pinned sets to the plane."""
     others = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(s) for s in pinned]))
     return fc.Slide(others, normal=(0, 0, 1))
 

@@ -3,9 +3,10 @@
     python -m studies.models.elastica [--quick] [--jobs N] [--out DIR]
 
 A strip of length L, half as wide, is clamped level at one end and hangs under its weight with
-Γ = ρ g L³/B = 10 and ν = 0. Its drop over its reach is compared with that of the inextensible
-elastica. The membrane's stiffness is Y = R B/L² with R from 1e5 to 1e8; cotton of 1 m has some 1e8.
-All use `PlateBending`. The elements have the same nodes: n spacings along, so P2 has n/2 edges.
+Γ = ρ g L³/B = 10 and ν = 0. Its drop over its reach is compared with the drop over reach of the
+inextensible elastica. The membrane's stiffness is Y = R B/L² with R from 1e5 to 1e8; cotton of 1 m
+has some 1e8. All use `PlateBending`. The elements have the same nodes: n spacings along, so P2 has
+n/2 edges.
 
 P1 and P2 with the strain at the quadrature points lock: on coarse meshes they are too stiff by up
 to tens of percent, the more the larger R, until h is small enough. P2 with the interpolated strain,

@@ -2,10 +2,11 @@
 
     python -m studies.models.homogenised_moduli
 
-The homogenised moduli at rest of a term on an infinite pattern, divided by Y of the fabric. Those
-of a material depend neither on the edge length nor on the pattern. Baraff and Witkin's conditions
-as published do: their stiffness is proportional to the area of a triangle, so that each halving of
-h makes the cloth four times as soft. With the square root of the area they are a material.
+The homogenised moduli at rest of a term on an infinite pattern, divided by Y of the fabric. The
+moduli of a material depend neither on the edge length nor on the pattern. Baraff and Witkin's
+conditions as published do: their stiffness is proportional to the area of a triangle, so that each
+halving of h makes the cloth four times as soft. With the square root of the area they are a
+material.
 """
 
 from __future__ import annotations

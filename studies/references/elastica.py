@@ -6,7 +6,7 @@ With s along the strip in units of its length L, φ(s) the angle below the horiz
     φ'' = −Γ (1 − s) λ cos φ,   φ(0) = 0,   φ'(1) = 0,
 
 with the stretch λ = 1. A strip that stretches by Y E λ, E = (λ² − 1)/2, has λ E = Λ (1 − s) sin φ
-with Λ = ρ g L/Y; s and the energy of bending B φ'²/2 are those of its length at rest.
+with Λ = ρ g L/Y; s and the energy of bending B φ'²/2 refer to its length at rest.
 """
 
 from __future__ import annotations

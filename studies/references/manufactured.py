@@ -1,6 +1,6 @@
 """A manufactured solution: a motion with the body force that makes it exact.
 
-The method is that of Roache (2002, J. Fluids Eng. 124). The motion is a taut sheet with three plane
+The method is from Roache (2002, J. Fluids Eng. 124). The motion is a taut sheet with three plane
 waves in and out of its plane, of amplitude c:
 
     x_i(X, c) = A_iJ X_J + c a_i sin θ_i,    θ_i = q_i·X + φ_i,    F = A + c a_i q_i cos θ_i.

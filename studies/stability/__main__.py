@@ -89,7 +89,7 @@ def folder_of(name: str) -> str:
 
 
 def cells_of(maps: dict[str, study.StabilityMap]) -> Rows:
-    """Return all runs; those that say nothing of their step keep their status."""
+    """Return all runs; runs that say nothing of their step keep their status."""
     rows = []
     for name, found in maps.items():
         for cell in found.cells:

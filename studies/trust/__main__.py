@@ -1,7 +1,7 @@
 """Trust: which runs of a catalogue are wrong, and which of them warn.
 
 Each set-up of `setups.py` runs once, and again with halved steps until two successive refinements
-agree within 2 %; those that never agree, such as chaotic folding, do not count. The error in time
+agree within 2 %; runs that never agree, such as chaotic folding, do not count. The error in time
 is the rms error of x weighted by mass, the largest over the frames, over the largest rms
 displacement, without rigid motion. A run is good below 2 % and wrong above 10 %. No wrong run may
 be without a warning, and at most one good run in twenty may have one. catalogue.md and

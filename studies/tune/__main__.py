@@ -12,7 +12,7 @@ folds, `tune` must say that nothing is proved.
 
 The references and the best settings of the grids are stored; `studies.tune.references` and
 `studies.tune.grid` make them. Seconds are CPU seconds, measured in this study. The table is written
-to out/tune/tune.md and tune.csv; those in studies/tune are a copy of the full one.
+to out/tune/tune.md and tune.csv; the files in studies/tune are a copy of the full study.
 """
 
 from __future__ import annotations

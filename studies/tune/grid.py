@@ -76,7 +76,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Node:
-    """A setting: h and dt are those of the combination, i and j levels finer."""
+    """A setting: h and dt of the combination, i and j levels finer."""
 
     combination: Combination
     i: int = 0
@@ -193,7 +193,7 @@ def run_setting(
 def measure_best(
     tried: Tried, reference: Reference, runs: Runs, nodes: Sequence[Node]
 ) -> Found | None:
-    """Measure settings again, as those of a chart; return the cheapest that meets the tolerance."""
+    """Measure settings again, as in a chart; return the cheapest that meets the tolerance."""
     again = [
         run_setting(tried, reference, problem_of(tried, node), node, replace(runs, timed=True))
         for node in nodes
@@ -240,12 +240,12 @@ def read_best(tried: Tried) -> list[Node]:
     Raises
     ------
     InputError
-        If there are none, or they are those of an earlier form of the scene.
+        If there are none, or they belong to an earlier form of the scene.
     """
     found = _file().get(tried.name)
     if found is None or found["scene"] != fingerprint(tried):
         remedy = f"Run python -m studies.tune.grid --names {tried.name}"
-        allowed = "is missing or that of another scene"
+        allowed = "is missing or belongs to another scene"
         raise InputError(f"the grid of {tried.name}", allowed, FILE.name, remedy)
     return [Node(Combination(*names), i, j) for names, i, j in found["best"]]
 

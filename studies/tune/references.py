@@ -167,13 +167,13 @@ def read(tried: Tried) -> Reference:
     Raises
     ------
     InputError
-        If there is none, or it is that of an earlier form of the scene.
+        If there is none, or it belongs to an earlier form of the scene.
     """
     found = _file().get(tried.name)
     if found is None or found["scene"] != fingerprint(tried):
         what = f"the reference of {tried.name}"
         remedy = f"Run python -m studies.tune.references --names {tried.name}"
-        raise InputError(what, "is missing or that of another scene", FILE.name, remedy)
+        raise InputError(what, "is missing or belongs to another scene", FILE.name, remedy)
     return reference_of(tried, found)
 
 

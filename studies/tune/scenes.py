@@ -29,7 +29,7 @@ class Tried:
     changes
         Keys and their values there, as {"time.dt": 0.01}; None leaves a key or table out.
     quantities
-        The quantities of interest; () for those of the file.
+        The quantities of interest; () for the quantities of the file.
     tolerance
         Relative error to tune to.
     fine

@@ -3,11 +3,11 @@
     python -m studies.work_precision [--quick] [--jobs N] [--out DIR] [--peers]
     fecloth chart my.toml          for a scene of yours
 
-The error of a run is the largest distance of a path from that of the continuum at 40 times, over
-the largest value of the path. Paths are the mean over the cloth, and one point. Between the steps
-they are Hermite's cubics. The error has three parts: in time, against a run with fine steps on the
-same mesh; in space, of that run against the same on the finest mesh; and of the model, of that run
-against the continuum, which includes the remaining error of the finest mesh.
+The error of a run is the largest distance of a path from the path of the continuum at 40 times,
+over the largest value of the path. Paths are the mean over the cloth, and one point. Between the
+steps they are Hermite's cubics. The error has three parts: in time, against a run with fine steps
+on the same mesh; in space, of that run against the same on the finest mesh; and of the model, of
+that run against the continuum, which includes the remaining error of the finest mesh.
 
 Seconds are CPU seconds of the march on one thread, after a warm-up of a fiftieth of the run, which
 also compiles: the least of three runs, or of one run if it takes more than 1 s. Timed cases run one

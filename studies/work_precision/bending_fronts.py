@@ -4,10 +4,10 @@
 
 Three scenes: a strip of paper that swings down from a hinged edge, a sheet of it clamped along an
 edge, and a square cloth on a round table, both at rest under their weight. The error is the larger
-of those of the mean depth and of a point. The swing is compared with a fine chain of links: the
-largest distance at 40 times over the largest depth, which includes the error in time. The cloths at
-rest are compared with the limit of plates, a + b h² fitted to the values on four fine meshes of P2;
-the same fit to P1 says how sure the limit is.
+one of two: of the mean depth and of the depth of a point. The swing is compared with a fine chain
+of links: the largest distance at 40 times over the largest depth, which includes the error in time.
+The cloths at rest are compared with the limit of plates, a + b h² fitted to the values on four fine
+meshes of P2; the same fit to P1 says how sure the limit is.
 
 Seconds are CPU seconds on one thread after a warm-up, without the set-up: the least of three
 runs, or of one run that takes more than 1 s.
@@ -119,7 +119,7 @@ def add_errors_of_swings(rows: Rows, quick: bool) -> None:
 
 
 def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
-    """Add the errors against the limits; return how far those of P1 and P2 differ."""
+    """Add the errors against the limits; return how far the limits of P1 and P2 differ."""
     findings = []
     for scene in dict.fromkeys(row["scene"] for row in fine):
         for name, error in (("mean", "mean_error"), ("point", "point_error")):

@@ -12,7 +12,7 @@ from studies.work_precision.scenes import BENDING, PAPER, SWING, Counted, Scene,
 
 MakeSystem = Callable[..., fc.System]
 MODELS = {"hinges": "P1", "quadratic": "P1", "plate": "P1", "plate, P2": "P2"}
-LOW = 0.1  # height of a held triangle over that of its mirror image
+LOW = 0.1  # height of a held triangle over the height of its mirror image
 CLOTH = fc.Fabric(0.2, 500.0, bending_rigidity=1e-4)
 REACH, WIDTH = 0.2, 0.1  # m, of the cantilever
 EDGE, CORNER = 0.05, 0.12 - 1e-9  # m, radius of the table, and a corner of the cloth

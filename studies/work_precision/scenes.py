@@ -129,7 +129,7 @@ def clamp_velocity(t: float) -> np.ndarray:
 
 
 def in_plane(cloth: fc.Cloth, *pinned: str) -> fc.Slide:
-    """Constrain all nodes but those of the pinned sets to the plane."""
+    """Constrain all nodes but the pinned sets to the plane."""
     rest = np.setdiff1d(np.arange(len(cloth.X)), np.concatenate([cloth.nodes(n) for n in pinned]))
     return fc.Slide(rest, normal=(0.0, 0.0, 1.0))
 

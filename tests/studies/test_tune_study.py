@@ -22,7 +22,7 @@ def test_reference_is_known_to_a_tenth_of_the_tolerance(tried):
 
 def test_reference_of_another_scene_is_refused():
     other = next(one for one in TWELVE if one.name == "folds")
-    with pytest.raises(Exception, match="is missing or that of another scene"):
+    with pytest.raises(Exception, match="is missing or belongs to another scene"):
         references.read(other)
 
 

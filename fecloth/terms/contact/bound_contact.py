@@ -67,7 +67,8 @@ class BoundContact(BoundTerm):
     def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is the mean of the time dt from then on; for dt = 0 that at t.
+        The velocity of the surface is the mean of the time dt from then on; for dt = 0 the velocity
+        at t.
         """
         raise NotImplementedError
 

@@ -22,7 +22,7 @@ import numpy as np
 from fecloth.terms.contact.points import Contacts
 
 LEAST = 1e-300
-CREEP = 1e-3  # extents of the cloth a second, below which friction counts as that at rest
+CREEP = 1e-3  # extents of the cloth a second, below which friction counts as friction at rest
 
 
 def potential(y: np.ndarray, eps: float) -> np.ndarray:
@@ -65,7 +65,7 @@ class Sliding(Protocol):
         ...
 
     def rate(self, w: np.ndarray) -> float:
-        """Σ μ λ f₀(y) [W], of which minus the derivative by w is the force."""
+        """Σ μ λ f₀(y) [W]; minus its derivative by w is the force."""
         ...
 
     def power(self, w: np.ndarray) -> float:

@@ -127,7 +127,7 @@ class Shape:
     def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float) -> np.ndarray:
         """(m, 3) mean velocity [m/s] of its points y, at x in space, from t to t + dt.
 
-        For dt = 0 it is that at t.
+        For dt = 0 it is the velocity at t.
         """
         if dt == 0.0:
             return self.velocity(x, t)

@@ -26,8 +26,8 @@ KINDS = ("incompressible", "compressible")
 class NeoHookean:
     """Rubber-like membrane: W(C) with C = FᵀF = I + 2E, I₁ = tr C, J = √det C (the area ratio).
 
-    "incompressible": the sheet keeps its volume, so its thickness is 1/J times that at rest, and
-    the faces are free of stress:
+    "incompressible": the sheet keeps its volume, so its thickness is 1/J times the thickness at
+    rest, and the faces are free of stress:
 
         W = μ/2 (I₁ + 1/J² − 3),  S = μ (I − C⁻¹/J²),  ℂ = 2μ/J² (C⁻¹ ⊗ C⁻¹ + C⁻¹ ⊙ C⁻¹)
 

@@ -76,7 +76,7 @@ class Springs:
     Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette (2008), Triangular
     Springs for Modeling Nonlinear Membranes ("biquadratic").
 
-    Valid, if on edges, for a cloth of which no more than the tensile stiffness at small strains
+    Valid, if on edges, for a cloth where no more than the tensile stiffness at small strains
     counts: none of these networks converges under refinement to the fabric, but for ν = 1/3 on
     equilateral triangles, and `fecloth.plane_moduli` says which material one is. A spring in
     compression is unstable against rotation, so that a net gives way like a truss; `definite`
