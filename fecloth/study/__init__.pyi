@@ -18,6 +18,7 @@ from .figures import (
     mark_failures,
     new_figure,
 )
+from .front import Study, of
 from .options import parse_arguments, run_options
 from .overlay import Overlay, compare_runs
 from .reports import Finding, hardware, require_results, write_csv, write_report
@@ -46,6 +47,7 @@ __all__ = [
     "Seconds",
     "Simplification",
     "StabilityMap",
+    "Study",
     "StudyFailed",
     "StudyResult",
     "Sweep",
@@ -65,6 +67,7 @@ __all__ = [
     "mark_failures",
     "measure_seconds",
     "new_figure",
+    "of",
     "parse_arguments",
     "require_packages",
     "require_results",

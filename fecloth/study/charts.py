@@ -11,14 +11,14 @@ from typing import Any
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
 from fecloth.study.change import Level
 from fecloth.study.chart_grid import Setting, change_names, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
-from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.study.opened import Opened, open_study
+from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import refine_problem
 from fecloth.study.run_problems import (
     Point,
@@ -30,7 +30,7 @@ from fecloth.study.run_problems import (
 )
 from fecloth.study.status import OK
 from fecloth.study.tables import Table
-from fecloth.study.workload import LONGEST, in_words
+from fecloth.study.workload import in_words
 
 LONGEST_CASE = 60.0  # s
 RATIO = 2.0  # of the levels of the limit
@@ -58,7 +58,7 @@ class Limit:
 
 
 def chart(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     quantity: str | Callable[[Any], float] | Quantity | None = None,
     methods: Sequence[str] | None = None,
     elements: Sequence[str] | None = None,
@@ -66,17 +66,7 @@ def chart(
     *,
     meshes: int = 2,
     levels: int = 3,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float = LONGEST_CASE,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Chart:
     """Run a problem with other methods, elements, models, meshes and steps: errors over seconds.
 
@@ -92,7 +82,7 @@ def chart(
     Parameters
     ----------
     problem, quantity
-        As for `converge`.
+        As for `of` and `converge`.
     methods, elements, models
         Names as in a scene, such as "bdf2", "P2", "NeoHookean"; by default the scene's own with
         the usual others, P1 and P2, and its own model. Of a function's problem they are values of
@@ -101,10 +91,10 @@ def chart(
         Number of meshes: h, h/2, …
     levels
         Levels of the limit, from 3; h and dt are halved at least twice.
-    time_limit
-        Predicted or measured time of a case above which it is left out [s].
-    h, dt, t_end, probes, cache, jobs, scheduler, most_seconds, fresh
-        As for `converge`.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
+        A case whose predicted or measured time is above time_limit is left out.
 
     Raises
     ------
@@ -125,10 +115,11 @@ def chart(
     >>> print(found.table["element"], all(row["error %"] < 1 for row in found.front))
     ['P1', 'P1', 'P2', 'P2'] True
     """
-    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    study = open_study(problem, shared)
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):
         raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
-    runs = Runs(cache, jobs, scheduler, None, most_seconds, fresh)
+    opened, timed = study.problem, replace(study.runs(LONGEST_CASE), timed=True)
+    runs = replace(timed, time_limit=None, timed=False)
     refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
     chosen = opened.choose_quantity(quantity)
     if chosen.how == "mode":
@@ -139,7 +130,7 @@ def chart(
         table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
         return Chart(title=opened.name, verdict=verdict, table=table)
-    rows = _run(listed, chosen, replace(runs, time_limit=time_limit, timed=True))
+    rows = _run(listed, chosen, timed)
     pairs = zip(listed, rows, strict=True)
     lines = [_line(setting, row, chosen, limit) for setting, row in pairs]
     on_front = find_front(lines)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import InputError, MeshError
-from fecloth.simulation.probes import Probe
+from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of
 from fecloth.study.change import Level
@@ -25,8 +25,9 @@ from fecloth.study.comparison import (
     find_scale,
 )
 from fecloth.study.convergence import Convergence
+from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
-from fecloth.study.problems import Problem, open_problem
+from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, levels_to_run, summarise
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
 from fecloth.study.status import OK, REFUSED, failure
@@ -36,10 +37,9 @@ from fecloth.study.variants import (
     combine,
     make_variants,
     name_variant,
-    open_first,
     read_ranges,
+    with_first_values,
 )
-from fecloth.study.workload import LONGEST
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -53,24 +53,14 @@ class _Studied:
 
 
 def compare(
-    problem: Any,
+    problem: Scene | str | Path | Callable | Opened | Sequence[Scene | str | Path | Callable],
     variants: Over | None = None,
     quantity: str | Callable[[Any], float] | Quantity | None = None,
     refine: str = "h",
     levels: int = 3,
     *,
     ratio: float | None = None,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Comparison:
     """Refine each variant of a problem, and compare them as given and in their limits.
 
@@ -83,7 +73,7 @@ def compare(
     Parameters
     ----------
     problem
-        As for `converge`, or a list of several without `variants`.
+        As for `of`: without `variants` a list of several.
     variants
         Values of one or more keys, as for `sweep`: "terms.0.type=StVK,Springs", or a mapping of
         keys to values, where a value may be a table, {"type": "Springs", "kind": "van_gelder"}.
@@ -92,8 +82,9 @@ def compare(
         As for `converge`; of a field, path or vector the size of the difference is given.
     refine, levels, ratio
         As for `converge`.
-    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
-        As for `converge`.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
 
     Raises
     ------
@@ -113,9 +104,8 @@ def compare(
     >>> print(found.verdict[:37])
     tip.x: stiffness = 20 is 2.10747 ± 0.
     """
-    sizes = {"h": h, "dt": dt}
-    opened = _open(problem, variants, sizes, t_end, probes, settings)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    study = open_study(problem, shared)
+    opened, runs = _open(study.problems, variants), study.runs()
     for one in opened.values():
         if not isinstance(one, InputError):
             refuse_huge(one, runs)
@@ -127,30 +117,18 @@ def compare(
     return _conclude(opened, studied, chosen, refine)
 
 
-def _open(
-    problem: Any,
-    variants: Over | None,
-    sizes: Mapping[str, float | None],
-    t_end: float | None,
-    probes: Sequence[Probe],
-    settings: Mapping[str, object],
-) -> dict[str, Problem | InputError]:
+def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem | InputError]:
     """Return the variants by name, with the reason for those that are refused."""
-    several = isinstance(problem, Sequence) and not isinstance(problem, str)
+    several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
-        raise InputError(
-            "compare", allowed, "", "Write variants=… as in terms.0.type=StVK,Springs."
-        )
+        remedy = "Give variants, as in terms.0.type=StVK,Springs."
+        raise InputError("compare", allowed, "", remedy)
     if several:
-        found = [
-            open_problem(one, sizes["h"], sizes["dt"], t_end, probes, settings) for one in problem
-        ]
-        return _named([(one.name, one) for one in found])
+        return _named([(one.name, one) for one in problems])
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
-    base = open_first(problem, ranges, sizes, t_end, probes, settings)
-    made = make_variants(base, combinations)
+    made = make_variants(with_first_values(problems[0], ranges), combinations)
     return _named(list(zip(map(name_variant, combinations), made, strict=True)))
 
 

@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.convergence import Convergence
 from fecloth.study.graded_levels import refine_graded
-from fecloth.study.problems import open_problem
+from fecloth.study.opened import Opened, open_study
 from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import Runs, refuse_huge
-from fecloth.study.workload import LONGEST
+from fecloth.study.run_problems import refuse_huge
 
 
 def converge(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     quantity: str | Callable[[Any], float] | Quantity | None = None,
     refine: str = "h",
     levels: int = 4,
     *,
     ratio: float | None = None,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
     grade: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Convergence:
     """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
 
@@ -51,8 +39,7 @@ def converge(
     Parameters
     ----------
     problem
-        A scene, its path, or a function of h and dt (either may be missing) and of `settings` that
-        returns cloth, system, method and start.
+        A scene, its path, or a function of h and dt, see `fecloth.study.of`.
     quantity
         A text as in [interest] (see the page of scenes) or a function of the result of `fc.run`,
         by default the first of [interest], the path of the first probe, or the displacement.
@@ -62,20 +49,14 @@ def converge(
     levels, ratio
         Their number, and h or dt of a level over that of the next one: by default 2, for h of
         unstructured meshes √2.
-    h, dt, t_end, probes
-        Of a function's problem: first edge length [m], step [s], end [s] (without it the
-        equilibrium is the result) and probes.
-    cache
-        Folder where finished cases are stored, from where the next call reads them.
-    jobs, scheduler, time_limit, fresh
-        As for `run_cases`.
-    most_seconds
-        Predicted time above which nothing is run [s]; None for any time.
     grade
         Whether to run the levels again on meshes graded towards corners and pins, as
         `choose_gradings` finds them from the error in space of the first level. Then the result is
         that of the graded meshes; the table has both, and the verdict says what the grading saves.
         A function takes the gradings as its argument `grading`, for the constructor of `Cloth`.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
 
     Raises
     ------
@@ -96,9 +77,9 @@ def converge(
     >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:22])
     1.0450 converges as it should
     """
-    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    study = open_study(problem, shared)
+    opened, runs = study.problem, study.runs()
     opened.check(refine)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     refuse_huge(opened, runs)
     chosen = opened.choose_quantity(quantity)
     if grade:

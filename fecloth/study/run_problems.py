@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
@@ -41,6 +42,9 @@ class Runs:
     def __post_init__(self):
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
             raise InputError(f"jobs = {self.jobs!r}", "must be an integer of at least 1")
+        for name, seconds in (("time_limit", self.time_limit), ("most_seconds", self.most_seconds)):
+            if seconds is not None:
+                validation.number(name, seconds, 0.0, "", infinite=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
 from fecloth.study.change import describe_values
+from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Runs, refuse_huge
+from fecloth.study.run_problems import refuse_huge
 from fecloth.study.stability_figure import MOST_PANELS, draw_map
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
 from fecloth.study.stability_words import (
@@ -29,8 +30,7 @@ from fecloth.study.stability_words import (
 )
 from fecloth.study.status import REFUSED, failure
 from fecloth.study.tables import Table
-from fecloth.study.variants import combine, make_variants, open_first, read_ranges
-from fecloth.study.workload import LONGEST
+from fecloth.study.variants import combine, make_variants, read_ranges, with_first_values
 from fecloth.suggest import closest, did_you_mean
 
 if TYPE_CHECKING:
@@ -91,20 +91,10 @@ class StabilityMap(StudyResult):
 
 
 def stability(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     over: str | Iterable[str] | Mapping[str, Sequence] | None = None,
     methods: Sequence[str] | None = None,
-    *,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = LONGEST_CASE,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> StabilityMap:
     """Run a problem with each method and with steps from long to short: where does it fail?
 
@@ -119,13 +109,15 @@ def stability(
     Parameters
     ----------
     problem
-        As for `converge`; one in time.
+        As for `of`; one in time.
     over
         Values of one or more keys, as for `sweep`; without, the problem as it is.
     methods
         Names as in a scene, such as "bdf2" or "central_difference"; by default eight.
-    h, dt, t_end, cache, jobs, scheduler, time_limit, most_seconds, fresh
-        As for `converge`; the function may take dt, but the steps are those of the map.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
+        A function may take dt, but the steps are those of the map.
 
     Raises
     ------
@@ -149,8 +141,8 @@ def stability(
     chosen = known_methods(studied_by("stability") if methods is None else methods)
     ranges = read_ranges(over) if over else {}
     combinations = combine(ranges)
-    opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, (), settings)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    study = open_study(problem, shared)
+    opened, runs = with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
     answers = make_variants(opened, combinations, build=bool(ranges))
     pairs = list(zip(combinations, answers, strict=True))

@@ -5,30 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import line_style, mark_failures, new_figure
+from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import (
-    Point,
-    Runs,
-    check_points,
-    record_at,
-    refuse_huge,
-    run_or_skip,
-)
+from fecloth.study.run_problems import Point, check_points, record_at, refuse_huge, run_or_skip
 from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.tables import Table
-from fecloth.study.variants import combine, make_variants, open_first, read_ranges, size_of
-from fecloth.study.workload import LONGEST
+from fecloth.study.variants import (
+    combine,
+    make_variants,
+    read_ranges,
+    size_of,
+    with_first_values,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,36 +73,26 @@ class Sweep(StudyResult):
 
 
 def sweep(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     over: str | Iterable[str] | Mapping[str, Sequence],
     quantity: Asked | Sequence[Asked] | None = None,
-    *,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Sweep:
     """Run a problem for every combination of values and return quantities of each run.
 
     Parameters
     ----------
     problem
-        As for `converge`.
+        As for `of`.
     over
         Values of one or more keys: texts such as "fabric.bending_rigidity=1e-6:1e-4:log:9",
         "…:lin:5" or "time.method=bdf2,newmark", or a mapping of keys to values. The keys of a
         scene are those of ``--set``; those of a function are its arguments, with h and dt.
     quantity
         One or more; by default all of [interest], or those of all probes, or the displacement.
-    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, most_seconds, fresh
-        As for `converge`.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
 
     Raises
     ------
@@ -127,8 +115,8 @@ def sweep(
     """
     ranges = read_ranges(over)
     combinations = combine(ranges)
-    opened = open_first(problem, ranges, {"h": h, "dt": dt}, t_end, probes, settings)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
+    study = open_study(problem, shared)
+    opened, runs = with_first_values(study.problem, ranges), study.runs()
     refuse_huge(opened, runs)
     chosen = opened.choose_quantities(quantity)
     variants = make_variants(opened, combinations)

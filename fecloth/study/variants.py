@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
 from fecloth.study.change import FIRST, Change, Level, describe_values
-from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.workload import Workload
 
 SPACINGS: dict[str, Callable] = {"log": np.geomspace, "lin": np.linspace}
@@ -72,23 +68,11 @@ def combine(ranges: Mapping[str, Sequence]) -> list[dict]:
     return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
 
-def open_first(
-    problem: Any,
-    ranges: Mapping[str, Sequence],
-    sizes: Mapping[str, float | None],
-    t_end: float | None,
-    probes: Sequence[Probe],
-    settings: Mapping[str, object],
-) -> Problem:
-    """Return the problem to vary; a function's has the first value of each key.
-
-    `sizes` are its h and dt.
-    """
-    arguments = dict(settings)
-    if not isinstance(problem, Scene | str | Path):
-        sizes = {key: ranges[key][0] if key in ranges else value for key, value in sizes.items()}
-        arguments |= {key: values[0] for key, values in ranges.items() if key not in sizes}
-    return open_problem(problem, sizes["h"], sizes["dt"], t_end, probes, arguments)
+def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Problem:
+    """Return the problem to vary; a function's has the first value of each key."""
+    if isinstance(opened, SceneProblem):
+        return opened
+    return opened.changed(Change.of({key: values[0] for key, values in ranges.items()}))
 
 
 def make_variants(

@@ -6,16 +6,17 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
 from fecloth.simulation.error_control import Adaptive
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change, Level
-from fecloth.study.problems import Problem, SceneProblem, open_problem
+from fecloth.study.opened import Opened, open_study
+from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.simplification.numbers import Numbers
@@ -40,27 +41,17 @@ from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.tables import Table
 from fecloth.study.tolerance import read_tolerance
-from fecloth.study.workload import LONGEST, Workload, check_size
+from fecloth.study.workload import Workload, check_size
 
 
 def simplify(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     tolerance: float | str = 0.01,
     quantity: str | Quantity | Sequence[str | Quantity] | None = None,
     *,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
     folder: str | Path | None = None,
     repeats: int = 3,
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Simplification:
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
@@ -73,21 +64,21 @@ def simplify(
     Parameters
     ----------
     problem
-        As for `converge`. The terms of a function's system, its h and its dt are varied, not its
+        As for `of`. The terms of a function's system, its h and its dt are varied, not its
         method; there are no predictions for a function.
     tolerance
         Largest relative change of each quantity, as 0.01 or "1%".
     quantity
         One or more; by default all of [interest], the paths of the probes (in a static scene their
         ends), or the displacement.
-    h, dt, t_end, probes, settings
-        As for `converge`.
     folder
         Where reduced.toml is written, for a function a text; None for nowhere.
     repeats
         Runs of each scene of less than about a second, of which the fastest counts.
-    cache, jobs, scheduler, time_limit, most_seconds, fresh
-        As for `converge`. Seconds of cases that run side by side are less certain.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
+        Seconds of cases that run side by side are less certain.
 
     Raises
     ------
@@ -104,12 +95,12 @@ def simplify(
     >>> print(found.verdict)  # doctest: +SKIP
     """
     chosen = read_tolerance(tolerance)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
-    opened = open_problem(problem, h, dt, t_end, probes, settings)
-    timed = replace(runs, timed=True, repeats=repeats)
-    original = open_original(opened, quantity, chosen, timed)
+    study = open_study(problem, shared)
+    opened, runs = study.problem, replace(study.runs(), timed=True, repeats=repeats)
+    original = open_original(opened, quantity, chosen, runs)
     tried = original.list_variants()
-    check_size(_sizes(opened, tried), 1 if scheduler else jobs, most_seconds, opened.name)
+    at_once = 1 if runs.scheduler else runs.jobs
+    check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.name)
     opened = original.problem  # with the quantities in its [interest]
     numbers = Numbers.of(opened.scene) if isinstance(opened, SceneProblem) else None
     checks = run_variants(original, [variant for variant in tried if variant.is_check], numbers)

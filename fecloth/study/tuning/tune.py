@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +15,9 @@ from fecloth.errors import InputError
 from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.problems import SceneProblem, open_problem
-from fecloth.study.run_problems import Runs
+from fecloth.study.opened import Opened, open_study
+from fecloth.study.problems import SceneProblem
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
 from fecloth.study.tolerance import read_tolerance
 from fecloth.study.tuning.choices import Choice, methods_to_try
@@ -33,7 +33,6 @@ from fecloth.study.tuning.search import (
 )
 from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.tuning.trials import Bench, Trial
-from fecloth.study.workload import LONGEST
 from fecloth.terms import Springs
 from fecloth.terms.traits import traits_of
 
@@ -45,7 +44,7 @@ SHARPER = 100.0  # divides the solver's tolerance in the run that shows its erro
 
 
 def tune(
-    problem: Scene | str | Path | Callable,
+    problem: Scene | str | Path | Callable | Opened,
     tolerance: float | str = 0.01,
     quantity: str | Quantity | Sequence[str | Quantity] | None = None,
     *,
@@ -54,17 +53,7 @@ def tune(
     methods: Sequence[str] | None = None,
     elements: Sequence[str] | None = None,
     folder: str | Path | None = None,
-    h: float | None = None,
-    dt: float | None = None,
-    t_end: float | None = None,
-    probes: Sequence[Probe] = (),
-    cache: str | Path | None = None,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    most_seconds: float | None = LONGEST,
-    fresh: bool = False,
-    **settings: object,
+    **shared: Any,
 ) -> Tuned:
     """Find the cheapest setting of a problem that meets a tolerance, and prove its error.
 
@@ -80,7 +69,7 @@ def tune(
     Parameters
     ----------
     problem
-        A scene, its path, or a function as for `converge`. What the function takes as `method` and
+        As for `of`. What the function takes as `method` and
         `element` varies as `methods` and `elements` say; h and dt vary always.
     tolerance
         Largest relative error of each quantity, as 0.01 or "1%".
@@ -97,10 +86,10 @@ def tune(
         Names as in a scene, by default the usual methods with the scene's own, and P1 and P2.
     folder
         Where tuned.toml is written; None for nowhere.
-    h, dt, t_end, probes, cache, jobs, scheduler, time_limit, fresh
-        As for `converge`.
-    most_seconds
-        Longest predicted time of a run [s]; longer ones are skipped. None for no limit.
+    shared
+        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
+        time_limit, most_seconds, fresh.
+        A run that is predicted to take longer than most_seconds is skipped.
 
     Raises
     ------
@@ -124,10 +113,10 @@ def tune(
     >>> print(tuned.proved, tuned.error < 0.01)
     True True
     """
-    opened = open_problem(problem, h, dt, t_end, probes, settings)
+    study = open_study(problem, shared)
+    opened, runs = study.problem, study.runs()
     goal = _goal(tolerance, budget)
     quantities = opened.choose_quantities(quantity)
-    runs = Runs(cache, jobs, scheduler, time_limit, most_seconds, fresh)
     bench = Bench(opened, quantities, runs)
     names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
@@ -150,12 +139,12 @@ def tune(
         other["solver"] = bench.distance(sharper, coarse)
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
     proof = None
-    why = obstacle_of(bench, space, prediction, goal, most_seconds)
+    why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why:
         _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal, search)
         prediction = time_candidates(bench, prediction, goal, search)
-        why = obstacle_of(bench, space, prediction, goal, most_seconds)
+        why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why:
         _say("proof: the best setting beside a finer one")
         proof = prove(bench, prediction, goal, search, other, space)

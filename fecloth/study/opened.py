@@ -1,0 +1,129 @@
+"""What all studies of a problem share: the problem, opened once, and how its cases run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from fecloth.errors import InputError
+from fecloth.scene.scene import Scene
+from fecloth.simulation.probes import Probe
+from fecloth.study.problems import Problem, open_problem
+from fecloth.study.run_problems import Runs
+from fecloth.study.workload import LONGEST
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Opened:
+    """A problem that is open for studies."""
+
+    problems: tuple[Problem, ...]  # several for `compare` alone
+    given: Runs
+    takes_usual_limit: bool  # whether each study chooses the longest time of a case
+
+    @classmethod
+    def of(
+        cls,
+        problem: Scene | str | Path | Callable | Sequence[Scene | str | Path | Callable],
+        *,
+        h: float | None = None,
+        dt: float | None = None,
+        t_end: float | None = None,
+        probes: Sequence[Probe] = (),
+        cache: str | Path | None = None,
+        jobs: int = 1,
+        scheduler: str | None = None,
+        time_limit: float | Literal["auto"] | None = "auto",
+        most_seconds: float | None = LONGEST,
+        fresh: bool = False,
+        **settings: object,
+    ) -> Self:
+        """Open a problem for studies: each study is a method of what this returns.
+
+        The functions of the same names, as `fecloth.study.converge`, take these arguments, too, and
+        open the problem for one study.
+
+        Parameters
+        ----------
+        problem
+            A scene, its path, or a function of h and dt (either may be missing) and of `settings`
+            that returns cloth, system, method and start. For `compare` also a list of several.
+        h, dt, t_end, probes
+            Of a function's problem: first edge length [m], step [s], end [s] (without it the
+            equilibrium is the result) and probes. Quantities are judged on the first level and on
+            finer ones.
+        cache
+            Folder where finished cases are stored, and where all studies look for them.
+        jobs
+            Number of processes of this machine, each with one thread.
+        scheduler
+            Address of a Dask scheduler that runs the cases, see `run_cases`.
+        time_limit
+            Longest time of a case [s]; None for any. By default 60 s in `chart`, 120 s in
+            `stability`, and any time in the others.
+        most_seconds
+            Predicted time [s] above which nothing is run, or `tune` skips a run; None for any.
+        fresh
+            Whether each case is run, even if its result is stored.
+        settings
+            Further arguments of the function.
+
+        Raises
+        ------
+        InputError
+            For what is no problem, settings beside a scene, or a limit that is not positive.
+
+        Examples
+        --------
+        >>> import fecloth as fc
+        >>> def strip(h, stiffness=20.0):
+        ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+        ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+        ...     system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
+        ...     return cloth, system, None, system.rest()
+        >>> study = fc.study.of(strip, h=0.25, probes=[fc.Probe("tip", "right")])
+        >>> study
+        <Study of strip>
+        >>> print(f"{study.converge('tip.x').value:.4f}")
+        1.0450
+        >>> print([f"{x:.3f}" for x in study.sweep("stiffness=20,80", "tip.x").table["tip.x"]])
+        ['1.045', '1.012']
+        """
+        several = isinstance(problem, Sequence) and not isinstance(problem, str)
+        listed: Any = problem if several else [problem]
+        if not listed:
+            raise InputError("problem = []", "must be at least one scene or function", "study")
+        usual = time_limit == "auto"
+        limit: Any = None if usual else time_limit
+        given = Runs(cache, jobs, scheduler, limit, most_seconds, fresh)
+        sizes = h, dt, t_end, probes, settings
+        return cls(tuple(open_problem(one, *sizes) for one in listed), given, usual)
+
+    @property
+    def problem(self) -> Problem:
+        """The only problem; several are an `InputError`."""
+        if len(self.problems) > 1:
+            what = f"{len(self.problems)} problems"
+            raise InputError(what, "only compare takes several", "study", "Open one.")
+        return self.problems[0]
+
+    def runs(self, usual_limit: float | None = None) -> Runs:
+        """Return how cases run; `usual_limit` [s] is the time of a case unless one was given."""
+        if self.takes_usual_limit:
+            return replace(self.given, time_limit=usual_limit)
+        return self.given
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {', '.join(one.name for one in self.problems)}>"
+
+
+def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:
+    """Return a problem with the shared arguments of its studies; one that is open has them."""
+    if not isinstance(problem, Opened):
+        return Opened.of(problem, **shared)
+    if shared:
+        remedy = "Write fc.study.of(problem, …) with it."
+        raise InputError(f"{next(iter(shared))} = …", "is an argument of of", "study", remedy)
+    return problem

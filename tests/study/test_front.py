@@ -1,0 +1,181 @@
+"""`fecloth.study.of`: each study is a method, and the shared arguments stand in one place."""
+
+import inspect
+
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.study import problems
+from fecloth.study.charts import LONGEST_CASE as LONGEST_OF_CHART
+from fecloth.study.opened import open_study
+from fecloth.study.stability_map import LONGEST_CASE as LONGEST_OF_STABILITY
+
+STUDIES = {
+    "converge": fc.study.converge,
+    "compare": fc.study.compare,
+    "sweep": fc.study.sweep,
+    "chart": fc.study.chart,
+    "stability": fc.study.stability,
+    "simplify": fc.study.simplify,
+    "tune": fc.tune,
+}
+TIP = [fc.Probe("tip", "right")]
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 20.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+acceleration = [9.81, 0.0, 0.0]
+[[pins]]
+where = "left"
+[equilibrium]
+[[probes]]
+name = "tip"
+where = "right"
+"""
+
+
+def strip(h, stiffness=20.0):
+    """A strip that hangs from its left edge."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
+    return cloth, system, fc.BackwardEuler(), system.rest()
+
+
+@pytest.fixture
+def scene(tmp_path):
+    file = tmp_path / "strip.toml"
+    file.write_text(SCENE)
+    return file
+
+
+CALLS = {  # the positional arguments of each study, and its keywords
+    "converge": (("tip.x", "h", 3), {"ratio": 2.0}),
+    "compare": (("stiffness=40,20", "tip.x"), {}),
+    "sweep": (("stiffness=20:80:log:3", "tip.x"), {}),
+    "chart": (("tip.x",), {"meshes": 1}),
+    "simplify": (("20%", "tip.x"), {"repeats": 1}),
+    "tune": (("20 %", "tip.x"), {}),
+}
+MEASURED = ("seconds", "CPU s", "cpu_seconds", "seconds saved", "saved [%]", "verdict", "on front")
+
+
+def without_seconds(table):
+    """The rows without what the clock decides."""
+    return [{k: v for k, v in row.items() if k not in MEASURED} for row in table]
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_each_study_is_a_method(name, tmp_path):
+    (given, keywords), shared = CALLS[name], {"h": 0.25, "probes": TIP, "cache": tmp_path}
+    by_function = STUDIES[name](strip, *given, **keywords, **shared)
+    by_method = getattr(fc.study.of(strip, **shared), name)(*given, **keywords)
+    assert type(by_method) is type(by_function)
+    assert by_method.title == by_function.title == "strip"
+    assert without_seconds(by_method.table) == without_seconds(by_function.table)
+    assert len(by_method.table)
+
+
+def test_stability_is_a_method():
+    study = fc.study.of(strip, h=0.25, t_end=0.1)
+    found = study.stability("stiffness=20,40", ["bdf2"])
+    assert found.table["stiffness"] == [20, 40]
+    again = fc.study.stability(strip, "stiffness=20,40", ["bdf2"], h=0.25, t_end=0.1)
+    assert found.table["longest step"] == again.table["longest step"]
+
+
+def test_one_study_answers_several_questions_and_reads_its_scene_once(scene, monkeypatch, capsys):
+    read = []
+    load = problems.load_scene
+    monkeypatch.setattr(problems, "load_scene", lambda path: read.append(path) or load(path))
+    study = fc.study.of(scene, cache=scene.parent)
+    first = study.converge("tip.x", levels=3)
+    capsys.readouterr()
+    swept = study.sweep("cloth.h=0.25,0.125", "tip.x")
+    assert "stored: 2 of 2\n" in capsys.readouterr().err
+    assert swept.table["tip.x"] == first.table["value"][:2]
+    assert read == [scene]
+    assert repr(study) == "<Study of strip>"
+
+
+def test_several_problems_are_for_compare_alone(scene):
+    other = scene.with_name("other.toml")
+    other.write_text(SCENE.replace("= 20.0", "= 40.0"))
+    study = fc.study.of([scene, other])
+    found = study.compare(quantity="tip.x")
+    assert found.table["variant"] == ["strip", "other"]
+    assert found.verdict == fc.study.compare([scene, other], quantity="tip.x").verdict
+    for name in STUDIES.keys() - {"compare"}:
+        needed = ("cloth.h=0.25",) if name == "sweep" else ()
+        with pytest.raises(InputError, match="2 problems: only compare takes several"):
+            getattr(study, name)(*needed)
+    with pytest.raises(InputError, match="takes several problems, or one with variants"):
+        study.compare("cloth.h=0.25,0.125")
+    with pytest.raises(InputError, match="must be at least one"):
+        fc.study.of([])
+
+
+def test_no_study_has_a_shared_argument_of_its_own():
+    shared = set(inspect.signature(fc.study.of).parameters) - {"problem"}
+    assert len(shared) == 11  # ten, and the settings of a function
+    for name, study in STUDIES.items():
+        parameters = inspect.signature(study).parameters
+        assert not shared & parameters.keys(), name
+        assert next(iter(parameters)) == "problem"
+        assert parameters["shared"].kind is inspect.Parameter.VAR_KEYWORD
+        assert "Arguments of `fecloth.study.of`" in study.__doc__
+        assert vars(fc.study.Study)[name] is study
+
+
+@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"jobs": 0}, "jobs = 0: must be an integer of at least 1"),
+        ({"time_limit": 0.0}, "time_limit = 0.0: must be a finite number > 0, or infinite"),
+        ({"time_limit": "long"}, "time_limit = 'long': must be a finite number > 0"),
+        ({"most_seconds": -1.0}, "most_seconds = -1.0: must be a finite number > 0"),
+        ({"h": 0.1}, "h = …: is for a function's problem"),
+        ({"probes": TIP}, "probes = …: is for a function's problem"),
+        ({"fresh_air": True}, "fresh_air = …: is for a function's problem"),
+    ],
+)
+def test_shared_arguments_are_checked_when_the_problem_is_opened(name, wrong, message, scene):
+    needed = {"sweep": ("cloth.h=0.25",), "compare": ("cloth.h=0.25,0.125",)}.get(name, ())
+    with pytest.raises(InputError, match=message):
+        STUDIES[name](scene, *needed, **wrong)
+    with pytest.raises(InputError, match=message):
+        fc.study.of(scene, **wrong)
+    with pytest.raises(InputError, match="is an argument of of"):
+        getattr(fc.study.of(scene), name)(*needed, **wrong)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_an_unknown_keyword_is_an_argument_of_the_function(name):
+    needed = {"sweep": ("h=0.25",), "compare": ("h=0.25,0.125",)}.get(name, ())
+    with pytest.raises(InputError, match="colour = 'red': the function takes h, stiffness"):
+        STUDIES[name](strip, *needed, h=0.25, dt=0.1, t_end=0.2, colour="red")
+
+
+def test_the_usual_time_of_a_case_holds_unless_one_is_given():
+    assert (LONGEST_OF_CHART, LONGEST_OF_STABILITY) == (60.0, 120.0)
+    for given, then in (({}, 60.0), ({"time_limit": None}, None), ({"time_limit": 5.0}, 5.0)):
+        assert open_study(strip, given).runs(60.0).time_limit == then
+    assert open_study(strip, {}).runs().time_limit is None
+
+
+def test_a_tolerance_may_have_a_space(scene):
+    study = fc.study.of(scene, cache=scene.parent)
+    found = [study.simplify(tolerance, "tip.x", repeats=1) for tolerance in ("20 %", "20%", 0.2)]
+    assert [one.tolerance for one in found] == [0.2] * 3
