@@ -1,13 +1,89 @@
-"""Descriptions of a cloth in words: its mesh, its sets, and the sources of its fabrics."""
+"""The commands `info` and `mesh`: what they print of scenes, cloths, fabrics and terms."""
 
 from __future__ import annotations
 
+import os
+import textwrap
+from argparse import Namespace
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
+from fecloth import validation
+from fecloth.cli.options import reading
+from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
+from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
+from fecloth.output.frames import write_mesh
+from fecloth.runs.environment import versions
+from fecloth.runs.run_scene import resolve_scene
+from fecloth.scene.json_schema import json_schema
+from fecloth.scene.key_reference import fields
+from fecloth.scene.plan import memory_of_each, plan
+from fecloth.scene.scene import load_scene
+from fecloth.scene.table_model import Made
+from fecloth.scene.tables import TERM_TABLES
+from fecloth.scene.type_words import meaning, phrase
+from fecloth.suggest import did_you_mean
+
+WIDTH = 100
+
+
+def print_info(options: Namespace) -> int:
+    """Print what the options ask for."""
+    print("\n".join(_info_lines(options)))
+    return 0
+
+
+def _info_lines(options: Namespace) -> list[str]:
+    if options.fabrics:
+        return list_fabrics()
+    if options.schema:
+        return [json_schema()]
+    if options.terms is not None:
+        return describe_terms(options.terms)
+    return _describe_scene(options) if options.scene else _versions()
+
+
+def _versions() -> list[str]:
+    """Return the versions of the packages, and the machine."""
+    lines = [f"{name}: {number}" for name, number in versions().items()]
+    return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
+
+
+def _describe_scene(options: Namespace) -> list[str]:
+    """Return what a scene would do, and what may disappoint."""
+    scene = load_scene(options.scene, options.set, **reading(options))
+    problem, _, why = resolve_scene(scene.build())
+    _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
+    lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
+    if options.ranks is not None:
+        validation.number("ranks", options.ranks, 0.0, "info")
+        each = memory_of_each(problem.system, options.ranks)
+        lines.append(f"on {options.ranks} processes (mpiexec): about {each:.0f} MB each")
+    return lines + [f"warning: {words}" for words in problem.warnings()]
+
+
+# --- cloths ---------------------------------------------------------------------------------------
+
+
+def print_mesh(options: Namespace) -> int:
+    """Mesh a file or a scene, print what the mesh is like, and write it where asked for."""
+    is_scene = Path(options.path).suffix == ".toml"
+    if is_scene and options.h:
+        raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
+    if is_scene:
+        cloth = load_scene(options.path, **reading(options)).mesh()
+    else:
+        cloth = Cloth.read(options.path, options.h, "P1", options.trust_geo, options.mesh_time)
+    print("\n".join(describe_cloth(cloth)))
+    if options.output:
+        path = Path(options.output)
+        write_mesh(path, cloth)
+        print(f"wrote {path}")
+    return 0
 
 
 def describe_cloth(cloth: Cloth) -> list[str]:
@@ -37,3 +113,65 @@ def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     """Return a line with the source of each fabric that has one."""
     regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
     return [f"{name}: {one.source}" for name, one in regions.items() if one.source]
+
+
+# --- fabrics --------------------------------------------------------------------------------------
+
+
+def list_fabrics() -> list[str]:
+    """Return lines with the constants of each fabric, its kind, and the numbered sources."""
+    fabrics = {name: Fabric.preset(name) for name in Fabric.presets()}
+    table = [_row(name, fabric) for name, fabric in fabrics.items()]
+    numbers: dict[str, int] = {}
+    what = []
+    for name, fabric in fabrics.items():
+        kind, _, source = fabric.source.partition(". ")
+        number = numbers.setdefault(source, len(numbers) + 1)
+        what.append(f"{name}: {kind} [{number}]")
+    sources = [_wrap(f"[{number}] {source}") for source, number in numbers.items()]
+    return [_header(), *table, "", *what, "", *sources]
+
+
+def _header() -> str:
+    head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
+    return f"{head}  (warp / weft; small strain)"
+
+
+def _row(name: str, fabric: Fabric) -> str:
+    tensile = " / ".join(f"{value:.0f}" for value in fabric.tensile)
+    bending = " / ".join(f"{1e6 * value:.1f}" for value in fabric.bending or ()) or "unknown"
+    return (
+        f"{name:<21}{1000 * fabric.areal_density:>5.0f}{tensile:>15}{fabric.shear:>9.0f}"
+        f"{fabric.poisson_ratio:>6.2f}{bending:>12}"
+    )
+
+
+def _wrap(text: str) -> str:
+    return textwrap.fill(
+        text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+# --- terms ----------------------------------------------------------------------------------------
+
+
+def describe_terms(name: str) -> list[str]:
+    """Return lines about the term of this name, or with "" one line for each term."""
+    tables = TERM_TABLES
+    if not name:
+        wide = max(map(len, tables))
+        return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
+    if name not in tables:
+        allowed = f"must be one of {', '.join(tables)}"
+        raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, list(tables)))
+    lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
+    lines += [line for key in fields(tables[name]) for line in _describe_key(tables[name], key)]
+    return lines
+
+
+def _describe_key(table: type[Made], key: str) -> list[str]:
+    """Return the key, what it takes, its default and its meaning."""
+    field = table.model_fields[key]
+    usual = "required" if field.is_required() else f"default {field.default!r}"
+    words = textwrap.wrap(meaning(field), WIDTH, initial_indent="    ", subsequent_indent="    ")
+    return ["", f"{key}: {phrase(field)}; {usual}", *words]

@@ -63,6 +63,19 @@ class Chart(StudyResult):
             lines.append(f"Settings without an error: {parts}, of {len(self.table)}.")
         return lines
 
+    def summary(self) -> str:
+        """What the command prints: the verdict, the notes and the front."""
+        words = (
+            f"These are {len(self.front)} of {len(self.table)} settings: no other is as accurate\n"
+            "at the same cost. The report has all."
+        )
+        return "\n".join([self.verdict, *self.notes(), "", str(self.front), "", words])
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the command: 3 if no setting has an error."""
+        return 0 if len(self.front) else 3
+
     def figure(self) -> Figure:
         """Return the errors over CPU seconds: a line for each series of its best settings."""
         return draw_chart(self)

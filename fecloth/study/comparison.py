@@ -83,6 +83,11 @@ class Comparison(StudyResult):
             self.overlay.write(Path(folder) / "overlay")
         return super().report(folder)
 
+    def describe_files(self, folder: Path, page: Path) -> str:
+        """Say which files there are for the browser and for ParaView."""
+        frames = f"wrote {folder / 'overlay' / 'first.pvd'}\n" if self.overlay else ""
+        return f"{frames}wrote {page}"
+
     def figure(self):
         """Return the values over h or dt, each with the band of its limit."""
         _, size, unit, _ = REFINED[self.refine]

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from fecloth.nonlinear.equilibrium import equilibrium
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.march import march
+from fecloth.simulation.probes import Observer
+from fecloth.simulation.record_steps import trial_recorder
+from fecloth.simulation.resolve import resolve
 from fecloth.study import charts, comparing, converging, stability_map, sweeps
+from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
+from fecloth.study.setups import Setup
 from fecloth.study.simplification import simplify
 from fecloth.study.tuning import tune
+from fecloth.system.state import State
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,6 +33,29 @@ class Study(Opened):
     stability = stability_map.stability
     simplify = simplify.simplify
     tune = tune.tune
+
+    def modes(self, *, count: int = 6) -> Modes:
+        """Find the `fecloth.modes` of lowest frequency about the start of the problem.
+
+        Of a static problem they are the modes about its equilibrium.
+        """
+        setup = self.problem.first
+        state = _equilibrium(setup) if setup.is_static else setup.start
+        title = f"Modes of {self.problem.name}"
+        return replace(modes(setup.system, state, count=count), title=title)
+
+
+def _equilibrium(setup: Setup) -> State:
+    """Return the equilibrium of a static problem, by load steps if it has them."""
+    system, start, t_end = setup.system, setup.start, setup.t_end
+    if t_end is None:
+        return equilibrium(system, start)
+    observer = Observer.bind(system, start, setup.probes, shape=True)
+    record = trial_recorder(system, Ledger.open(system, start), observer)
+    run = system, setup.steps, start, t_end, setup.linear, setup.newton
+    steps, solver, _ = resolve(*run, record)
+    *_, (state, _) = march(system, steps, start, None, t_end, solver=solver)
+    return state
 
 
 of = Study.of

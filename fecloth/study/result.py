@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecloth.output.atomic_files import replace_file
+from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.view.templates import render
 
@@ -43,6 +44,15 @@ class StudyResult:
         """Sentences that follow the verdict in the report."""
         return []
 
+    def summary(self) -> str:
+        """What the command of the study prints: the verdict, the notes and the table."""
+        return "\n".join([self.verdict, *self.notes(), "", str(self.table), ""])
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the command: 3 if a row of the table has no result, else 0."""
+        return 3 if any(row.get("status", OK) != OK for row in self.table) else 0
+
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
         folder = Path(folder)
@@ -53,6 +63,10 @@ class StudyResult:
             drawing.savefig(folder / f"figure.{kind}", dpi=160)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
+
+    def describe_files(self, folder: Path, page: Path) -> str:
+        """Say which files `report` has written to the folder, beside results and figure."""
+        return f"wrote {page}"
 
     def _repr_html_(self) -> str:
         """Return verdict, notes and table, for notebooks."""

@@ -83,6 +83,11 @@ class StabilityMap(StudyResult):
             lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
         return lines
 
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the command: 3 if the map has a hole."""
+        return 3 if self.has_stopped else 0
+
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, the figure, and runs.csv with every run."""
         page = super().report(folder)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from fecloth.cli import main as cli
+from fecloth.cli.commands import FIELD_NAMES
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene import key_reference
 from fecloth.scene.cloth_tables import Disk
@@ -141,4 +142,4 @@ def test_info_refuses_an_unknown_term(capsys):
 
 
 def test_the_fields_of_a_picture_are_those_of_frames():
-    assert (*FIELDS, CHECKS) == cli.FIELD_NAMES
+    assert (*FIELDS, CHECKS) == FIELD_NAMES

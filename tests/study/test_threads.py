@@ -18,19 +18,20 @@ from fecloth.study.threads import NAMES
 COMMANDS = """
 import os, sys
 import fecloth.study
-from fecloth.cli import charting, comparing, main, stability, studies, tuning
+from fecloth.cli.commands import COMMANDS
+from fecloth.cli.studies import run_study
 from fecloth.study.threads import NAMES
 
-for module in (charting, comparing, stability, studies, tuning):
-    for name in [name for name in vars(module) if name.startswith("run_")]:
-        setattr(module, name, lambda options: 0)  # what is imported before it counts
-for name in ("converge", "compare", "sweep", "chart", "stability", "simplify", "tune"):
+for name in [name for name, command in COMMANDS.items() if command.is_study]:
     for each in NAMES:
         os.environ.pop(each, None)
     del sys.modules["fecloth.study.threads"], fecloth.study.threads
-    assert "numba" not in sys.modules
-    assert getattr(main, "_" + name)(None) == 0
-    print(name, *(os.environ.get(each) for each in NAMES))
+    sys.modules["fecloth.scene.scene"] = None  # what is imported before it counts
+    try:
+        run_study(COMMANDS[name], None)
+    except ImportError:
+        assert not {"numpy", "numba"} & set(sys.modules)
+        print(name, *(os.environ.get(each) for each in NAMES))
 """
 SCRIPTS = """
 import os

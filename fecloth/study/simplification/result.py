@@ -71,6 +71,15 @@ class Simplification(StudyResult):
         replace_file(Path(folder) / self.file, self.reduced.encode())
         return super().report(folder)
 
+    def describe_files(self, folder: Path, page: Path) -> str:
+        """Name the page and the reduced scene."""
+        return f"wrote {page} and {folder / self.file}"
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the command: a variant that fails is an answer, too."""
+        return 0
+
     def figure(self) -> Figure:
         """Return bars of the changes against the tolerance, with the seconds that each saves."""
         rows = [row for row in self.table if not str(row["verdict"]).startswith(COMBINED)]

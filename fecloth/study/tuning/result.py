@@ -96,6 +96,15 @@ class Tuned(StudyResult):
             replace_file(Path(folder) / "tuned.toml", self.text.encode())
         return super().report(folder)
 
+    def describe_files(self, folder: Path, page: Path) -> str:
+        """Name the page and the tuned scene."""
+        return f"wrote {page} and {folder / 'tuned.toml'}"
+
+    @property
+    def exit_status(self) -> int:
+        """Exit status of the command: 0 if the setting is proved, else 1."""
+        return 0 if self.proved else 1
+
     def figure(self) -> Figure:
         """Return the estimated errors of all runs over their CPU seconds."""
         drawing, ax = new_figure(size=(10.0, 6.0))

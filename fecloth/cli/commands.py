@@ -1,0 +1,223 @@
+"""The table of commands: a row has the function, the options and the words of the help.
+
+Parser, help, call, folders and exit status follow from it; a study takes one row. The options of a
+study that are its own are the arguments of its function.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from fecloth.cli.options import (
+    BUDGET,
+    ELEMENTS,
+    FOLDER,
+    MESH,
+    METHODS,
+    QUANTITIES,
+    RATIO,
+    READING,
+    REFINE,
+    SCENE,
+    SCENES_OR_RUNS,
+    SET,
+    THREADS,
+    VARIANTS,
+    Option,
+    changes,
+    flag,
+    levels,
+    names,
+    option,
+    over,
+    quantity,
+    running,
+    tolerance,
+)
+
+FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
+    *("larger_stretch", "smaller_stretch", "speed", "displacement"),
+    *("contact_pressure", "slip", "energy_density", "error_density", "height"),
+    *("quality", "larger_stress", "smaller_stress"),
+    *("E11", "E22", "E12", "S11", "S22", "S12", "checks"),
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A row of the table."""
+
+    target: str  # module:function, imported when the command runs
+    options: Sequence[Option]
+    words: str
+    # The function is a study: it takes a scene and the options that are its own arguments. Any
+    # other function takes all options, and returns the exit status.
+    is_study: bool = False
+    prints: bool = True  # the text is the result: if it is lost, the command has failed
+
+    def load(self) -> Callable:
+        """Import the function."""
+        module, name = self.target.split(":")
+        return getattr(importlib.import_module(module), name)
+
+
+def study(
+    target: str,
+    options: Sequence[Option],
+    words: str,
+    *,
+    scene: Option = SCENE,
+    longest: float = 600.0,
+) -> Command:
+    """Return the row of a study; `longest` is the time of a case [s]."""
+    name = target.rpartition(":")[2]
+    return Command(target, [scene, *options, *running(name, longest)], words, is_study=True)
+
+
+COMMANDS = {
+    "run": Command(
+        "fecloth.cli.runs:run",
+        [
+            SCENE,
+            *READING,
+            option("-o --output", "folder to write (default: out/SCENE)", metavar="DIR"),
+            flag("--overwrite", "replace the run in that folder"),
+            option("--resume", "go on with the run in that folder", metavar="DIR"),
+            THREADS,
+        ],
+        "run a scene and leave files for ParaView",
+        prints=False,
+    ),
+    "view": Command(
+        "fecloth.cli.runs:view",
+        [FOLDER, flag("--no-open", "only write the page")],
+        "make view.html of a run and open it in the browser",
+        prints=False,
+    ),
+    "render": Command(
+        "fecloth.cli.runs:render",
+        [
+            FOLDER,
+            option("-o --output", ".mp4, .gif or .png", metavar="FILE", required=True),
+            option("--field", f"one of {', '.join(FIELD_NAMES)}", default="larger_stretch"),
+            option("--size", "pixels (1280x720)", metavar="WxH", default="1280x720"),
+            option("--fps", "frames a second (default: as the cloth moved)", type=float),
+            option("--time", "of a .png [s] (default: the last)", type=float, metavar="T"),
+        ],
+        "draw a run as a movie or a picture",
+        prints=False,
+    ),
+    "check": Command(
+        "fecloth.cli.runs:check",
+        [option("scenes", "a .toml file", nargs="+", metavar="scene"), *READING, THREADS],
+        "run scenes and verify their [expect] tables",
+        prints=False,
+    ),
+    "converge": study(
+        "fecloth.study.converging:converge",
+        [
+            quantity("judged"),
+            REFINE,
+            levels(4),
+            RATIO,
+            flag("--grade", "grade meshes at corners and pins by the space error"),
+            SET,
+        ],
+        "refine a scene: value, uncertainty, order",
+    ),
+    "compare": study(
+        "fecloth.study.comparing:compare",
+        [VARIANTS, quantity("compared"), REFINE, levels(3), RATIO, SET],
+        "compare models, or two scenes, beside the error of each",
+        scene=SCENES_OR_RUNS,
+    ),
+    "sweep": study(
+        "fecloth.study.sweeps:sweep",
+        [QUANTITIES, SET, over(required=True)],
+        "run a scene for several values of a key",
+    ),
+    "chart": study(
+        "fecloth.study.charts:chart",
+        [
+            quantity("compared"),
+            METHODS,
+            ELEMENTS,
+            names("--models", "as StVK,NeoHookean", "the scene's own"),
+            option("--meshes", "meshes with h, h/2, … (2)", type=int, default=2, metavar="N"),
+            levels(3, "of the limit, from 3"),
+            SET,
+        ],
+        "errors of other settings over CPU seconds",
+        longest=60.0,
+    ),
+    "stability": study(
+        "fecloth.study.stability_map:stability",
+        [over(), names("--methods", "as bdf2,central_difference", "eight"), SET],
+        "find the steps at which each method fails, over the values of a key",
+        longest=120.0,
+    ),
+    "simplify": study(
+        "fecloth.study.simplification.simplify:simplify",
+        [QUANTITIES, SET, tolerance("change")],
+        "find what a scene does not need, and write it without",
+    ),
+    "tune": study(
+        "fecloth.study.tuning.tune:tune",
+        [
+            QUANTITIES,
+            SET,
+            tolerance("error"),
+            BUDGET,
+            flag("--model", "leave out terms, or take cheaper ones, where that changes little"),
+            METHODS,
+            ELEMENTS,
+        ],
+        "find the cheapest setting that meets a tolerance, and prove its error",
+    ),
+    "modes": Command(
+        "fecloth.cli.studies:print_modes",
+        [
+            SCENE,
+            option("-n --count", "number of frequencies (6)", type=int, default=6),
+            option("-o --output", "folder of report, picture and shapes", metavar="DIR"),
+            *READING,
+        ],
+        "print the natural frequencies of a scene [Hz]",
+    ),
+    "mesh": Command(
+        "fecloth.cli.describe:print_mesh",
+        [
+            option("path", "a .geo, .msh or other mesh file, or a scene"),
+            option("--h", "edge length of a .geo file [m]", type=float, metavar="SIZE"),
+            option("-o --output", "e.g. cloth.vtu, for ParaView", metavar="FILE"),
+            *MESH,
+        ],
+        "mesh and describe a cloth; write it with -o",
+    ),
+    "info": Command(
+        "fecloth.cli.describe:print_info",
+        [
+            option("scene", "a .toml file", nargs="?"),
+            changes(),
+            *MESH,
+            option(
+                "--ranks",
+                "memory of each process, if N of them share the cloth by mpiexec",
+                type=int,
+                metavar="N",
+            ),
+            flag("--fabrics", "the published fabrics, with sources"),
+            flag("--schema", "the JSON schema of scene files"),
+            option(
+                "--terms",
+                "the terms of a scene; with a name, what that term takes",
+                nargs="?",
+                const="",
+                metavar="NAME",
+            ),
+        ],
+        "versions; with a scene, what it would do",
+    ),
+}

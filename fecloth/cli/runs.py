@@ -1,0 +1,158 @@
+"""The commands of a run: `run`, `check`, `view` and `render`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from fecloth.cli.options import reading
+from fecloth.runs.interruption import set_handler
+
+# Signals are handled before NumPy is imported: each command imports what it needs when it runs.
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fecloth.scene.expectations import Verdict
+    from fecloth.scene.problem import Problem
+    from fecloth.scene.scene import Scene
+    from fecloth.simulation.march import StepInfo
+    from fecloth.system.system import System
+
+
+def run(options: Namespace) -> int:
+    """Run a scene, on all processes of mpiexec if there are several."""
+    from fecloth.distributed.environment import count_processes, use_one_thread
+
+    if count_processes() == 1:
+        return _run_one(options)
+    use_one_thread()
+    from fecloth.distributed.launch import run_on_all
+
+    return run_on_all(lambda make_system: _run_one(options, make_system))
+
+
+def _run_one(options: Namespace, make_system: Callable[..., System] | None = None) -> int:
+    """Run a scene in this process, or with a system whose terms several share."""
+    from functools import partial
+    from pathlib import Path
+
+    from fecloth.cli.describe import sources
+    from fecloth.cli.progress import progress, terminal
+    from fecloth.errors import InputError
+    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
+    from fecloth.runs.run_scene import run_scene
+    from fecloth.scene.plan import plan
+    from fecloth.system.system import System
+
+    scene = _load(options.scene, options)
+    if options.resume and (options.output or options.overwrite):
+        raise InputError("--resume", "needs neither -o nor --overwrite: it names the folder")
+    path = Path(options.resume or options.output or Path("out") / Path(options.scene).stem)
+    console = terminal(options.quiet)
+
+    def warn(words: str) -> None:
+        loud = terminal(quiet=False) if options.quiet else console
+        loud.print(f"warning: {words}", soft_wrap=True)
+
+    def announce(problem: Problem, why: str, warnings: list[str]) -> None:
+        lines = [*sources(problem.system.fabric), *plan(problem, why)]
+        console.print("\n".join(lines), soft_wrap=True)
+        for words in warnings:
+            warn(words)
+
+    with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
+        resume = bool(options.resume)
+        run_ = scene, path, options.overwrite, announce, report, resume, warn
+        closed = partial(set_handler, signal.SIG_IGN)
+        outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
+    if not options.quiet:
+        print(ledger_text(outcome.ledger, outcome.summary["unit"]))
+        print(finished_message(outcome))
+    if outcome.status == DONE:
+        return 0
+    print(failure_message(outcome), file=sys.stderr)
+    return 3 if outcome.status == FAILED else 4
+
+
+def check(options: Namespace) -> int:
+    """Run scenes and print which of their expectations are met."""
+    from fecloth.cli.progress import progress, terminal
+
+    console, passed = terminal(options.quiet), True
+    for path in options.scenes:
+        scene = _load(path, options)
+        scene.require_expectations()
+        with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
+            verdicts = _compare_with_expectations(scene, report)
+        for verdict in verdicts:
+            if not (options.quiet and verdict.passed):
+                print(f"{path}: {verdict}")
+            passed &= verdict.passed
+    return 0 if passed else 1
+
+
+def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    from fecloth.runs.run_scene import resolve_scene
+    from fecloth.scene.expectations import check
+    from fecloth.simulation.run import collect
+
+    problem, solver, why = resolve_scene(scene.build())
+    start = problem.system, problem.method, problem.ledger, problem.observer
+    result = collect(problem.march(solver), *start, why, report=report)
+    for words in result.warnings:
+        print(f"warning: {words}", file=sys.stderr)
+    unit = scene.schedule.unit
+    return check(scene.expect, result.times, result.observed, result.energies, unit)
+
+
+def view(options: Namespace) -> int:
+    """Write the page of a run, and open it."""
+    import webbrowser
+
+    from fecloth.view.web_page import write_view
+
+    file = write_view(options.folder)
+    print(f"wrote {file}")
+    if not options.no_open:
+        webbrowser.open(file.resolve().as_uri())
+    return 0
+
+
+def render(options: Namespace) -> int:
+    """Draw a run as a movie or a picture."""
+    from fecloth.errors import InputError
+    from fecloth.view import render
+
+    try:
+        width, height = map(int, options.size.split("x"))
+    except ValueError as error:
+        raise InputError(f"--size {options.size}", "must be like 1280x720") from error
+    chosen = options.field, (width, height), options.fps, options.time
+    file = render.render(options.folder, options.output, *chosen)
+    print(f"wrote {file}{_describe_frame_time(options) if file.suffix == '.png' else ''}")
+    return 0
+
+
+def _describe_frame_time(options: Namespace) -> str:
+    """Return the time of the frame that a picture shows, or its part of the loads, in words."""
+    import math
+
+    from fecloth.output.frame_reader import Series
+    from fecloth.runs.outcome import place_in_words
+    from fecloth.view.web_page import unit_of
+
+    series, time = Series.open(options.folder), options.time
+    t, unit = series.times[series.at(time)], unit_of(series.folder)
+    exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
+    next_to = "" if exact else f", of the frame next to {time:g}{unit}"
+    return f": {place_in_words(t, unit)}{next_to}"
+
+
+def _load(path: str, options: Namespace) -> Scene:
+    """Return a scene with the values that the options change."""
+    from fecloth.scene.scene import load_scene
+
+    threads = [] if options.threads is None else [f"solver.threads={options.threads}"]
+    return load_scene(path, [*options.set, *threads], **reading(options))
