@@ -39,6 +39,8 @@ def found(dotted):
     if dotted in CLASSES and not hasattr(fc, dotted):
         return None
     at = ROOTS[first] if first in ROOTS else getattr(fc, first, None)
+    if first == "study" and rest and hasattr(fc.study.Study, rest[0]):
+        at = fc.study.Study  # what `fc.study.of` returns; else it is the package
     for name in rest:
         known = getattr(at, "__dataclass_fields__", {}) | getattr(at, "__annotations__", {})
         if not hasattr(at, name) and name in known:

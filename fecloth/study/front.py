@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from fecloth.nonlinear.equilibrium import equilibrium
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import march
-from fecloth.simulation.probes import Observer
-from fecloth.simulation.record_steps import trial_recorder
 from fecloth.simulation.resolve import resolve
 from fecloth.study import charts, comparing, converging, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
@@ -50,10 +47,7 @@ def _equilibrium(setup: Setup) -> State:
     system, start, t_end = setup.system, setup.start, setup.t_end
     if t_end is None:
         return equilibrium(system, start)
-    observer = Observer.bind(system, start, setup.probes, shape=True)
-    record = trial_recorder(system, Ledger.open(system, start), observer)
-    run = system, setup.steps, start, t_end, setup.linear, setup.newton
-    steps, solver, _ = resolve(*run, record)
+    steps, solver, _ = resolve(system, setup.steps, start, t_end, setup.linear, setup.newton)
     *_, (state, _) = march(system, steps, start, None, t_end, solver=solver)
     return state
 

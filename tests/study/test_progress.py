@@ -136,7 +136,7 @@ def test_the_command_names_its_way_out_and_its_mistakes(scene, capsys):
     wrong = {
         "--yes, runs it anyway": huge,
         "jobs = 0: must be an integer of at least 1": ["--jobs", "0"],
-        "--time-limit 0: must be > 0 [s]": ["--time-limit", "0"],
+        "time_limit = 0.0: must be a finite number > 0": ["--time-limit", "0"],
     }
     for said, options in wrong.items():
         assert cli.main(["converge", str(scene), *options]) == 2
