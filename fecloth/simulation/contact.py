@@ -51,6 +51,7 @@ def _sentence(name: str, gap: float, mean: float, moved: float) -> str:
         return f"{name} does not touch the cloth at the end"
     parts = [100 * part / moved if moved else np.inf for part in (mean, gap, mean - gap)]
     return (
-        f"the cloth lies {1e3 * mean:.3g} mm off {name}, an error of {parts[0]:.2g} % of its "
-        f"largest displacement: {parts[1]:.2g} % by the gap, {parts[2]:.2g} % by the barrier"
+        f"the cloth rests {1e3 * mean:.3g} mm away from {name}, where it should touch: an error of "
+        f"{parts[0]:.2g} % of its largest displacement, {parts[1]:.2g} % from the gap and "
+        f"{parts[2]:.2g} % from the pressure on it"
     )

@@ -263,7 +263,8 @@ def test_a_scene_with_an_obstacle(tmp_path):
     assert done.state.x[:, 2].min() == pytest.approx(0.003 + least[-1])
     assert done.energies["work:Obstacle"][-1] > 0.9 * weight * 0.002
     assert re.search(
-        r"lies 0.9\d* mm off Obstacle, an error of .* by the gap, -", done.contact_in_words
+        r"rests 0.9\d* mm away from Obstacle, .*: an error of .* % from the gap and -",
+        done.contact_in_words,
     )
     assert done.contact_in_words in (tmp_path / "out" / "run.log").read_text()
     assert done.summary["contact_in_words"] == done.contact_in_words
