@@ -22,8 +22,8 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.stability_limited import StabilityLimited
-from fecloth.simulation.step_times import ChosenSteps
-from fecloth.simulation.within_step import deviation_within_step
+from fecloth.simulation.step_times import ChosenSteps, fit_step
+from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
@@ -174,7 +174,7 @@ class Adaptive(ChosenSteps):
         """
         tried = Counts()
         control = memory or self.start(system.with_history(history), state, horizon)
-        dt = _fit_step(min(control.dt, self.longest or math.inf), horizon)
+        dt = fit_step(min(control.dt, self.longest or math.inf), horizon)
         reason: str | NewtonFailed | SolveFailed = ""
         for rejected in range(RETRIES):
             if not state.t + dt > state.t:  # below the round-off of the time
@@ -254,14 +254,3 @@ class Adaptive(ChosenSteps):
         error = self._error_constant * dt**order * system.sums.rms(system.diagonal_mass, change)
         error /= self.allowed(system, new)
         return a, t, error if math.isfinite(error) else math.inf
-
-
-def _fit_step(dt, horizon):
-    """Return dt, or the horizon or half of it if two such steps reach the end."""
-    parts = math.ceil(horizon / dt - 1e-9)
-    return horizon / parts if parts <= 2 else dt
-
-
-def acceleration(system: System, state: State) -> np.ndarray:
-    """f / m (n, 3) [m/s²] of the free directions, with the diagonal mass."""
-    return system.constraints.project(system.force(state) / system.diagonal_mass[:, None])

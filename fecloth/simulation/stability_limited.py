@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -15,7 +14,7 @@ from fecloth.integrators.protocol import (
     take_step,
 )
 from fecloth.integrators.step import Step
-from fecloth.simulation.step_times import ChosenSteps
+from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -85,8 +84,7 @@ class StabilityLimited(ChosenSteps):
         limited = memory or self._start(now, state)
         if limited.steps % LOOK == 0:
             limited = self._update(now, state, limited)
-        parts = max(1, math.ceil(horizon / limited.dt - 1e-9))
-        dt = horizon / parts if parts <= 2 else limited.dt
+        dt = fit_step(limited.dt, horizon)
         step = take_step(self.method, system, state, dt, solver, limited.method_memory, history)
         if limited.steps == 0:
             check_step(step, self.method)

@@ -47,13 +47,24 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
         raise InputError(f"dt = {dt:g} s", problem, "march", EARLIER)
     pieces = []
     for target in end_times(t, t_end, stops):
-        steps = max(1, math.ceil((target - t) / dt - 1e-9))
+        steps = count_steps(target - t, dt)
         if steps > MOST_STEPS:
             allowed = f"makes {steps:.2g} steps, and must make at most {MOST_STEPS:.0e}"
             raise InputError(f"dt = {dt:g} s", allowed, "march", "A bare number is in seconds.")
         pieces.append(t + dt * np.arange(1, steps + 1))
         pieces[-1][-1] = t = target
     return np.concatenate(pieces)
+
+
+def count_steps(span: float, dt: float) -> int:
+    """Return how many steps of at most dt make a span [s]; what is left by round-off is no step."""
+    return max(1, math.ceil(span / dt - SAME))
+
+
+def fit_step(dt: float, horizon: float) -> float:
+    """Return dt [s], or the horizon or half of it if two such steps reach the end."""
+    steps = count_steps(horizon, dt)
+    return horizon / steps if steps <= 2 else dt
 
 
 def given_times(

@@ -46,11 +46,13 @@ def _motion_deviation(pin, t, dt):
 
 def _load_deviation(system, state, t, dt):
     """Return the largest root mean square over the nodes [m/s²]."""
-
-    def acceleration(s):
-        f = system.force(State(t + s * dt, state.x, state.v))
-        return system.constraints.project(f / system.diagonal_mass[:, None])
-
-    start, end = acceleration(0.0), acceleration(1.0)
-    deviations = (acceleration(s) - (start + s * (end - start)) for s in LOADS)
+    start, *inside, end = (
+        acceleration(system, State(t + s * dt, state.x, state.v)) for s in (0.0, *LOADS, 1.0)
+    )
+    deviations = (a - (start + s * (end - start)) for s, a in zip(LOADS, inside, strict=True))
     return max(system.sums.rms(system.diagonal_mass, each) for each in deviations)
+
+
+def acceleration(system: System, state: State) -> np.ndarray:
+    """f / m (n, 3) [m/s²] of the free directions, with the diagonal mass."""
+    return system.constraints.project(system.force(state) / system.diagonal_mass[:, None])

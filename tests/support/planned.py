@@ -1,4 +1,4 @@
-"""The warnings of a run before its first step."""
+"""The warnings of a run before its first step, of a strip with a load or a pin that moves."""
 
 import numpy as np
 
@@ -6,6 +6,18 @@ import fecloth as fc
 from fecloth.simulation.doubts.before_run import DOUBTS, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
+
+STRIP = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
+
+
+def along_z(formula):
+    return ("0", "0", formula)
+
+
+def strip(load=None, motion=None):
+    terms = [fc.StVK()] + ([load] if load else [])
+    pins = [fc.Pin("left", motion)] if motion else []
+    return fc.System(STRIP, fc.Fabric(0.2, 500.0), terms, pins)
 
 
 def warnings_before(system, dt=None, t_end=1.0, method=None, state=None, ends=None, doubts=DOUBTS):

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from support.planned import warnings_before
+from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.unseen import find_missed
@@ -12,19 +12,8 @@ from fecloth.simulation.doubts.unseen import find_missed
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
 
-def system(load=None, motion=None):
-    cloth = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
-    terms = [fc.StVK()] + ([load] if load else [])
-    pins = [fc.Pin("left", motion)] if motion else []
-    return fc.System(cloth, fc.Fabric(0.2, 500.0), terms, pins)
-
-
 def missed(dt, t_end=0.5, load=None, motion=None):
-    return warnings_before(system(load, motion), dt, t_end, doubts=[find_missed])
-
-
-def along_z(formula):
-    return ("0", "0", formula)
+    return warnings_before(strip(load, motion), dt, t_end, doubts=[find_missed])
 
 
 def ball(**motion):
@@ -124,14 +113,14 @@ def test_all_warnings_together_evaluate_a_motion_a_bounded_number_of_times(dt, m
         return (0.0, 0.0, 0.1 * np.sin(9 * t))
 
     for pin in (fc.Pin("left", moved), fc.Slide("left", moved, normal=(0, 0, 1))):
-        held = fc.System(system().cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
+        held = fc.System(STRIP, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
         counted.clear()
         assert warnings_before(held, dt) == []
         assert len(counted) <= most + 8 * 30 + 5
 
 
 def test_run_warns():
-    one = system(motion=along_z("0.05*sin(2*pi*100*t)"))
+    one = strip(motion=along_z("0.05*sin(2*pi*100*t)"))
     with pytest.warns(fc.FeclothWarning, match="acts between the ends of the steps"):
         fc.run(one, fc.BDF2(), one.rest(), dt=0.01, t_end=0.03)
     with warnings.catch_warnings(record=True) as others:

@@ -5,18 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from support.planned import warnings_before
+from support.planned import STRIP, along_z, strip, warnings_before
 from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.simulation.doubts.unseen import find_missed, find_short_pulses
 
-CLOTH = fc.Cloth.rectangle(1.0, 0.6, h=0.3, pattern="right")
-CORNER = CLOTH.nodes(lambda X: X.sum(axis=1) > 1.59)
-
-
-def along_z(formula):
-    return ("0", "0", formula)
+CORNER = STRIP.nodes(lambda X: X.sum(axis=1) > 1.59)
 
 
 def ball(formula):
@@ -41,15 +36,9 @@ KINDS = {  # of a formula f of time
 QUICK = ("pressure", "force", "tether", "pin")
 
 
-def system(load=None, motion=None):
-    terms = [fc.StVK()] + ([load] if load else [])
-    pins = [fc.Pin("left", motion)] if motion else []
-    return fc.System(CLOTH, fc.Fabric(0.2, 500.0), terms, pins)
-
-
 def chosen(case, steps=None, ends=(2.0,)):
     options = {"method": steps, "ends": ends, "doubts": [find_short_pulses]}
-    return warnings_before(system(**case), **options)
+    return warnings_before(strip(**case), **options)
 
 
 def pulse(begin, length):
@@ -121,7 +110,7 @@ def test_pulses_between_fixed_steps_are_named_with_a_step_that_sees_them(kind, d
     for place in (0.12, 0.21, 0.55):
         for length in (0.12, 0.4):
             begin = (np.floor(place / dt) + 0.1) * dt  # within one step
-            one = system(**KINDS[kind](pulse(begin, length * dt)))
+            one = strip(**KINDS[kind](pulse(begin, length * dt)))
             (words,) = warnings_before(one, dt, 0.7, doubts=[find_missed])
             proposed = float(words.split("dt <= ")[1].split()[0])
             assert proposed < 0.5 * length * dt
