@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from support.counted_work import counted_work as counted_work
 
 import fecloth as fc
 from fecloth.study.setups import Setup, with_terms
 
+pytestmark = pytest.mark.usefixtures("counted_work")
 TIP = [fc.Probe("tip", "right")]
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-6)
 AIR = fc.Drag(normal=1e-6)
@@ -27,7 +29,7 @@ def end_of(h, dt=0.01, **parts):
 
 
 @pytest.fixture(scope="module")
-def found():
+def found(counted_work):
     run = {"h": 0.1, "dt": 0.01, "t_end": 0.1, "probes": TIP, "repeats": 1}
     return fc.study.simplify(falling_strip, "5%", "tip.z", **run)
 
