@@ -27,6 +27,12 @@ def small():
 
 
 @pytest.fixture(scope="session")
+def quadratic():
+    """A sheet of quadratic triangles, 0.3 m × 0.2 m."""
+    return fc.Cloth.rectangle(0.3, 0.2, h=0.1, element="P2")
+
+
+@pytest.fixture(scope="session")
 def isotropic():
     return fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 

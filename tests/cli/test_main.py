@@ -20,14 +20,11 @@ from fecloth.cli.main import main
 from fecloth.scene.scene import load_scene
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.1
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+time = { method = "backward_euler", dt = 0.005, t_end = 0.1 }
+output = { every = 0.02 }
+probes = [{ name = "tip", where = "right" }]
 [[terms]]
 type = "StVK"
 [[terms]]
@@ -37,15 +34,6 @@ time = 0.01
 type = "Gravity"
 [[pins]]
 where = "left"
-[time]
-method = "backward_euler"
-dt = 0.005
-t_end = 0.1
-[output]
-every = 0.02
-[[probes]]
-name = "tip"
-where = "right"
 [expect]
 sag = { value = 0.0515, relative = 0.1 }
 """
@@ -230,7 +218,7 @@ def test_info(scene, capsys):
 def long_run(scene, out, **options):
     """A process whose run would take minutes, once it has written three frames."""
     arguments = ["--set", "time.t_end=500", "--set", "output.every_steps=5", "--set", "expect={}"]
-    text = scene.read_text().replace("every = 0.02\n", "")
+    text = scene.read_text().replace("every = 0.02", "")
     scene.write_text(text)
     running = process("run", scene, "-o", out, *arguments, **options)
     when(lambda: (out / "frames" / "frame_000003.vtu").exists() or running.poll() is not None)

@@ -7,24 +7,12 @@ import pytest
 from fecloth.cli.main import main
 
 DRUM = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 1.0
-h = 0.1
-pattern = "cross"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 10000.0
-poisson_ratio = 0.3
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "boundary"
-[start]
-position = ["1.01 * X", "1.01 * Y", "0"]
-[time]
-t_end = 1.0
+cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.1, pattern = "cross" }
+fabric = { areal_density = 0.2, tensile_stiffness = 10000.0, poisson_ratio = 0.3 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "boundary" }]
+start = { position = ["1.01 * X", "1.01 * Y", "0"] }
+time = { t_end = 1.0 }
 """
 
 

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -16,30 +17,15 @@ from fecloth.cli.progress import terminal
 from fecloth.runs.interruption import Interrupted
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.1
-pattern = "right"
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1, pattern = "right" }
+terms = [{ type = "StVK" }, { type = "HingeBending" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "backward_euler", dt = 0.005, t_end = 0.1 }
+output = { restart_steps = 5 }
 [fabric]
 areal_density = 0.2
 tensile_stiffness = 1000.0
 bending_rigidity = 1e-5
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "backward_euler"
-dt = 0.005
-t_end = 0.1
-[output]
-restart_steps = 5
 """
 FECLOTH = (sys.executable, "-m", "fecloth")
 COMMANDS = [
@@ -142,9 +128,7 @@ def test_a_region_named_as_markup(tmp_path, monkeypatch, capsys):
     mesh += ["$EndPhysicalNames", "$Nodes", str(len(nodes)), *nodes, "$EndNodes"]
     mesh += ["$Elements", str(len(cells)), *cells, "$EndElements", ""]
     (tmp_path / "sheet.msh").write_text("\n".join(mesh))
-    text = SCENE.replace('shape = "rectangle"', 'shape = "file"\npath = "sheet.msh"')
-    for key in ("width = 1.0\n", "height = 0.5\n", "h = 0.1\n", 'pattern = "right"\n'):
-        text = text.replace(key, "")
+    text = re.sub("cloth = .*", 'cloth = { shape = "file", path = "sheet.msh" }', SCENE)
     text = text.replace("[fabric]", '[fabrics."[/red]x"]').replace("0.2\n", "150.0\n")
     text = text.replace('where = "left"', 'inside = "X < 0.01"')
     (tmp_path / "sheet.toml").write_text(text)

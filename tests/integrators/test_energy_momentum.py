@@ -111,6 +111,20 @@ def test_definite_tangent_is_symmetric_and_has_no_negative_eigenvalue(term, clot
     assert values[0] > -1e-12 * values[-1]
 
 
+def test_its_clamped_matrix_is_solved_by_conjugate_gradients(isotropic):
+    """The matrix of that method is not symmetric, but the clamped one is; the solution is one."""
+    cloth = fc.Cloth.disk(0.5, 0.1)
+    system = fc.System(cloth, isotropic, [fc.StVK(), fc.Gravity()], pins=["boundary"])
+    run = system, fc.EnergyMomentum("exact"), system.rest(), 1 / 240, 0.1
+    options = {"tolerance": 1e-11, "forcing": 1e-6}
+    exact = fc.run(*run, newton=fc.Newton(**options)).state
+    clamped = fc.Newton(**options, definiteness="clamp")
+    found = fc.run(*run, solver="pcg", newton=clamped).state
+    np.testing.assert_allclose(found.x, exact.x, atol=1e-8)
+    with pytest.raises(fc.InputError, match="symmetric matrices only"):
+        fc.run(*run, solver="pcg")
+
+
 def momenta(system, state):
     p = system.scalar_mass @ state.v
     return p.sum(axis=0), np.cross(state.x, p).sum(axis=0)

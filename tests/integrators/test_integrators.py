@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
@@ -105,7 +106,6 @@ def test_linearised_step_is_backward_euler_on_a_linear_problem(mass, small, isot
 )
 def test_amplification_of_one_mode(method, factor, small, isotropic):
     """The growth of an eigenmode in one step is the method's rational function of iω dt."""
-    import scipy.linalg
 
     system = fc.System(small, isotropic, [LinearMembrane()], pins=["boundary"])
     rest = affine(small, [[1.2, 0.0], [0.0, 1.2], [0.0, 0.0]])
@@ -166,3 +166,22 @@ def test_linearised_step_starts_from_the_last_change(isotropic):
         warm += info.counts.linear
         cold += method.step(system, info.old, info.dt, chosen).counts.linear
     assert warm < 0.95 * cold
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.EnergyMomentum(), fc.GeneralizedAlpha()])
+def test_methods_conserve_their_invariants_on_quadratic_triangles(quadratic, orthotropic, method):
+    """All conserve momentum; energy–momentum also energy and angular momentum."""
+    system = fc.System(quadratic, orthotropic, [fc.StVK()])
+    x = 1.05 * system.rest().x
+    spin = np.array([1.0, -2.0, 3.0])
+    start = system.state(x, np.cross(spin, x) + [1.0, 0.5, 2.0])
+    newton = fc.Newton(tolerance=1e-12)
+    result = fc.run(system, method, start, 2e-4, 4e-3, solver="direct", newton=newton)
+    end, M = result.state, system.scalar_mass
+    before, after = (M @ s.v for s in (start, end))
+    np.testing.assert_allclose(after.sum(axis=0), before.sum(axis=0), rtol=1e-9)
+    if isinstance(method, fc.EnergyMomentum):
+        total = result.energies["kinetic"] + result.energies["StVK"]
+        np.testing.assert_allclose(total, total[0], rtol=1e-9)
+        turning = [np.cross(s.x, M @ s.v).sum(axis=0) for s in (start, end)]
+        np.testing.assert_allclose(turning[1], turning[0], rtol=1e-8, atol=1e-12)

@@ -23,6 +23,7 @@ from fecloth.output.atomic_files import append_in_place
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frames import Frames, read_frame, write_vtk
 from fecloth.runs.folder import RunFolder
+from fecloth.verify import trial_states
 
 POINT_DATA = {"displacement", "velocity", "reference"}
 SHAPE = {"E11", "E22", "E12", "principal_stretches", "warp", "weft", "strain_tensor", "quality"}
@@ -414,3 +415,38 @@ def test_a_list_that_cannot_grow_keeps_its_end(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert file.read_bytes() == b"one two END"
+
+
+def test_frames_are_quadratic_triangles(quadratic, orthotropic, tmp_path):
+    cloth, system = quadratic, fc.System(quadratic, orthotropic, [fc.StVK()])
+    state = system.state(trial_states(cloth)[0][1])
+    state = fc.State(0.25, state.x, trial_states(cloth)[0][2])
+    fc.write_vtk(tmp_path / "a", cloth, state, system)
+    file = tmp_path / "a_000000.vtu"
+    mesh = meshio.read(file)
+    assert np.array_equal(mesh.cells_dict["triangle6"], cloth.cells)
+    assert np.array_equal(mesh.points, state.x)
+    assert mesh.cell_data["energy_density"][0].shape == (len(cloth.triangles),)
+    energy = mesh.cell_data["energy_density"][0] @ cloth.weights.sum(axis=1)
+    assert energy == pytest.approx(system.energies(state)["StVK"], rel=1e-12)
+    again = read_frame(file, cloth)
+    assert again.t == 0.25
+    assert np.array_equal(again.x, state.x)
+    assert np.array_equal(again.v, state.v)
+    with pytest.raises(fc.InputError, match="nodes: the cloth has"):
+        read_frame(file, fc.Cloth.rectangle(0.3, 0.2, h=0.1))
+
+
+@pytest.mark.filterwarnings("ignore:The default value of `algorithm`")
+def test_vtk_finds_the_curved_area(tmp_path):
+    """VTK uses its own shape functions; a wrong order of the nodes would change the area."""
+    pyvista = pytest.importorskip("pyvista")
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="cross", element="P2")
+    x = np.column_stack([cloth.X, 0.2 * cloth.X[:, 0] ** 2])
+    fc.write_vtk(tmp_path / "b", cloth, fc.State(0.0, x, 0 * x))
+    grid = pyvista.read(tmp_path / "b_000000.vtu")
+    assert set(grid.celltypes) == {22}
+    surface = grid.extract_surface(nonlinear_subdivision=4)
+    np.testing.assert_allclose(surface.points[:, 2], 0.2 * surface.points[:, 0] ** 2, atol=1e-6)
+    arc = 0.5 * np.sqrt(1.16) + np.arcsinh(0.4) / 0.8  # ∫ √(1 + (0.4 x)²) dx
+    assert surface.area == pytest.approx(arc, rel=1e-4)

@@ -118,26 +118,12 @@ def test_a_run_goes_on_after_the_frames_it_keeps(tmp_path):
 
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.05
-[output]
-every_steps = 1
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "backward_euler", dt = 0.01, t_end = 0.05 }
+output = { every_steps = 1 }
 """
 
 

@@ -260,12 +260,12 @@ def test_every_key_is_read_in_every_unit_of_its_own(name):
 # --- scenes ---------------------------------------------------------------------------------------
 
 SI = """
-[cloth]
-shape = "rectangle"
-width = 1.25
-height = 0.5
-h = 0.25
-pattern = "right"
+cloth = { shape = "rectangle", width = 1.25, height = 0.5, h = 0.25, pattern = "right" }
+pins = [{ where = "left", motion = [0, 0, "0.1 * t"] }]
+time = { method = "bdf2", dt = 0.005, t_end = 90 }
+output = { every = 0.02, restart_every = 1.5 }
+probes = [{ name = "middle", point = [0.5, 0.25] }]
+expect = { area = { value = 1.0, relative = 0.02, at = 0.1 } }
 [fabric]
 areal_density = 0.15
 tensile_stiffness = [2000.0, 900]
@@ -305,25 +305,10 @@ rate = 0.5
 type = "UserForce"
 force = [0, 0, 0.001]
 per = "node"
-[[pins]]
-where = "left"
-motion = [0, 0, "0.1 * t"]
 [start]
 rotate = { axis = [0, 0, 1], degrees = 10 }
 shift = [0.01, 0, 1]
 velocity = ["0", "0", "0.1"]
-[time]
-method = "bdf2"
-dt = 0.005
-t_end = 90
-[output]
-every = 0.02
-restart_every = 1.5
-[[probes]]
-name = "middle"
-point = [0.5, 0.25]
-[expect]
-area = { value = 1.0, relative = 0.02, at = 0.1 }
 """
 WRITTEN = [  # key in SI, and the same with a unit
     ("width = 1.25", 'width = "125 cm"'),
@@ -350,7 +335,7 @@ WRITTEN = [  # key in SI, and the same with a unit
     ("[0.01, 0, 1]", '["1 cm", 0, "0.001 km"]'),
     ("dt = 0.005", 'dt = "5 ms"'),
     ("t_end = 90", 't_end = "1.5 min"'),
-    ("\nevery = 0.02", '\nevery = "20 ms"'),
+    (" every = 0.02", ' every = "20 ms"'),
     ("restart_every = 1.5", 'restart_every = "1.5 s"'),
     ("point = [0.5, ", 'point = ["50 cm", '),
     ("at = 0.1", 'at = "100 ms"'),

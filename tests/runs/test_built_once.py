@@ -14,33 +14,14 @@ from fecloth.simulation.probes import Observer
 from fecloth.system.constraints import Constraints
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-motion = ["0", "0", "0.1 * t"]
-[[probes]]
-name = "tip"
-where = "right"
-[time]
-method = "central_difference"
-dt = 1e-4
-t_end = 8e-4
-[output]
-frames = 4
-[expect]
-sag = { value = 0.0, absolute = 1.0 }
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left", motion = ["0", "0", "0.1 * t"] }]
+probes = [{ name = "tip", where = "right" }]
+time = { method = "central_difference", dt = 1e-4, t_end = 8e-4 }
+output = { frames = 4 }
+expect = { sag = { value = 0.0, absolute = 1.0 } }
 """
 MAKERS = (
     (fc.System, "__init__"),

@@ -17,28 +17,12 @@ from fecloth.runs.folder import FolderMoved
 from fecloth.runs.recorder import Recorder
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.1
-[output]
-every_steps = 1
-restart_steps = 2
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
+output = { every_steps = 1, restart_steps = 2 }
 """
 
 

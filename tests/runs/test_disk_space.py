@@ -10,21 +10,10 @@ from fecloth.cli.main import main
 from fecloth.runs import recorder, run_files
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.1
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }]
+time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
 """
 Usage = namedtuple("Usage", "total used free")
 

@@ -12,36 +12,23 @@ from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 0.4
-height = 0.2
-h = 0.1
+cloth = { shape = "rectangle", width = 0.4, height = 0.2, h = 0.1 }
+terms = [
+  { type = "StVK" }, { type = "PlateBending", rest = "start" },
+  { type = "BendingDamping", time = 0.01, law = { type = "PlateBending" } },
+  { type = "Gravity" },
+]
+start = { position = ["X", "Y", "0.2 * X ** 2"] }
+output = { every_steps = 7, restart_steps = 5 }
 [fabric]
 areal_density = 0.2
 tensile_stiffness = 200.0
 bending_rigidity = [2e-3, 1e-3]
 bending_poisson_ratio = 0.2
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "PlateBending"
-rest = "start"
-[[terms]]
-type = "BendingDamping"
-time = 0.01
-law = { type = "PlateBending" }
-[[terms]]
-type = "Gravity"
 [[pins]]
 where = "left"
 clamp = true
 rotate = { point = [0, 0, 0], axis = [0, 1, 0], angle = "2 * t" }
-[start]
-position = ["X", "Y", "0.2 * X ** 2"]
-[output]
-every_steps = 7
-restart_steps = 5
 """
 METHODS = {
     "bdf2": 'dt = 0.004\nt_end = 0.12\n[solver]\nlinear = "direct"\n',
@@ -68,7 +55,7 @@ def stop_after(step):
 def test_a_broken_off_run_goes_on_bit_for_bit(method, element, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mass = 'mass = "lumped"\n' if method == "central_difference" else ""
-    text = SCENE.replace("h = 0.1\n", f'h = 0.1\nelement = "{element}"\n')
+    text = SCENE.replace("h = 0.1 ", f'h = 0.1, element = "{element}" ')
     scene = tmp_path / "sheet.toml"
     scene.write_text(f'{mass}{text}[time]\nmethod = "{method}"\n{METHODS[method]}')
     run_scene(load_scene(scene), tmp_path / "whole")

@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import random
+import re
 import shutil
 import signal
 import time
@@ -35,93 +36,48 @@ from fecloth.system.state import State
 from fecloth.terms.records import remembered
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.1
-pattern = "cross"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-bending_rigidity = 1e-3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "StrainRateDamping"
-time = 0.001
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[[probes]]
-name = "tip"
-where = "right"
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1, pattern = "cross" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-3 }
+terms = [
+  { type = "StVK" }, { type = "HingeBending" }, { type = "StrainRateDamping", time = 0.001 },
+  { type = "Gravity" },
+]
+pins = [{ where = "left" }]
+probes = [{ name = "tip", where = "right" }]
 """
 RUNS = {
-    "midpoint": """[time]
-method = "implicit_midpoint"
-dt = 0.002
-t_end = 0.25
-[solver]
-linear = "direct"
-[output]
-every = 0.02
-restart_steps = 20
+    "midpoint": """
+time = { method = "implicit_midpoint", dt = 0.002, t_end = 0.25 }
+solver = { linear = "direct" }
+output = { every = 0.02, restart_steps = 20 }
 """,
-    "BDF2": """[time]
-method = "bdf2"
-dt = 0.002
-t_end = 0.25
-[output]
-every_steps = 7
-restart_every = 0.03
+    "BDF2": """
+time = { method = "bdf2", dt = 0.002, t_end = 0.25 }
+output = { every_steps = 7, restart_every = 0.03 }
 """,
-    "Adaptive(BDF2)": """[time]
-method = "bdf2"
-rtol = 2e-3
-t_end = 0.4
-[solver]
-linear = "direct"
-[output]
-frames = 20
-restart_steps = 9
+    "Adaptive(BDF2)": """
+time = { method = "bdf2", rtol = 2e-3, t_end = 0.4 }
+solver = { linear = "direct" }
+output = { frames = 20, restart_steps = 9 }
 """,
-    "StabilityLimited": """[time]
-method = "central_difference"
-t_end = 0.06
-[output]
-every = 0.01
-restart_steps = 50
+    "StabilityLimited": """
+time = { method = "central_difference", t_end = 0.06 }
+output = { every = 0.01, restart_steps = 50 }
 """,
-    "Adaptive(CentralDifference)": """[time]
-method = "central_difference"
-rtol = 1e-2
-t_end = 0.06
-[output]
-every_steps = 33
-restart_every = 0.01
+    "Adaptive(CentralDifference)": """
+time = { method = "central_difference", rtol = 1e-2, t_end = 0.06 }
+output = { every_steps = 33, restart_every = 0.01 }
+""",
+    "two threads": """
+time = { method = "implicit_midpoint", dt = 0.002, t_end = 0.08 }
+solver = { linear = "pardiso" }
+output = { every = 0.02, restart_steps = 5 }
 """,
 }
+RUNS["vtkhdf"] = RUNS["StabilityLimited"].replace("every =", 'format = "vtkhdf", every_steps =')
+RUNS["vtkhdf"] = RUNS["vtkhdf"].replace("= 0.01", "= 16")
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["fecloth.runs.run_scene"])
-
-
-RUNS["vtkhdf"] = RUNS["StabilityLimited"].replace(
-    "every = 0.01", 'every_steps = 16\nformat = "vtkhdf"'
-)
-RUNS["two threads"] = """[time]
-method = "implicit_midpoint"
-dt = 0.002
-t_end = 0.08
-[solver]
-linear = "pardiso"
-[output]
-every = 0.02
-restart_steps = 5
-"""
 
 
 def go(scene, folder, resume, threads=1):
@@ -314,7 +270,7 @@ def interrupted(scene, folder, after, resume=False):
     return run_scene(load_scene(scene), folder, report=report, resume=resume)
 
 
-UNASKED = TEXT + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
+UNASKED = TEXT + RUNS["StabilityLimited"].replace(", restart_steps = 50", "")
 
 
 def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
@@ -443,13 +399,8 @@ def test_a_table_that_has_lost_rows_is_refused(scene, tmp_path):
 
 def test_another_mesh_behind_the_same_name_is_refused(scene, tmp_path):
     meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.25))
-    shape = TEXT.index("[fabric]")
-    file = '[cloth]\nshape = "file"\npath = "sheet.vtu"\n'
-    scene.write_text(
-        file
-        + UNASKED[shape:].replace('"left"', '"boundary"', 1).split("[[probes]]")[0]
-        + RUNS["StabilityLimited"].replace("restart_steps = 50\n", "")
-    )
+    text = re.sub("cloth = .*", 'cloth = { shape = "file", path = "sheet.vtu" }', UNASKED)
+    scene.write_text(re.sub("probes = .*", "", text.replace('"left"', '"boundary"')))
     interrupted(scene, tmp_path / "out", 5)
     meshio.write(tmp_path / "sheet.vtu", mesh_of(h=0.2))
     with pytest.raises(fc.InputError, match="the mesh or the frame"):

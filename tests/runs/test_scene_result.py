@@ -12,15 +12,8 @@ fabric = {areal_density = 0.2, tensile_stiffness = 1000.0}
 terms = [{type = "StVK"}, {type = "Gravity"}]
 pins = [{where = "left"}]
 probes = [{name = "tip", where = "right"}]
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-[time]
-method = "implicit_midpoint"
-dt = 0.01
-t_end = 0.1
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
+time = { method = "implicit_midpoint", dt = 0.01, t_end = 0.1 }
 """
 
 

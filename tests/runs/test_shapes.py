@@ -13,37 +13,18 @@ from fecloth.simulation.doubts.course import wrinkle_warning
 from fecloth.simulation.shapes import compressed_share
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 0.4
-height = 0.2
-h = 0.05
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 500.0
-bending_rigidity = 1e-4
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "StrainRateDamping"
-time = 0.01
-[[pins]]
-inside = "X < 0.051"
-[[pins]]
-inside = "X > 0.349"
-motion = ["-0.5*smoothstep(0, 0.1, t)", "0", "0.03*t"]
-[start]
-position = ["X", "Y", "0.01*sin(pi*X/0.4)"]
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.2
-[output]
-every_steps = 2
-restart_steps = 5
+cloth = { shape = "rectangle", width = 0.4, height = 0.2, h = 0.05, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 500.0, bending_rigidity = 1e-4 }
+terms = [
+  { type = "StVK" }, { type = "HingeBending" }, { type = "StrainRateDamping", time = 0.01 },
+]
+pins = [
+  { inside = "X < 0.051" },
+  { inside = "X > 0.349", motion = ["-0.5*smoothstep(0, 0.1, t)", "0", "0.03*t"] },
+]
+start = { position = ["X", "Y", "0.01*sin(pi*X/0.4)"] }
+time = { method = "backward_euler", dt = 0.01, t_end = 0.2 }
+output = { every_steps = 2, restart_steps = 5 }
 """
 CALM = "pins=[{inside='X < 0.051'}]"
 

@@ -10,30 +10,13 @@ import fecloth as fc
 from fecloth.runs.outcome import finished_message
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 0.6
-height = 0.4
-h = 0.1
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 500.0
-bending_rigidity = 1e-3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "BENDING"
-[[pins]]
-where = "boundary"
-[start]
-position = ["1.02*X", "1.02*Y", "0.02*sin(pi*X/0.6)*sin(pi*Y/0.4)"]
-[time]
-method = "bdf2"
-dt = 0.001
-t_end = 0.004
-[output]
-frames = 2
+cloth = { shape = "rectangle", width = 0.6, height = 0.4, h = 0.1, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 500.0, bending_rigidity = 1e-3 }
+terms = [{ type = "StVK" }, { type = "BENDING" }]
+pins = [{ where = "boundary" }]
+start = { position = ["1.02*X", "1.02*Y", "0.02*sin(pi*X/0.6)*sin(pi*Y/0.4)"] }
+time = { method = "bdf2", dt = 0.001, t_end = 0.004 }
+output = { frames = 2 }
 """
 
 

@@ -22,35 +22,15 @@ from fecloth.simulation.rest_stability import RestStability
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 SHEET = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.125
-pattern = "cross"
-[fabric]
-areal_density = 0.3
-tensile_stiffness = 1000.0
-poisson_ratio = 0.3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[terms]]
-type = "Pressure"
-p = -2.0
-[[pins]]
-where = "boundary"
-name = "rim"
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.125, pattern = "cross" }
+fabric = { areal_density = 0.3, tensile_stiffness = 1000.0, poisson_ratio = 0.3 }
+terms = [{ type = "StVK" }, { type = "Gravity" }, { type = "Pressure", p = -2.0 }]
+pins = [{ where = "boundary", name = "rim" }]
+output = { restart_steps = 1 }
+probes = [{ name = "middle", point = [0.5, 0.25] }]
+expect = { sag = { value = 0.05, relative = 1.0 } }
 [equilibrium]
 load_steps = 4
-[output]
-restart_steps = 1
-[[probes]]
-name = "middle"
-point = [0.5, 0.25]
-[expect]
-sag = { value = 0.05, relative = 1.0 }
 """
 
 

@@ -9,29 +9,15 @@ import fecloth as fc
 from fecloth.runs.outcome import finished_message
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 0.6
-height = 0.4
-h = 0.2
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 500.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "boundary"
+cloth = { shape = "rectangle", width = 0.6, height = 0.4, h = 0.2, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 500.0 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "boundary" }]
+time = { method = "bdf2", dt = 0.001, t_end = 0.1 }
+output = { frames = 2, restart_steps = 20 }
 [start]
 position = ["1.02*X", "1.02*Y", "0"]
 velocity = ["0", "0", "sin(pi*X/0.6)*sin(pi*Y/0.4)"]
-[time]
-method = "bdf2"
-dt = 0.001
-t_end = 0.1
-[output]
-frames = 2
-restart_steps = 20
 """
 
 

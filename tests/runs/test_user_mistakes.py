@@ -29,31 +29,12 @@ from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.1
-pattern = "cross"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-bending_rigidity = 1e-3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "bdf2"
-dt = 0.002
-t_end = 0.08
-[output]
-every_steps = 2
-restart_steps = 5
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1, pattern = "cross" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-3 }
+terms = [{ type = "StVK" }, { type = "HingeBending" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.002, t_end = 0.08 }
+output = { every_steps = 2, restart_steps = 5 }
 """
 
 
@@ -361,7 +342,7 @@ def test_disk_without_space_for_the_first_files_is_reported(scene):
 
 
 def test_resume_is_not_proposed_without_restart_files(scene, capsys):
-    Path("sheet.toml").write_text(TEXT.replace("restart_steps = 5", ""))
+    Path("sheet.toml").write_text(TEXT.replace(", restart_steps = 5", ""))
     assert main(["run", "sheet.toml", "-o", "out", "--quiet", "--set", "time.t_end=0.01"]) == 0
     status, words = run_and_read(capsys)
     assert status == 2

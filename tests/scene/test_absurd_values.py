@@ -10,25 +10,11 @@ from fecloth.errors import InputError, MeshError
 from fecloth.simulation.step_times import coarse_clock, step_times
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.1
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.1 }
 """
 
 

@@ -8,34 +8,26 @@ from fecloth.errors import InputError, SceneError
 from fecloth.scene.scene import load_scene
 
 TEXT = """
+terms = [{ type = "StVK" }]
+pins = [{ where = "lower/left" }]
 [cloths.lower]
 shape = "rectangle"
 width = 0.4
 height = 0.3
 h = 0.1
 element = "ELEMENT"
-
 [cloths.upper]
 shape = "disk"
 radius = 0.1
 h = 0.05
 element = "ELEMENT"
 start = { shift = [0.2, 0.15, 0.02], velocity = ["0", "0", "-X"] }
-
 [fabrics.lower]
 areal_density = 0.2
 tensile_stiffness = 500.0
-
 [fabrics.upper]
 areal_density = 0.1
 tensile_stiffness = 300.0
-
-[[terms]]
-type = "StVK"
-
-[[pins]]
-where = "lower/left"
-
 [time]
 method = "bdf2"
 dt = 0.01

@@ -19,29 +19,15 @@ from fecloth.simulation.doubts.units import find_values_in_other_units
 from fecloth.study.simplification.numbers import Numbers, table
 
 TEXT = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.05
-pattern = "cross"
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05, pattern = "cross" }
+terms = [{ type = "StVK" }, { type = "HingeBending" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.02 }
 [fabric]
 areal_density = 0.2
 tensile_stiffness = 1000.0
 poisson_ratio = 0.3
 bending_rigidity = 1e-4
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.02
 """
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import skfem
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
@@ -140,3 +141,18 @@ def test_initial_velocity_of_pinned_nodes_is_removed(method, isotropic):
     taken = -result.energies["pins"][-1] + result.energies["numerical"][-1]
     assert taken == pytest.approx(lost, rel=1e-2)
     assert abs(result.energies["remainder"][-1]) < 1e-3 * lost
+
+
+def test_a_probe_between_nodes_is_on_the_quadratic_surface(quadratic, isotropic):
+    cloth, terms = quadratic, [fc.StVK(), fc.Gravity()]
+    system = fc.System(cloth, isotropic, terms, pins=["left"])
+    start = system.state(system.rest().x * [1.02, 1.0, 1.0])
+    method = fc.Adaptive(fc.GeneralizedAlpha(), rtol=1e-2)
+    probe = fc.Probe("at", point=(0.21, 0.13))
+    result = fc.run(system, method, start, t_end=0.01, probes=[probe])
+    basis = skfem.Basis(cloth.mesh, skfem.ElementTriP2())
+    z = basis.interpolator(result.state.x[:, 2])(np.array([[0.21], [0.13]]))
+    assert result.observed["at.z"][-1] == pytest.approx(z[0], rel=1e-10)
+    mean = cloth.load() @ (result.state.x - start.x) / 0.06
+    found = [result.observed[f"mean_displacement.{c}"][-1] for c in "xyz"]
+    np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-14)

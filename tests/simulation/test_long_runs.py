@@ -10,27 +10,12 @@ from fecloth.runs.environment import peak_memory
 
 SCENE = """
 mass = "lumped"
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 1.0
-h = 0.03
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "central_difference"
-dt = 1e-4
-t_end = 1.0
-[output]
-every_steps = 1
+cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.03, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "central_difference", dt = 1e-4, t_end = 1.0 }
+output = { every_steps = 1 }
 """
 
 

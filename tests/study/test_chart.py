@@ -144,7 +144,7 @@ def test_mistakes(scene, more, message):
 
 
 def test_a_huge_scene_is_refused_before_it_is_meshed(scene, monkeypatch):
-    scene.write_text(SCENE.replace("\nh = 0.25", "\nh = 0.0005"))
+    scene.write_text(SCENE.replace("h = 0.25,", "h = 0.0005,"))
     monkeypatch.setattr("fecloth.study.charts.make_settings", lambda *_: pytest.fail("meshed"))
     with pytest.raises(InputError, match="predicted time above"):
         fc.study.chart(scene, "middle.z")

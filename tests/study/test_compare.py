@@ -15,31 +15,13 @@ from studies.references.closed_forms import hanging_strip_tip
 Y = 20.0
 SCENE = '\ntitle = "a strip"' + STRIP
 SWING = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.125
-h = 0.0625
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 100.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "left"
-[[pins]]
-where = "right"
-[start]
-position = ["1.1 * X", "Y", "0"]
-velocity = ["0", "0", "sin(pi * X)"]
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.1
-[[probes]]
-name = "middle"
-point = [0.5, 0.0625]
+cloth = { shape = "rectangle", width = 1.0, height = 0.125, h = 0.0625, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 100.0 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "left" }, { where = "right" }]
+start = { position = ["1.1 * X", "Y", "0"], velocity = ["0", "0", "sin(pi * X)"] }
+time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
+probes = [{ name = "middle", point = [0.5, 0.0625] }]
 """
 
 
@@ -107,7 +89,7 @@ def test_one_model_on_two_meshes(scene):
     """Two patterns of one scene: the limits agree, the values as given do not."""
     softer = ("tensile_stiffness = 20.0", "tensile_stiffness = 5.0")
     scene = change(scene, softer, name="a.toml")
-    other = change(scene, ('"right"\n[fabric', '"cross"\n[fabric'), ("0.125", "0.1"))
+    other = change(scene, ('pattern = "right"', 'pattern = "cross"'), ("0.125", "0.1"))
     found = fc.study.compare([scene, other], quantity="displacement", cache=scene.parent)
     assert found.table["variant"] == ["a strip", "a strip (2)"]
     difference = found.differences["a strip (2)"]
@@ -219,7 +201,7 @@ def two_runs(tmp_path):
     """Folders of two runs on different meshes, the second with P2."""
     scene = tmp_path / "a.toml"
     scene.write_text(SWING + "[output]\nframes = 5\n")
-    other = change(scene, ('"right"\n[fabric', '"cross"\nelement = "P2"\n[fabric'))
+    other = change(scene, ('pattern = "right"', 'pattern = "cross", element = "P2"'))
     folders = [tmp_path / "a", tmp_path / "b"]
     for file, folder in zip((scene, other), folders, strict=True):
         fc.run_scene(fc.load_scene(file), folder)

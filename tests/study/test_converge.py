@@ -128,11 +128,9 @@ def test_a_scene_and_its_cache(scene, tmp_path, capsys):
 
 def test_a_scene_at_rest(scene):
     """A taut strip with ν = 0 under a small load q: w = q L²/(8 S), at every node exact."""
-    lines = (
-        scene.read_text().partition("[time]")[0].replace('velocity = ["0", "0", "sin(pi * X)"]', "")
-    )
-    weight = '[[terms]]\ntype = "Gravity"\nacceleration = [0, 0, -1e-3]\n'
-    scene.write_text(lines + weight + "[equilibrium]\n")
+    text = SCENE.partition("time = ")[0].replace(', velocity = ["0", "0", "sin(pi * X)"]', "")
+    weight = '"StVK" }, { type = "Gravity", acceleration = [0, 0, -1e-3] }'
+    scene.write_text(text.replace('"StVK" }', weight) + "[equilibrium]\n")
     found = fc.study.converge(scene, "sag", levels=3)
     exact = 0.2e-3 / 8 / (100 * (1.1**2 - 1) / 2)
     assert found.value == pytest.approx(exact, rel=1e-3)
@@ -149,11 +147,8 @@ def test_a_trusted_geo_file_stays_trusted(scene, tmp_path):
         Curve Loop(1) = {1, 2, 3}; Plane Surface(1) = {1}; Physical Surface("cloth") = {1};
         """
     )
-    shape = re.search(r"shape.*pattern[^\n]*", SCENE, re.DOTALL)[0]
-    text = SCENE.replace(shape, 'shape = "file"\npath = "sheet.geo"\nh = 0.4')
-    first = text.index("[[pins]]")
-    text = text[:first] + text[text.index("[start]") :]
-    scene.write_text(text.partition("[[probes]]")[0])
+    text = re.sub("cloth = .*", 'cloth = { shape = "file", path = "sheet.geo", h = 0.4 }', SCENE)
+    scene.write_text(re.sub("(pins|probes) = .*", "", text))
     with pytest.raises(InputError, match="--trust-geo"):
         fc.study.converge(scene, "area", levels=3)
     found = fc.study.converge(fc.load_scene(scene, trust_geo=True), "area", levels=3)

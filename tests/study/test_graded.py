@@ -97,28 +97,13 @@ def test_an_even_error_is_not_graded():
 
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.1
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 50.0
-poisson_ratio = 0.3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-acceleration = [9.81, 0, 0]
-[[pins]]
-where = "left"
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.1 }
+fabric = { areal_density = 0.2, tensile_stiffness = 50.0, poisson_ratio = 0.3 }
+terms = [{ type = "StVK" }, { type = "Gravity", acceleration = [9.81, 0, 0] }]
+pins = [{ where = "left" }]
+probes = [{ name = "tip", where = "right" }]
+interest = { quantities = ["tip.x"] }
 [equilibrium]
-[[probes]]
-name = "tip"
-where = "right"
-[interest]
-quantities = ["tip.x"]
 """
 
 
@@ -129,6 +114,11 @@ def scene(tmp_path):
     return file
 
 
+def graded_by(keys):
+    """The scene with a table of [[cloth.grading]]."""
+    return SCENE.replace("h = 0.1 ", f"h = 0.1, grading = [{{ {keys} }}] ")
+
+
 def test_the_command_grades_a_scene_and_its_gradings_go_into_the_scene(scene, tmp_path, capsys):
     arguments = ["converge", str(scene), "--grade", "--levels", "3", "-o", str(tmp_path / "out")]
     assert main(arguments) == 0
@@ -136,9 +126,7 @@ def test_the_command_grades_a_scene_and_its_gradings_go_into_the_scene(scene, tm
     assert "The grading saves a factor of" in printed
     assert "Graded: point = [0.0, 0.5], distance = " in printed
     first = next(line for line in printed.splitlines() if line.startswith("Graded: "))
-    keys = first.removeprefix("Graded: ").rstrip(".").split(", d")
-    table = "\n[[cloth.grading]]\n" + "\n".join([keys[0], *("d" + keys[1]).split(", ")])
-    scene.write_text(SCENE + table)
+    scene.write_text(graded_by(first.removeprefix("Graded: ").rstrip(".")))
     graded = fc.load_scene(scene).mesh()
     assert len(graded.triangles) > 1.1 * len(fc.Cloth.rectangle(1.0, 0.5, 0.1).triangles)
 
@@ -155,7 +143,7 @@ def test_problems_that_cannot_be_graded_are_refused(scene):
     assert "unstructured" in structured
     springs = message(fc.load_scene(scene, ["terms.0.type=Springs"]))
     assert "Springs states no stress or moment" in springs
-    scene.write_text(SCENE + '[[cloth.grading]]\nwhere = "left"\ndistance = 0.2\n')
+    scene.write_text(graded_by('where = "left", distance = 0.2'))
     assert "has [[cloth.grading]]" in message(fc.load_scene(scene))
     time = '[time]\nmethod = "central_difference"\ndt = 1e-4\nt_end = 0.01\n'
     scene.write_text(SCENE.replace("[equilibrium]\n", time))

@@ -15,22 +15,11 @@ from fecloth.study.workload import LONGEST, Workload, check_size, count_steps
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.05
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "left"
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.5
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.05 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
 """
 
 

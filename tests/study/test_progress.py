@@ -1,6 +1,7 @@
 """Progress lines of studies: time left, stored cases, short causes; sizes before the first run."""
 
 import pytest
+from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth import study
@@ -13,31 +14,13 @@ from fecloth.study.progress import Progress
 from fecloth.study.setups import setup_of_scene
 from fecloth.study.status import TimeLimit
 
-SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.125
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 20.0
-[[terms]]
-type = "StVK"
-[[pins]]
-where = "left"
-[equilibrium]
-[[probes]]
-name = "tip"
-where = "right"
-"""
+SCENE = STRIP.partition("interest")[0]
 
 
 @pytest.fixture
 def scene(tmp_path):
     file = tmp_path / "strip.toml"
-    file.write_text(SCENE + '[interest]\nend = ["tip.x"]\n')
+    file.write_text(STRIP)
     return file
 
 

@@ -377,32 +377,15 @@ def test_a_failing_variant_is_no_candidate():
 
 STATIC = """
 title = "a hanging strip"
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.25
-h = 0.125
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 20.0
-bending_rigidity = 1e-5
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "HingeBending"
-[[terms]]
-type = "Gravity"
-acceleration = [9.81, 0, 0]
-[[terms]]
-type = "MassDamping"
-rate = 1.0
-[[pins]]
-where = "left"
-[equilibrium]
-load_steps = 2
-[interest]
-quantities = ["displacement"]
+cloth = { shape = "rectangle", width = 1.0, height = 0.25, h = 0.125, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 20.0, bending_rigidity = 1e-5 }
+terms = [
+  { type = "StVK" }, { type = "HingeBending" },
+  { type = "Gravity", acceleration = [9.81, 0, 0] }, { type = "MassDamping", rate = 1.0 },
+]
+pins = [{ where = "left" }]
+equilibrium = { load_steps = 2 }
+interest = { quantities = ["displacement"] }
 """
 
 

@@ -15,23 +15,11 @@ from fecloth.study.stability_runs import energy_made
 from fecloth.study.stability_words import describe_best, describe_range, range_of
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 1.0
-h = 0.25
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "boundary"
-[start]
-position = ["1.05 * X", "1.05 * Y", "0"]
+cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "boundary" }]
+start = { position = ["1.05 * X", "1.05 * Y", "0"] }
 [time]
 method = "bdf2"
 dt = 0.01

@@ -1,6 +1,7 @@
 """`tune`: curves, the choice among settings, and tuned settings beside much finer runs."""
 
 import math
+import re
 import tomllib
 from dataclasses import replace
 
@@ -27,61 +28,30 @@ from fecloth.study.tuning.trials import Bench
 from fecloth.study.tuning.tune import drop_terms
 
 STRIP = """
-[cloth]
-shape = "rectangle"
-width = 0.3
-height = 1.0
-h = 0.1
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 40.0
-poisson_ratio = 0.3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "top"
-[start]
-plane = "xz"
-[equilibrium]
-[[probes]]
-name = "tip"
-where = "bottom"
-[interest]
-quantities = ["tip.z", "area"]
+cloth = { shape = "rectangle", width = 0.3, height = 1.0, h = 0.1 }
+fabric = { areal_density = 0.2, tensile_stiffness = 40.0, poisson_ratio = 0.3 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "top" }]
+start = { plane = "xz" }
+equilibrium = {}
+probes = [{ name = "tip", where = "bottom" }]
+interest = { quantities = ["tip.z", "area"] }
 """
 BOB = """
-[cloth]
-shape = "rectangle"
-width = 0.2
-height = 0.2
-h = 0.1
+cloth = { shape = "rectangle", width = 0.2, height = 0.2, h = 0.1 }
+terms = [
+  { type = "StVK" }, { type = "PlateBending" }, { type = "MassDamping", rate = 2.0 },
+  { type = "Gravity" },
+]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = "20 ms", t_end = 0.3 }
+probes = [{ name = "tip", where = "right" }]
+interest = { path = ["tip"] }
 [fabric]
 areal_density = 0.2
 tensile_stiffness = 200.0
 poisson_ratio = 0.3
 bending_rigidity = 1e-3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "PlateBending"
-[[terms]]
-type = "MassDamping"
-rate = 2.0
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "bdf2"
-dt = "20 ms"
-t_end = 0.3
-[[probes]]
-name = "tip"
-where = "right"
-[interest]
-path = ["tip"]
 """
 
 
@@ -304,8 +274,8 @@ def test_a_mesh_that_cannot_be_refined_is_named(strip, tmp_path):
         'Physical Surface("cloth") = {1};'
     )
     scene = tmp_path / "sheet.toml"
-    sheet = strip.read_text().split("[fabric]")[1].replace('plane = "xz"', 'plane = "xy"')
-    scene.write_text('[cloth]\nshape = "file"\npath = "sheet.geo"\n[fabric]' + sheet)
+    sheet = re.sub("cloth = .*", 'cloth = { shape = "file", path = "sheet.geo" }', STRIP)
+    scene.write_text(sheet.replace('plane = "xz"', 'plane = "xy"'))
     tuned = fc.tune(scene, "2%", "tip.z", elements=["P1"])
     assert not tuned.proved
     assert "the mesh has no h" in tuned.verdict
@@ -350,6 +320,11 @@ Curve Loop(1) = {1, 2, 3, 4, 5, 6}; Plane Surface(1) = {1};
 Physical Curve("held") = {HELD}; Physical Surface("cloth") = {1};
 """
 BLOWN = """
+terms = [{ type = "StVK" }, { type = "Pressure", p = -20.0 }]
+pins = [{ where = "held" }]
+start = { position = ["X", "Y", "-0.02 * sin(pi * X) * sin(pi * Y)"] }
+equilibrium = {}
+interest = { quantities = ["sag"] }
 [cloth]
 shape = "file"
 path = "sheet.geo"
@@ -358,18 +333,6 @@ h = 0.06
 areal_density = 0.2
 tensile_stiffness = 800.0
 poisson_ratio = 0.3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Pressure"
-p = -20.0
-[[pins]]
-where = "held"
-[start]
-position = ["X", "Y", "-0.02 * sin(pi * X) * sin(pi * Y)"]
-[equilibrium]
-[interest]
-quantities = ["sag"]
 """
 
 

@@ -25,21 +25,13 @@ from fecloth.study.tuning.space_errors import (
 from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 1.0
-h = 0.1
-pattern = "PATTERN"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 40.0
-poisson_ratio = 0.3
+cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.1, pattern = "PATTERN" }
+fabric = { areal_density = 0.2, tensile_stiffness = 40.0, poisson_ratio = 0.3 }
+equilibrium = {}
 [[terms]]
 type = "StVK"
 [[pins]]
 where = "top"
-[equilibrium]
 """
 
 

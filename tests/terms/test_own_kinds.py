@@ -25,42 +25,14 @@ FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
 TERMS = (Rubber(), Ribs(), Syrup(), Breeze())
 TIP = [fc.Probe("tip", "right")]
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.25
-pattern = "right"
-
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-bending_rigidity = 1e-5
-
-[[terms]]
-type = "Rubber"
-k = 800.0
-
-[[terms]]
-type = "Ribs"
-
-[[terms]]
-type = "Syrup"
-rate = 2.0
-
-[[terms]]
-type = "Breeze"
-
-[[terms]]
-type = "Gravity"
-
-[[pins]]
-where = "left"
-
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.5
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0, bending_rigidity = 1e-5 }
+terms = [
+  { type = "Rubber", k = 800.0 }, { type = "Ribs" }, { type = "Syrup", rate = 2.0 },
+  { type = "Breeze" }, { type = "Gravity" },
+]
+pins = [{ where = "left" }]
+time = { method = "bdf2", dt = 0.01, t_end = 0.5 }
 """
 
 

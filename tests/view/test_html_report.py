@@ -18,26 +18,12 @@ from fecloth.view.svg_chart import chart
 
 SCENE = """
 title = "a <sheet> & its report"
-[cloth]
-shape = "rectangle"
-width = 1.0
-height = 0.5
-h = 0.2
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 1000.0
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "Gravity"
-[[pins]]
-where = "left"
-[time]
-method = "backward_euler"
-dt = 0.01
-t_end = 0.1
-[output]
-every = 0.05
+cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.2 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gravity" }]
+pins = [{ where = "left" }]
+time = { method = "backward_euler", dt = 0.01, t_end = 0.1 }
+output = { every = 0.05 }
 """
 
 

@@ -217,35 +217,18 @@ def test_scene_clamps_and_turns_its_pins(tmp_path):
     path = tmp_path / "clamp.toml"
     path.write_text(
         """
-[cloth]
-shape = "rectangle"
-width = 0.4
-height = 0.1
-h = 0.05
-pattern = "right"
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 500.0
-bending_rigidity = 1e-3
-[[terms]]
-type = "StVK"
-[[terms]]
-type = "PlateBending"
-rest = "start"
-[[terms]]
-type = "BendingDamping"
-time = 0.02
-law = { type = "PlateBending" }
+cloth = { shape = "rectangle", width = 0.4, height = 0.1, h = 0.05, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 500.0, bending_rigidity = 1e-3 }
+terms = [
+  { type = "StVK" }, { type = "PlateBending", rest = "start" },
+  { type = "BendingDamping", time = 0.02, law = { type = "PlateBending" } },
+]
+start = { position = ["X", "Y", "0.5*X**2"] }
+time = { method = "bdf2", dt = 0.01, t_end = 0.1 }
 [[pins]]
 where = "left"
 clamp = true
 rotate = { point = [0, 0, "10 cm"], axis = [0, 1, 0], angle = "-1.0*t" }
-[start]
-position = ["X", "Y", "0.5*X**2"]
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.1
 """
     )
     system = fc.load_scene(path).build().system

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import affine, flat, rough
+from conftest import affine, flat
 
 import fecloth as fc
 from fecloth.terms.bending.hinge import hinge_angles, hinge_stiffness
@@ -86,15 +86,6 @@ def test_affine_motion_has_no_bending_energy(sheet, rng):
     x = affine(sheet, rng.standard_normal((3, 2)), (1.0, 2.0, 3.0))
     size = abs(system.stiffness(system.rest())).max() * abs(x).max()
     assert abs(system.force(system.state(x))).max() < 1e-14 * size
-
-
-def test_zero_resultant_and_moment(sheet, rng):
-    system = system_of(sheet, fc.QuadraticBending())
-    state = system.state(rough(sheet, rng))
-    force = system.force(state)
-    size = np.abs(force).sum()
-    assert np.abs(force.sum(axis=0)).max() < 1e-13 * size
-    assert np.abs(np.cross(state.x, force).sum(axis=0)).max() < 1e-13 * size
 
 
 def test_definite_and_bounded():

@@ -99,32 +99,13 @@ def test_mistakes(table, tmp_path):
 def test_its_file_lies_beside_the_scene(table):
     scene = table.with_name("drop.toml")
     scene.write_text("""
-[cloth]
-shape = "rectangle"
-width = 0.2
-height = 0.2
-h = 0.1
-
-[fabric]
-areal_density = 0.2
-tensile_stiffness = 500.0
-
-[[terms]]
-type = "StVK"
-
-[[terms]]
-type = "MeshObstacle"
-path = "table.stl"
-gap = "2 mm"
-scale = 0.01
-
-[start]
-shift = [0, 0, 0.1]
-
-[time]
-method = "bdf2"
-dt = 0.01
-t_end = 0.02
+cloth = { shape = "rectangle", width = 0.2, height = 0.2, h = 0.1 }
+fabric = { areal_density = 0.2, tensile_stiffness = 500.0 }
+terms = [
+  { type = "StVK" }, { type = "MeshObstacle", path = "table.stl", gap = "2 mm", scale = 0.01 },
+]
+start = { shift = [0, 0, 0.1] }
+time = { method = "bdf2", dt = 0.01, t_end = 0.02 }
 """)
     opened = load_scene(scene)
     assert opened.build().system.bound[1].sets.gap == 0.002

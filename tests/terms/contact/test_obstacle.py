@@ -216,18 +216,14 @@ def test_equilibrium_draped_over_a_sphere():
 
 
 SCENE = """
-[cloth]
-shape = "rectangle"
-width = "30 cm"
-height = "20 cm"
-h = "10 cm"
+cloth = { shape = "rectangle", width = "30 cm", height = "20 cm", h = "10 cm" }
+start = { shift = [0, 0, "2 mm"] }
+time = { method = "bdf2", dt = "10 ms", t_end = "0.3 s" }
 [fabric]
 areal_density = "200 g/m^2"
 tensile_stiffness = 1000.0
 poisson_ratio = 0.3
 bending_rigidity = 1e-4
-[start]
-shift = [0, 0, "2 mm"]
 [[terms]]
 type = "StVK"
 [[terms]]
@@ -242,10 +238,6 @@ type = "Obstacle"
 shape = { type = "Plane", point = ["0 mm", 0, 0], normal = [0, 0, 1], motion = [0, 0, "0.01*t"] }
 gap = "1 mm"
 friction = 0.2
-[time]
-method = "bdf2"
-dt = "10 ms"
-t_end = "0.3 s"
 """
 
 

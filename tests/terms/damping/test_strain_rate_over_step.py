@@ -224,11 +224,10 @@ def test_the_matrix_is_symmetric_also_for_the_exact_tangent(small, isotropic):
 
 def test_a_scene_refuses_it_before_the_run(tmp_path):
     text = """
-    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-    cloth = { shape = "rectangle", width = 0.3, height = 0.2, h = 0.1 }
-    terms = [{ type = "StVK" }, { type = "StrainRateDamping", time = 0.01, rate = "step" }]
-    time = { method = "METHOD", dt = 0.01, t_end = 0.02 }
-    """
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+cloth = { shape = "rectangle", width = 0.3, height = 0.2, h = 0.1 }
+terms = [{ type = "StVK" }, { type = "StrainRateDamping", time = 0.01, rate = "step" }]
+time = { method = "METHOD", dt = 0.01, t_end = 0.02 }"""
     good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
     good.write_text(text.replace("METHOD", "bdf2"))
     bad.write_text(text.replace("METHOD", "generalized_alpha"))

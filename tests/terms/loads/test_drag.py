@@ -7,7 +7,6 @@ from support.fast_states import fast_states
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.verify import VerificationFailed, check_term, observed_order
 
 LAWS = ("linear", "quadratic")
@@ -55,19 +54,6 @@ def test_exact_tangents(law, coefficients):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_definite_part_is_symmetric_and_semidefinite(law, sheet, isotropic, rng):
-    term = fc.Wind((3.0, 1.0, 0.0), 0.7, 0.1, law, tangent="exact")
-    system = fc.System(sheet, isotropic, [term])
-    state = system.state(rough(sheet, rng), rng.standard_normal((len(sheet.X), 3)))
-    J = BlockMatrix.zeros(system.pattern)
-    A = system.assemble(J, state, wx=1.0, wv=0.3, definite=True).to_scipy().toarray()
-    assert abs(A - A.T).max() < 1e-14 * abs(A).max()
-    assert np.linalg.eigvalsh(A)[0] > -1e-12 * abs(A).max()
-    exact = system.assemble(J, state, wx=1.0, wv=0.3).to_scipy().toarray()
-    assert abs(exact - exact.T).max() > 1e-3 * abs(exact).max()
-
-
-@pytest.mark.parametrize("law", LAWS)
 def test_power_is_dissipated_power_and_work_of_the_wind(law, sheet, isotropic, rng):
     x, v = rough(sheet, rng), rng.standard_normal((len(sheet.X), 3))
     still = fc.System(sheet, isotropic, [fc.Drag(0.7, 0.1, law)])
@@ -79,16 +65,6 @@ def test_power_is_dissipated_power_and_work_of_the_wind(law, sheet, isotropic, r
     force = windy.force(windy.state(x, v))
     assert lost > 0
     assert brought - lost == pytest.approx(np.vdot(force, v), rel=1e-12)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_rate_bound_is_an_upper_bound_and_sharp(law, sheet, isotropic):
-    system = fc.System(sheet, isotropic, [fc.Wind((1.0, 2.0, 3.0), 0.7, 0.1, law)])
-    _, bound = system.rate_bounds()
-    D = system.damping(system.rest()).toarray()
-    m = np.repeat(system.nodal_mass, 3)
-    largest = np.linalg.eigvalsh(D / np.sqrt(np.outer(m, m)))[-1]
-    assert largest <= bound * (1 + 1e-12) < 2 * largest
 
 
 def test_a_turned_and_shifted_state(sheet, isotropic, rng):

@@ -6,7 +6,8 @@ from conftest import rough
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.verify import check_term, observed_order
+from fecloth.scene.scene import load_scene
+from fecloth.verify import check_term, observed_order, trial_states
 
 TIGHT = fc.Newton(tolerance=1e-12)
 
@@ -207,7 +208,6 @@ def test_user_force_is_the_function_times_the_amount(per, arguments, sheet, isot
 def test_user_force_tangents_are_exact(derivatives):
     """All velocities are away from zero, where v |v| is not smooth."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
-    from fecloth.verify import trial_states
 
     states = [(name, x, v + 20.0) for name, x, v in trial_states(cloth)]
     term = fc.UserForce(spring, derivatives=derivatives, tangent="exact")
@@ -253,7 +253,6 @@ def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):
 
 
 def test_scene_with_point_and_user_forces(tmp_path):
-    from fecloth.scene.scene import load_scene
 
     text = """
     cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
@@ -278,3 +277,21 @@ def test_scene_with_point_and_user_forces(tmp_path):
     (wrong := tmp_path / "wrong.toml").write_text(text.replace('"-x"', '"-q"'))
     with pytest.raises(fc.SceneError, match="terms.4: formula '-q', unknown name 'q'"):
         load_scene(wrong)
+
+
+def test_mass_damping_is_consistent_on_quadratic_triangles(quadratic, isotropic, rng):
+    """d = −α M v, also at the corners."""
+    rate = 3.0
+    damping = fc.MassDamping(rate)
+    cloth, system = quadratic, fc.System(quadratic, isotropic, [damping])
+    v = rng.standard_normal((len(cloth.X), 3))
+    state = system.state(system.rest().x, v)
+    M = system.mass.toarray()
+    expected, D = -rate * M @ v.ravel(), system.damping(state).toarray()
+    np.testing.assert_allclose(
+        system.force(state).ravel(), expected, atol=1e-12 * abs(expected).max()
+    )
+    np.testing.assert_allclose(D, rate * M, atol=1e-12 * D.max())
+    power = rate * v.ravel() @ M @ v.ravel()
+    assert system.bound[0].power(state.x, v, 0.0) == pytest.approx(power, rel=1e-12)
+    assert system.rate_bounds() == (0.0, rate)

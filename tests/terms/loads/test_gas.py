@@ -150,12 +150,11 @@ def test_scene_with_gas_and_a_flat_cloth_is_rejected(tmp_path):
     from fecloth.scene.scene import load_scene
 
     text = """
-    cloth = { shape = "disk", radius = 0.5, h = 0.2 }
-    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-    terms = [{ type = "StVK" }, { type = "Gas", pressure = 1e5, volume = 0.1 }]
-    pins = [{ where = "boundary", motion = [0, 0, "0.1 * t"] }]
-    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
-    """
+cloth = { shape = "disk", radius = 0.5, h = 0.2 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Gas", pressure = 1e5, volume = 0.1 }]
+pins = [{ where = "boundary", motion = [0, 0, "0.1 * t"] }]
+time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }"""
     (path := tmp_path / "scene.toml").write_text(text)
     with pytest.raises(fc.SceneError, match=r"terms: Gas: has no finite force at the start.*dome"):
         load_scene(path).build()

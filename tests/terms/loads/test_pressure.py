@@ -1,16 +1,20 @@
 """Follower pressure: its exact force and tangents, its work, and the inflated circular membrane."""
 
 import functools
+from pathlib import Path
 
 import numpy as np
 import pytest
+import skfem
 from conftest import affine, flat, rough
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from support import oracle
 from support.inflated import NU, RADIUS, STIFFNESS, enclosed, shooting
 
 import fecloth as fc
-from fecloth.verify import VerificationFailed, check_term, observed_order
+from fecloth.scene.scene import load_scene
+from fecloth.verify import VerificationFailed, check_term, observed_order, trial_states
 
 # --- the force and its tangents -------------------------------------------------------------------
 
@@ -110,15 +114,13 @@ def test_a_pressure_that_changes_in_time(sheet, isotropic):
 
 
 def test_scene_with_pressure(tmp_path):
-    from fecloth.scene.scene import load_scene
 
     text = """
-    cloth = { shape = "disk", radius = 0.5, h = 0.2 }
-    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-    terms = [{ type = "StVK" }, { type = "Pressure", p = "100 * t", tangent = "exact" }]
-    pins = [{ where = "boundary" }]
-    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
-    """
+cloth = { shape = "disk", radius = 0.5, h = 0.2 }
+fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
+terms = [{ type = "StVK" }, { type = "Pressure", p = "100 * t", tangent = "exact" }]
+pins = [{ where = "boundary" }]
+time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }"""
     (path := tmp_path / "scene.toml").write_text(text)
     scene = load_scene(path)
     assert scene.build().system.terms[1] == fc.Pressure("100 * t", "exact")
@@ -239,7 +241,6 @@ def test_both_tangents_converge_to_the_same_membrane_equally_fast():
 
 
 def test_the_scene_expects_the_exact_height():
-    from pathlib import Path
 
     from fecloth.scene.scene import load_scene
 
@@ -249,3 +250,25 @@ def test_the_scene_expects_the_exact_height():
     assert expected.value == pytest.approx(height, rel=1e-6)
     (expected,) = scene.expect["reaction:boundary.z"]
     assert expected.value == pytest.approx(-500.0 * np.pi * RADIUS**2, rel=1e-6)
+
+
+def test_on_quadratic_triangles_it_is_the_form(quadratic, isotropic):
+    """∫ p N_a (F₁ × F₂) dA by scikit-fem, and K's symmetric part."""
+    cloth, p = quadratic, 300.0
+    _, x, _ = trial_states(cloth)[0]
+    basis = skfem.Basis(cloth.mesh, skfem.ElementVector(skfem.ElementTriP2(), dim=3), intorder=6)
+    F = basis.interpolate(oracle.dofs(x)).grad
+    n = np.cross(F[:, 0], F[:, 1], axis=0)
+    form = skfem.LinearForm(lambda v, w: p * np.einsum("i...,i...", w["n"], v))
+    term = fc.Pressure(p, tangent="exact")
+    exact = fc.System(cloth, isotropic, [term])
+    expected = form.assemble(basis, n=n)
+    force = exact.force(exact.state(x)).ravel()
+    np.testing.assert_allclose(force, expected, atol=1e-12 * abs(expected).max())
+    K = exact.stiffness(exact.state(x)).toarray()
+    half = fc.System(cloth, isotropic, [fc.Pressure(p)])
+    symmetric = half.stiffness(half.state(x)).toarray()
+    np.testing.assert_allclose(symmetric, (K + K.T) / 2, atol=1e-12 * abs(K).max())
+    pinned = fc.System(cloth, isotropic, [term], pins=["boundary"])
+    K = pinned.stiffness(pinned.state(x)).toarray()[np.ix_(pinned.free, pinned.free)]
+    assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()  # conservative where the edge is held

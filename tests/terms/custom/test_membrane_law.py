@@ -1,0 +1,182 @@
+"""A law that a user writes: studies/examples/law.py, clamped tangents, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import affine
+from support.examples import example
+
+import fecloth as fc
+from fecloth.integrators import METHODS
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.custom.membrane_law import positive
+from fecloth.verify import check_term
+
+
+@pytest.fixture(scope="module")
+def own():
+    return example("law")
+
+
+@pytest.fixture(scope="module")
+def cloth():
+    return fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
+
+
+def fung(E, C, strain):
+    """W, S (2, 2) of the formula, with sums over the tensors."""
+    C11, C22, C66, C12, C16, C26 = C
+    T = np.array([[C11 * E[0, 0] + C12 * E[1, 1] + 2 * C16 * E[0, 1], np.nan], [np.nan, np.nan]])
+    T[1, 1] = C12 * E[0, 0] + C22 * E[1, 1] + 2 * C26 * E[0, 1]
+    T[0, 1] = T[1, 0] = C16 * E[0, 0] + C26 * E[1, 1] + 2 * C66 * E[0, 1]
+    c = strain**2 * C11
+    grown = np.exp(np.sum(T * E) / c)
+    return c / 2 * (grown - 1), grown * T
+
+
+def test_energy_and_stress_are_those_of_the_formula(own, cloth, orthotropic):
+    F = np.array([[1.1, 0.05], [0.0, 0.95], [0.2, 0.1]])
+    E = 0.5 * (F.T @ F - np.eye(2))
+    W, S = fung(E, orthotropic.moduli(), 0.15)
+    system = fc.System(cloth, orthotropic, [own.Fung(0.15)])
+    x = affine(cloth, F)
+    out = np.zeros((len(cloth.triangles), 4))
+    system.bound[0].add_stress(x, out)
+    expected = np.tile([S[0, 0], S[1, 1], S[0, 1], W], (len(out), 1))
+    np.testing.assert_allclose(out, expected, rtol=1e-11)
+    assert system.energies(system.state(x))["Fung"] == pytest.approx(W * 0.12, rel=1e-11)
+
+
+def test_fung_law_agrees_with_its_formula(own):
+    """P₁₁ = λ Y E exp((E/ε)²) with E = (λ² − 1)/2, for ν = 0."""
+    lines = re.findall(r"stretch (\S+): +(\S+) N/m, with StVK +(\S+) N/m", own.printed)
+    assert len(lines) == 4
+    for stretch, force, linear in np.array(lines, dtype=float):
+        E = (stretch**2 - 1) / 2
+        assert linear == pytest.approx(stretch * 1000 * E, abs=0.06)
+        assert force == pytest.approx(stretch * 1000 * E * np.exp((E / 0.2) ** 2), abs=0.06)
+
+
+@pytest.mark.parametrize("name", [*METHODS, "central_difference"])
+def test_a_law_serves_every_method(own, cloth, isotropic, name):
+    """A taut sheet that swings, with damping by the law's own ℂ₀."""
+    law = own.Fung(0.15)
+    terms = [law, fc.StrainRateDamping(1e-3, law), fc.Gravity()]
+    system = fc.System(cloth, isotropic, terms, pins=["left"])
+    start = system.state(system.rest().x * [1.1, 1.05, 1])
+    method, dt = (METHODS[name](), 2e-4) if name in METHODS else (fc.CentralDifference(), None)
+    result = fc.run(system, method, start, dt, 4e-3)
+    moved = result.energies["Fung"][0]
+    assert abs(result.energies["remainder"]).max() < 0.02 * moved
+    assert result.energies["Fung"][-1] < 0.8 * moved
+
+
+def test_energy_momentum_keeps_its_energy(own, cloth, isotropic):
+    """A free sheet that is let go and turns; the midpoint rule changes it by far more."""
+    system = fc.System(cloth, isotropic, [own.Fung(0.3)])
+    x = 1.1 * system.rest().x
+    start, exact = system.state(x, np.cross([0, 0, 5.0], x)), fc.Newton(tolerance=1e-10)
+    drift = {}
+    for method in (fc.EnergyMomentum(), fc.EnergyMomentum("symmetric"), fc.ImplicitMidpoint()):
+        result = fc.run(system, method, start, 1e-3, 0.03, newton=exact)
+        drift[repr(method)] = np.ptp(result.energies["total"]) / result.energies["total"][0]
+    *kept, lost = drift.values()
+    assert max(kept) < 1e-8 < 1e-3 < lost
+
+
+class Softening(fc.MembraneLaw):
+    """W = Y/2 (E:E − 2 (E:E)²): ℂ has negative eigenvalues from |E| = ½ on, less across."""
+
+    def constants(self, fabric):
+        return [fabric.tensile[0]]
+
+    @staticmethod
+    def law(E, c):
+        I = E[0] ** 2 + E[1] ** 2 + 2 * E[2] ** 2
+        s, d = c[0] * (1 - 4 * I), -8 * c[0]
+        C11, C22, C66 = s + d * E[0] ** 2, s + d * E[1] ** 2, s / 2 + d * E[2] ** 2
+        C12, C16, C26 = d * E[0] * E[1], d * E[0] * E[2], d * E[1] * E[2]
+        W = c[0] * (0.5 * I - I**2)
+        return W, (s * E[0], s * E[1], s * E[2]), (C11, C22, C66, C12, C16, C26)
+
+
+def test_a_definite_tangent_clamps_a_law_that_is_not_convex(cloth, isotropic):
+    system = fc.System(cloth, isotropic, [Softening()])
+    check_term(Softening(), cloth, isotropic, scales=[1.0])
+    state = system.state(affine(cloth, [[1.25, 0.2], [0.0, 1.2], [0.0, 0.0]]))
+    J = BlockMatrix.zeros(system.pattern)
+    least = {}
+    for definite in (False, True):
+        A = system.assemble(J, state, wx=1.0, definite=definite).to_scipy().toarray()
+        values = np.linalg.eigvalsh(A)
+        least[definite] = values[0] / values[-1]
+    assert least[False] < -0.1
+    assert least[True] > -1e-12
+
+
+def test_clamping_moduli_preserves_the_positive_part(rng):
+    at = [[0, 3, 4], [3, 1, 5], [4, 5, 2]]
+    for values in ([3.0, 2.0, 1.0], [3.0, -2.0, 1.0], [3.0, -2.0, -1.0], [-3.0, -2.0, -1.0]):
+        turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+        A, expected = (turn @ np.diag(d) @ turn.T for d in (values, np.maximum(values, 0)))
+        given = A[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        np.testing.assert_allclose(np.array(positive(tuple(given)))[at], expected, atol=1e-14)
+
+
+def linear(E, c, S12=1.0, C66=1.0, C12=0.0):
+    """StVK of Y = 1000 N/m and ν = 0, spoiled."""
+    S = 1000 * E[0], 1000 * E[1], S12 * 1000 * E[2]
+    W = 500 * (E[0] ** 2 + E[1] ** 2 + 2 * E[2] ** 2)
+    return W, S, (1000, 1000, C66 * 500, C12, 0, 0)
+
+
+def law_of(function, constants=(0.0,)):
+    made = {"law": function, "constants": lambda self, fabric: constants}
+    return type("Mine", (fc.MembraneLaw,), made)()
+
+
+def test_a_law_may_have_no_stiffness_in_shear(cloth, isotropic):
+    """Two families of yarns: the bound is that of ℂ as it is, for ℂ = 1000 diag(1, 1, 0)."""
+
+    def yarns(E, c):
+        W = 500 * (E[0] ** 2 + E[1] ** 2)
+        return W, (1000 * E[0], 1000 * E[1], 0), (1000, 1000, 0, 0, 0, 0)
+
+    yarns = law_of(staticmethod(yarns))
+    system = fc.System(cloth, isotropic, [yarns])
+    stiff = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.0, 1e-6), [fc.StVK()])
+    assert system.rate_bounds() == pytest.approx(stiff.rate_bounds(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (law_of(None), "law = None: must be a function of E and c, under @staticmethod"),
+        (
+            law_of(lambda self, E, c: linear(E, c)),
+            "law = the function .*: must be a function",
+        ),
+        (law_of(staticmethod(lambda E, c: 1.0)), r"law\(E, c\): .*must return W, \(S11, S22"),
+        (
+            law_of(staticmethod(lambda E, c: (0.0, (1, 2, 3), (1, 2, 3)))),
+            r"law\(E, c\) with S \(3,\) and C \(3,\): must return W",
+        ),
+        (law_of(staticmethod(lambda E, c: linear(E, c, S12=2))), "S12 = 10 .* of W give 5"),
+        (law_of(staticmethod(lambda E, c: linear(E, c, C66=2))), "C66 = 1000 .* of S give 500"),
+        (law_of(staticmethod(lambda E, c: linear(E, c, C12=3.0))), "C12 = 3 .* of S give"),
+        (law_of(staticmethod(lambda E, c: linear(E, (c[1],)))), r"law\(E, c\): index 1 is out"),
+        (
+            law_of(staticmethod(lambda E, c: (1 / E[0], *linear(E, c)[1:]))),
+            "law at E = 0 gives .*nan.*: must be finite",
+        ),
+        (law_of(staticmethod(linear), [1.0, np.nan]), "constants = .*must be a list of finite"),
+        (law_of(staticmethod(lambda E, c: nothing)), r"law\(E, c\): name 'nothing' is not defined"),  # noqa: F821 - the mistake
+        (law_of(staticmethod(linear), ["Y"]), "constants: could not convert"),
+        (law_of(staticmethod(linear), 3.0), r"constants of shape \(\)"),
+        (law_of(staticmethod(lambda E, c: linear(E, c))), "law: .*'linear'.*must be what"),
+    ],
+)
+def test_a_law_that_is_wrong_is_refused_with_its_numbers(cloth, isotropic, law, said):
+    with pytest.raises(fc.InputError, match=rf"^Mine(\.constants)?: {said}"):
+        fc.System(cloth, isotropic, [law])

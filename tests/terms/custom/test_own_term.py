@@ -1,0 +1,115 @@
+"""A term that a user writes: studies/examples/term.py, and what is refused."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import rough
+from support.examples import example
+
+import fecloth as fc
+from fecloth.verify import VerificationFailed, check_term
+
+
+@pytest.fixture(scope="module")
+def own():
+    return example("term")
+
+
+@pytest.fixture(scope="module")
+def cloth():
+    return fc.Cloth.rectangle(0.4, 0.3, h=0.1, pattern="right")
+
+
+def test_cloth_on_a_winkler_bed_agrees_with_the_formula(own):
+    """S z'' = k z + ρ g with z = 0 at both ends, solved by the test in 2,000 differences."""
+    S, k, n = 1000 * 0.5 * (1.1**2 - 1), 1000.0, 2000
+    h = 1 / n
+    second = (np.eye(n - 1, k=1) + np.eye(n - 1, k=-1) - 2 * np.eye(n - 1)) / h**2
+    z = np.linalg.solve(S * second - k * np.eye(n - 1), np.ones(n - 1))[n // 2 - 1]
+    coarse, fine = (own.sag(k, h) / (k * z) - 1 for h in (0.1, 0.05))
+    assert abs(fine) < 2e-3
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.2)
+    lines = re.findall(r"by (\S+) .* formula (\S+)", own.printed)
+    assert len(lines) == 4
+    for found, formula in lines:
+        assert float(found) == pytest.approx(float(formula), rel=3e-4)
+
+
+def test_all_ways_to_write_an_elastic_bed_give_the_same_force(own, cloth, isotropic, rng):
+    k, nodes = 300.0, np.arange(len(cloth.X))[:, None]
+    ways = [
+        own.Winkler(k),
+        fc.Condition(lambda y: y[:, 0, 2], nodes, k * cloth.load()),
+        fc.UserForce((0, 0, f"{-k} * z")),
+    ]
+    systems = [fc.System(cloth, isotropic, [way]) for way in ways]
+    state = systems[0].state(rough(cloth, rng))
+    for other in systems[1:]:
+        assert abs(other.force(state) - systems[0].force(state)).max() < 1e-12
+        assert abs(other.stiffness(state) - systems[0].stiffness(state)).max() < 1e-6  # differences
+        assert other.rate_bounds() == pytest.approx(systems[0].rate_bounds(), rel=1e-6)
+    energy = 0.5 * k * float(cloth.load() @ state.x[:, 2] ** 2)
+    assert systems[0].energies(state)["Winkler"] == pytest.approx(energy, rel=1e-13)
+    assert systems[1].energies(state)["Condition"] == pytest.approx(energy, rel=1e-12)
+
+
+def test_a_bed_bounces_at_its_frequency_and_keeps_its_energy(own, cloth, isotropic):
+    """√(k/ρ) for a cloth that moves as one piece; the ledger has a column for the term."""
+    k = 300.0
+    system = fc.System(cloth, isotropic, [fc.StVK(), own.Winkler(k)])
+    start = system.state(system.rest().x + [0, 0, 0.01])
+    period = 2 * np.pi * np.sqrt(0.2 / k)
+    for method in (fc.EnergyMomentum(), fc.CentralDifference()):
+        result = fc.run(system, method, start, period / 400, period)
+        assert result.state.x[:, 2] == pytest.approx(np.full(len(cloth.X), 0.01), rel=1e-3)
+        opening = 0.5 * k * cloth.area * 0.01**2
+        assert result.energies["Winkler"][0] == pytest.approx(opening, rel=1e-12)
+        assert np.ptp(result.energies["total"] + result.energies["numerical"]) < 1e-6 * opening
+
+
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [("energy", "^force of"), ("add_tangent", "^x-tangent of .* 9.9e-03 9.9e-03")],
+)
+def test_check_term_catches_a_term_that_is_wrong(own, monkeypatch, method, said):
+    right = getattr(own.BoundWinkler, method)
+
+    def wrong(self, *arguments):
+        return right(replace(self, k=1.01 * self.k), *arguments)
+
+    check_term(own.Winkler(300.0), scales=[1.0])
+    monkeypatch.setattr(own.BoundWinkler, method, wrong)
+    with pytest.raises(VerificationFailed, match=said):
+        check_term(own.Winkler(300.0), scales=[1.0])
+
+
+class Stub:
+    """A term that gives what it is told."""
+
+    def __init__(self, stencil=None, bound=None):
+        self.stencil = lambda cloth: stencil
+        self.bind = lambda panel, slots: bound
+
+
+HALF = SimpleNamespace(name="half", has_energy=True, dissipative=True, add_force=None)
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (Stub([[0, 1]]), r"Stub: stencil\(cloth\) = \[\[0, 1\]\]: must be an array \(m, k\)"),
+        (Stub(np.zeros(3, int)), r"of shape \(3,\) and type int64: must be an array \(m, k\)"),
+        (Stub(np.zeros((3, 1))), r"of shape \(3, 1\) and type float64: must be an array"),
+        (Stub(np.array([[0, 20]])), r"with the nodes 0 … 20: must lie in 0 … 19"),
+        (Stub(np.array([[-1, 2]])), r"with the nodes -1 … 2: must lie in 0 … 19"),
+        (Stub(), r"gives a NoneType: must have name, symmetric, has_energy"),
+        (Stub(bound=HALF), "symmetric, velocity_dependent, add_tangent, rate_bounds, energy, po"),
+    ],
+    ids=lambda value: "" if isinstance(value, Stub) else value[:30],
+)
+def test_system_names_the_missing_members_of_a_term(cloth, isotropic, term, said):
+    with pytest.raises(fc.InputError, match=said):
+        fc.System(cloth, isotropic, [term])

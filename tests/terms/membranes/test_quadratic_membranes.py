@@ -1,0 +1,205 @@
+"""Membranes on quadratic triangles: the kernels on six nodes and points, and orders in space."""
+
+import functools
+
+import numpy as np
+import pytest
+from support import oracle
+
+import fecloth as fc
+from fecloth.terms.kinematics import principal_stretches
+from fecloth.verify import check_term, observed_order, trial_states
+
+FABRIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0)
+
+
+@pytest.fixture(scope="module")
+def cloth(quadratic):
+    return quadratic
+
+
+def system_on(cloth, terms=None, **options):
+    return fc.System(cloth, FABRIC, [fc.StVK()] if terms is None else terms, **options)
+
+
+def close(a, b, tolerance=1e-12):
+    assert np.abs(a - b).max() <= tolerance * np.abs(b).max()
+
+
+STATES = ["random", "compressed", "nearly degenerate"]
+
+
+@pytest.mark.parametrize("number", range(3), ids=STATES)
+def test_kernels_equal_the_form(cloth, number):
+    system, C = system_on(cloth, [fc.StVK(strain="pointwise")]), FABRIC.moduli()
+    _, x, v = trial_states(cloth)[number]
+    state = system.state(x, v)
+    assert system.energies(state)["StVK"] == pytest.approx(oracle.energy(cloth, C, x), rel=1e-12)
+    close(system.force(state), oracle.force(cloth, C, x))
+    close(system.stiffness(state).toarray(), oracle.stiffness(cloth, C, x).toarray())
+    damped = system_on(cloth, [fc.StrainRateDamping(0.01, strain="pointwise")])
+    close(damped.force(state), oracle.viscous_force(cloth, 0.01 * C, x, v))
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        fc.StVK(),
+        fc.TensorCondition(250.0),
+        fc.StrainRateDamping(0.01, tangent="exact"),
+        fc.MassDamping(3.0),
+        fc.UserForce(("-50 * x", "sin(9 * y)", "-3 * vz"), tangent="exact"),
+        fc.Pressure(300.0, tangent="exact"),
+    ],
+    ids=lambda term: type(term).__name__,
+)
+def test_terms_have_the_right_derivatives(cloth, term):
+    fabric = fc.Fabric(0.2, 1000.0, 0.3)
+    tangents = (
+        "v" if isinstance(term, fc.MassDamping) else ("x", "v") if hasattr(term, "tangent") else "x"
+    )
+    assert check_term(term, cloth, fabric, scales=[1.0], tangents=tangents)
+
+
+@pytest.mark.parametrize(
+    "term",
+    [fc.NeoHookean(), fc.NeoHookean("compressible"), fc.TensionField()],
+    ids=repr,
+)
+def test_laws_undefined_for_degenerate_triangles_have_the_right_derivatives(cloth, term, rng):
+    pull = np.array([[2.0, 0.1], [0.2, 1.9], [0.1, 0.3]])
+    x = cloth.X @ pull.T + 0.002 * rng.standard_normal((len(cloth.X), 3))
+    states = [("taut", x, np.zeros_like(x))]
+    assert check_term(term, cloth, fc.Fabric(0.2, 1000.0, 0.3), scales=[1.0], states=states)
+
+
+def test_an_affine_motion_is_exact(cloth):
+    """F, area and energy in closed form, and no force on a node that is not on the border."""
+    F = np.array([[1.1, 0.2], [-0.1, 0.9], [0.3, 0.1]])
+    x = cloth.X @ F.T
+    system = system_on(cloth)
+    E = (F.T @ F - np.eye(2)) / 2
+    C11, C22, C66, C12, _, _ = FABRIC.moduli()
+    W = (C11 * E[0, 0] ** 2 + C22 * E[1, 1] ** 2) / 2 + C12 * E[0, 0] * E[1, 1]
+    W += 2 * C66 * E[0, 1] ** 2
+    state = system.state(x)
+    assert system.energies(state)["StVK"] == pytest.approx(0.06 * W, rel=1e-12)
+    f = system.force(state)
+    inside = np.setdiff1d(np.arange(len(cloth.X)), cloth.nodes("boundary"))
+    assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max()
+    stretches = np.sqrt(np.linalg.eigvalsh(F.T @ F))
+    computed = principal_stretches(cloth, x)
+    np.testing.assert_allclose(computed, np.tile(stretches, (len(computed), 1)), rtol=1e-12)
+
+
+def test_the_patch_test():
+    """If the border has an affine displacement, equilibrium is affine at all inner nodes."""
+    cloth = fc.Cloth.rectangle(1.0, 0.7, h=0.25, element="P2")
+    F = np.array([[1.2, 0.1], [0.05, 1.1], [0.2, 0.0]])
+    x = cloth.X @ F.T
+    noise = 0.02 * np.random.default_rng(3).standard_normal(x.shape)
+    noise[cloth.nodes("boundary")] = 0
+    system = system_on(cloth, pins=["boundary"])
+    end = fc.equilibrium(system, system.state(x + noise))
+    assert np.abs(end.x - x).max() < 1e-8
+
+
+def test_free_fall_causes_no_internal_force(cloth):
+    system = system_on(cloth, [fc.StVK(), fc.Gravity(), fc.StrainRateDamping(0.01)])
+    start = system.rest()
+    end = fc.run(system, fc.ImplicitMidpoint(), start, dt=0.01, t_end=0.1).state
+    np.testing.assert_allclose(
+        end.x - start.x, np.tile([0, 0, -0.5 * 9.81 * 0.01], (len(end.x), 1)), atol=1e-9
+    )
+
+
+STRETCH, WAVE = np.array([1.2, 1.1]), 0.08
+
+
+def motion(X):
+    """Positions (p, 3) of a sheet stretched along both axes, with in-plane and normal waves."""
+    s, t = np.pi * X[:, 0], np.pi * X[:, 1]
+    return np.column_stack(
+        [
+            STRETCH[0] * X[:, 0] + WAVE * np.sin(s) * np.cos(t) / np.pi,
+            STRETCH[1] * X[:, 1] + WAVE * np.cos(s) * np.sin(t) / np.pi,
+            2 * WAVE * np.sin(s) * np.sin(t) / np.pi,
+        ]
+    )
+
+
+def motion_gradient(X):
+    """Deformation gradient F (p, 3, 2)."""
+    s, t = np.pi * X[:, 0], np.pi * X[:, 1]
+    cc, ss, sc, cs = (
+        a * b
+        for a, b in (
+            (np.cos(s), np.cos(t)),
+            (np.sin(s), np.sin(t)),
+            (np.sin(s), np.cos(t)),
+            (np.cos(s), np.sin(t)),
+        )
+    )
+    F = np.stack(
+        [
+            np.stack([WAVE * cc + STRETCH[0], -WAVE * ss], -1),
+            np.stack([-WAVE * ss, WAVE * cc + STRETCH[1]], -1),
+            np.stack([2 * WAVE * cs, 2 * WAVE * sc], -1),
+        ],
+        axis=1,
+    )
+    return F
+
+
+def stress(X):
+    """(p, 3, 2) P = F S of the isotropic StVK sheet, also for complex X."""
+    F, Y, nu = motion_gradient(X), 1000.0, 0.3
+    E = (np.einsum("pji,pjk->pik", F, F) - np.eye(2)) / 2
+    trace = np.trace(E, axis1=1, axis2=2)[:, None, None]
+    S = Y / (1 - nu**2) * ((1 - nu) * E + nu * trace * np.eye(2))
+    return np.einsum("pij,pjk->pik", F, S), S
+
+
+def body_force(X):
+    """(p, 3) −Div P [N/m²], by complex steps."""
+    h = 1e-30
+    shifts = 1j * h * np.eye(2)
+    return -sum(stress(X + shifts[j])[0][:, :, j].imag / h for j in range(2))
+
+
+@functools.cache
+def static_errors(element, n, per="node", strain="interpolated"):
+    """L2 and H1 error of the equilibrium under the force that makes `motion` exact.
+
+    Per "node" the force is integrated with the shape functions, per "area" by its nodal values.
+    """
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 1 / n, element=element)
+    values = cloth.load(body_force, order=8) if per == "node" else body_force(cloth.X)
+    force = fc.UserForce(lambda x, v, t: values, per=per)
+    terms = [fc.StVK(strain=strain), force]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms, pins=["boundary"])
+    x = fc.equilibrium(system, system.state(motion(cloth.X))).x
+    return cloth.l2_error(x, motion, 10), cloth.h1_error(x, motion_gradient, 10)
+
+
+@pytest.mark.parametrize("per", ["node", "area"])
+@pytest.mark.parametrize(("element", "l2", "h1"), [("P1", 2, 1), ("P2", 3, 2)])
+def test_orders_in_space(element, l2, h1, per):
+    points = np.random.default_rng(0).uniform(size=(500, 2))
+    assert np.linalg.eigvalsh(stress(points)[1]).min() > 0  # taut: the problem is well posed
+    n = (8, 16, 32)
+    errors = np.array([static_errors(element, k, per) for k in n])
+    orders = [observed_order(1 / np.array(n), e)[-1] for e in errors.T]
+    assert orders == pytest.approx([l2, h1], abs=0.15)
+
+
+def test_both_strains_have_the_orders_of_quadratic_triangles():
+    errors = {
+        strain: np.array([static_errors("P2", n, "node", strain) for n in (8, 16, 32)])
+        for strain in ("interpolated", "pointwise")
+    }
+    for found in errors.values():
+        orders = [observed_order(1 / np.array([8, 16, 32]), e)[-1] for e in found.T]
+        assert orders == pytest.approx([3, 2], abs=0.15)
+    np.testing.assert_allclose(errors["interpolated"], errors["pointwise"], rtol=0.05)
+    assert (errors["interpolated"] != errors["pointwise"]).all()
