@@ -175,8 +175,8 @@ class Sdf(Shape):
     formula
         Formula of x, y, z [m] and t [s]; a shape that deforms in time pushes along its normal.
     radius
-        The least radius with which it curves outwards [m], which says how many points inside
-        triangles are needed; None for a shape with edges.
+        Least radius of curvature where the shape curves outwards [m]. It decides how many points
+        inside triangles are needed. None for a shape with edges.
     motion
         Displacement [m], three formulas of t; only its changes count.
     rotate

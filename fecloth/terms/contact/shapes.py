@@ -213,7 +213,7 @@ class Box(Shape):
     Parameters
     ----------
     center
-        [m].
+        Its centre [m].
     size
         The lengths of its edges [m].
     motion
@@ -255,7 +255,7 @@ class Disk(Shape):
     Parameters
     ----------
     center
-        [m].
+        Its centre [m].
     normal
         The direction of its axis, of any length.
     radius, thickness

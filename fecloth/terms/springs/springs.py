@@ -90,9 +90,9 @@ class Springs:
     kind
         "structural", "van_gelder" or "biquadratic".
     stiffness, shear, bend
-        k of a structural network's springs [N/m]: `stiffness` of the class "stretch", `shear` and
-        `bend` of theirs; 0: none of the class. Left out, stretch and shear springs are derived
-        from the fabric, and there are no bend springs.
+        k [N/m] of the springs of a structural network: `stiffness` of its stretch springs, `shear`
+        of its shear springs, `bend` of its bend springs. With 0 there are no such springs. Left
+        out: stretch and shear springs follow from the fabric, and there are no bend springs.
     damping
         τ [s]: each spring resists its own lengthening with k_d = τ k; 0 for none.
     tangent
