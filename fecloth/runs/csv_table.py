@@ -46,7 +46,7 @@ class Table:
         header = self._header or tuple(row)
         if row.keys() != set(header):
             odd = ", ".join(sorted(row.keys() ^ set(header)))
-            raise InputError(f"keys {odd}", "must be those of the first row", str(self.path))
+            raise InputError(f"keys {odd}", "must be the keys of the first row", str(self.path))
         line = [row[key] for key in header]
         data = _csv([line] if self._header else [header, line])
         with writing(self.path):

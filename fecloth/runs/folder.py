@@ -19,7 +19,7 @@ from fecloth.runs.csv_table import Table
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf", "run.vtkhdf.redo")
-LISTS = ("*.pvd", "*.vtu.series")  # only those that list these:
+LISTS = ("*.pvd", "*.vtu.series")  # only lists of these files:
 FRAMES = ("frame_", "obstacles_")  # in frames/
 
 
@@ -161,7 +161,7 @@ def _clear(path):
 
 
 def _files_of_run(path):
-    """Yield the files that fecloth wrote; last those by which a folder is recognised as a run's."""
+    """Yield the files that fecloth wrote; last the files by which a run's folder is recognised."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
             text = file.read_bytes()

@@ -43,7 +43,7 @@ from fecloth.view.html_report import write_report
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
 LAST = (Solves, Contact, Shapes)  # in this order in the log and among the warnings
-ORDER = (  # of the keys of summary.json; those of other accounts follow
+ORDER = (  # of the keys of summary.json; keys of other accounts follow
     *("status", "error", "warnings", "warning", "t", "t_end", "unit"),
     *("time_error", "time_error_in_words", "least_eigenvalue"),
     *("space_error", "space_error_in_words", "contact_in_words"),
@@ -257,7 +257,7 @@ class Recorder:
 
     @property
     def warnings(self) -> list[str]:
-        """All warnings of the run, those before the first step first."""
+        """All warnings of the run, first the warnings before the first step."""
         return [*self.foreseen, *self.progress.warnings]
 
     def _summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
@@ -323,7 +323,7 @@ class Recorder:
 
 
 def list_scene_accounts(is_static: bool) -> tuple[type[Account], ...]:
-    """Return the accounts of a scene: the accounts of `run`, of which three come last."""
+    """Return the accounts of a scene: the accounts of `run`, three of them last."""
     return (*(kind for kind in list_accounts(is_static) if kind not in LAST), *LAST)
 
 

@@ -114,7 +114,7 @@ def read(path: Path) -> Restart:
 def _check(found, arrays) -> None:
     """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
 
-    All but those in the history of terms must have the shape (n, 3) of the positions.
+    All arrays but the history of terms must have the shape (n, 3) of the positions.
     """
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
@@ -195,7 +195,7 @@ def find(folder: Path) -> Restart:
 def _missing_restart_error(folder: Path) -> InputError:
     """Return the error that says why no restart was found."""
     if not folder.is_dir():
-        remedy = "Give the folder of a run; -o names that of a new one."
+        remedy = "Give the folder of a run; -o names the folder of a new run."
         return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
     remedy = "Run it again with --overwrite; restart_steps in [output] writes restart files."
     summary = _summary(folder)

@@ -46,9 +46,9 @@ class Account:
     """A figure of a run: a frozen record of the steps so far, replaced by each step.
 
     A new figure is a frozen dataclass of this kind, marked with `remembered`, in a file of its own;
-    its class stands in a list of accounts, after those it reads. It has the methods that it needs
-    of these, and then appears in the tables, the warnings, the log, summary.json, the restart files
-    and the `Result`.
+    its class stands in a list of accounts, after the accounts that it reads. It has the methods
+    that it needs of these, and then appears in the tables, the warnings, the log, summary.json, the
+    restart files and the `Result`.
     """
 
     name: ClassVar[str]  # in restart files and `Accounts.records`
@@ -61,7 +61,7 @@ class Account:
         return cls()
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Self:
-        """Return the record after a step that has a row; `others` are those after this step."""
+        """Return the record after a step that has a row; `others` are accounts after this step."""
         return self
 
     def finish(self, run: Run, end: End, others: Accounts) -> Self:

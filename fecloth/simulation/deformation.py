@@ -35,7 +35,7 @@ class Deformation(Account):
     # Place of each movable piece at the start (`Piece.place`) [m].
     places: tuple[tuple[float, ...], ...] = ()
     first: float | None = None  # `kinetic` after the first step
-    # `find_inflow` now, and before the last step or before those without a row.
+    # `find_inflow` now, and before the last step or before the steps without a row.
     inflow: float = 0.0
     last_inflow: float = 0.0
 

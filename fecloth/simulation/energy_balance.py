@@ -29,7 +29,7 @@ class Balance(Account):
     start: float
     steps: int = 0
     # Largest energy of deformation that three steps in a row have reached [J]. One step's spike,
-    # such as that of a pin that jumps, does not count.
+    # such as the spike of a pin that jumps, does not count.
     largest: float = 0.0
     # The energy of deformation after the last step and the one before [J].
     last: float = 0.0

@@ -80,7 +80,7 @@ class Ledger(Account):
         return cls(state.t, kinetic, energies, *flows, opening, resisting, silent)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Ledger:
-        """Return the ledger after a step and those without a row before it."""
+        """Return the ledger after a step and the steps without a row before it."""
         skipped = info.skipped.flows if info.skipped else None
         whole = skipped if info.skipped and info.skipped.step else None
         after = self.after(run.system, run.method, info.old, info.result, whole)
@@ -89,7 +89,8 @@ class Ledger(Account):
     def after(self, system: System, method, old: State, step, flows: Flows | None = None) -> Ledger:
         """Return the ledger after `step`, taken by `method` from the state `old`.
 
-        `flows` are those since this ledger, where they are known; otherwise those of the step.
+        `flows` are the flows since this ledger, where they are known; otherwise the flows of the
+        step.
         """
         energies = system.with_history(step.history).energies(step.state)
         kinetic = energies.pop("kinetic")
@@ -116,7 +117,7 @@ class Ledger(Account):
         return Flows(dissipated, work, pins, method.numerical(system, old, step))
 
     def with_flows(self, flows: Flows) -> Ledger:
-        """Return the ledger with the flows of steps of which it has no rows."""
+        """Return the ledger with the flows of steps without rows."""
         dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
         return replace(
             self,
@@ -213,7 +214,7 @@ def _mean(function, stages):
 def _clamp_work(system, theta, old, step):
     """Work that moves the normals of clamps over a step; part of the work of the pins.
 
-    Its forces act where those of `_pin_work` do, so that the two cancel in a translation.
+    Its forces act where the forces of `_pin_work` do, so that the two cancel in a translation.
     """
     at_stages = theta == 0.5 and not step.ends
     states = step.stages if at_stages else (old, step.state)

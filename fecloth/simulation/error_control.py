@@ -61,21 +61,22 @@ class Adaptive(ChosenSteps):
         dt (atol + rtol R)
 
     where R is the same mean of the distance from the cloth's centre: so the error is bounded for
-    each second of motion, and that at the end is proportional to the tolerance (bounded for each
-    step, it would go with tol^(p/(p + 1))). The next step is, with the error e relative to the
-    allowed one and e₋ that of the step before,
+    each second of motion, and the error at the end is proportional to the tolerance (bounded for
+    each step, it would go with tol^(p/(p + 1))). The next step is, with the error e relative to the
+    allowed one and e₋ the error of the step before,
 
         0.9 e^(−0.7/p) e₋^(0.4/p) dt
 
     and between 0.2 and 2 times the last one: a PI controller (Gustafsson 1991, Control Theoretic
-    Techniques for Stepsize Selection in Explicit Runge–Kutta Methods; the exponents are those of
+    Techniques for Stepsize Selection in Explicit Runge–Kutta Methods; the exponents are the ones of
     Hairer and Wanner 1996, Solving Ordinary Differential Equations II, eq. IV.2.43). A step
     beyond its tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
     The ends of a step do not show a short motion inside it. A step with little error is therefore
     sampled, at sixteen times for the motion of pins and at five for loads that depend on time, and
     rejected if these deviate from the interpolation between its ends. Shorter motions may be
-    missed, of which `run` warns: bound the steps by `longest`, or make one end there with `stops`.
+    missed, and `run` warns of this: bound the steps by `longest`, or make one end there with
+    `stops`.
 
     Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate includes
     fast waves in the plane of the cloth. A method that does not damp them then takes short steps:
@@ -138,13 +139,13 @@ class Adaptive(ChosenSteps):
 
     @property
     def traits(self) -> MethodTraits:
-        """Those of the method, with chosen steps, which stay below an explicit method's limit."""
+        """The method's traits, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def start(self, system: System, state: State, longest: float) -> Control:
         """Choose the first step so that its error, estimated by differences, is the allowed one.
 
-        The differences are those over a short flight with moving pins; the step is at most FAR
+        The differences are taken over a short flight with moving pins; the step is at most FAR
         times that flight. After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential
         Equations I, II.4.
         """

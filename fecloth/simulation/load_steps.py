@@ -30,7 +30,7 @@ from fecloth.system.system import History, System
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.records import remembered
 
-TERMS_TIME = 0.0  # at which loads are evaluated: those of a static scene do not depend on it
+TERMS_TIME = 0.0  # at which loads are evaluated: loads of a static scene do not depend on it
 
 
 @remembered
@@ -154,7 +154,7 @@ class LoadSteps:
 
 
 def _scaled(system: System, load: float) -> Iterator[Any]:
-    """Yield the terms, of which the loads act with the factor `load`."""
+    """Yield the terms; loads among them act with the factor `load`."""
     for term in system.bound:
         scales = load != 1.0 and term.load
         yield ScaledLoad(term, load) if scales else term

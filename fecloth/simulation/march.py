@@ -137,7 +137,7 @@ def march(
     system, method, state
         What moves, the integrator, and the start; the pins start from where `state` has them.
     dt
-        Step [s]. All steps are dt, except that those before a stop or `t_end` are shortened to
+        Step [s]. All steps are dt, except that steps before a stop or `t_end` are shortened to
         end there. A list or an array has the size of each step; then `t_end` may be left out, and
         the stops must be ends of steps. None for `Adaptive`, which chooses its steps, and for
         explicit methods, which then take 0.9 of their largest stable step (`StabilityLimited`).
@@ -151,7 +151,7 @@ def march(
     most_stretch
         A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
         its numbers overflow. Looked at after each implicit step, each eighth explicit one and, of
-        those taken in one call, each 64th.
+        steps taken in one call, each 64th.
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
         state: bit for bit, if that called `SolverContext.drop` at this step.

@@ -25,7 +25,7 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
     f is the mean force over the step. If the step has its own acceleration `a` and the force that
-    it `solved` for, these are used: BDF2's reactions are those at the end of the step. Only
+    it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
     constrained directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:
@@ -47,8 +47,9 @@ def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
     """Reaction [N] and least distance [m] of each obstacle at a state.
 
-    The reaction is the force with which the obstacle holds the cloth, friction included, as that of
-    a pin; the force on the obstacle is its opposite. It is NaN without an `acting` system.
+    The reaction is the force with which the obstacle holds the cloth, friction included, as the
+    reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
+    system.
     """
     row: dict[str, float] = {}
     terms = zip(system.names, system.bound, (acting or system).bound, strict=True)
@@ -70,7 +71,7 @@ class Probe:
     name
         Column name.
     where
-        A node set's name, node indices or a predicate: the mean position of those nodes.
+        A node set's name, node indices or a predicate: the mean position of these nodes.
     point
         Material coordinates (X, Y) [m]; give this or `where`.
     """

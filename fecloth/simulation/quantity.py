@@ -72,7 +72,7 @@ class Quantity:
         return rest if kind == "energy" and rest else self.name
 
     def unit(self, names: Iterable[str] = ()) -> str:
-        """Return the SI unit; `names` are those of the energies, which need no prefix."""
+        """Return the SI unit; `names` are names of energies, which need no prefix."""
         if self.how in ("mode", "frequency"):
             return "Hz"
         if self.how in ("period", "function"):

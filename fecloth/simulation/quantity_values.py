@@ -79,7 +79,7 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
 
 
 def size_of(quantity: Quantity, record: RunRecord) -> float:
-    """Return the size to which a difference is compared; of probes that of their displacement."""
+    """Return the size to which a difference is compared; of probes the size of displacement."""
     if quantity.is_field:
         return _norm(quantity, record, record, 0.0)
     if quantity.name and quantity.how in ("value", "path"):
@@ -93,7 +93,7 @@ def size_of(quantity: Quantity, record: RunRecord) -> float:
 def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
 
-    Of probes it is that of their displacements. Of paths it is the root mean square
+    Of probes it is the size of their displacements. Of paths it is the root mean square
     √(∫ |b − a|² dt / T) over the steps of the run with fewer steps; each step counts with its end,
     because reactions have no value at the start.
     """

@@ -47,7 +47,7 @@ def record_steps(
     accounts
         Before the first of these steps.
     next_row
-        Says which step must be recorded next; those between may be left out. None: each.
+        Says which step must be recorded next; steps between may be left out. None: each step.
 
     Raises
     ------

@@ -194,10 +194,11 @@ def run(
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step of which there is a row. A run of
-    more steps than `rows` has about that many rows, evenly spread, and those that the error in time
+    Arguments as for `march`; `report` is called after every step that has a row. A run of
+    more steps than `rows` has about that many rows, evenly spread, and rows that the error in time
     needs, where its steps can be fused: `CentralDifference` at a fixed or stable dt, with terms and
-    pins that need no Python. The steps, and the sums in the ledger, are those of single steps.
+    pins that need no Python. The steps, and the sums in the ledger, are the same as with single
+    steps.
 
     The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins can have supplied (see `Growth`).
@@ -285,7 +286,7 @@ def collect(
     most_growth, report
         As for `run`.
     foreseen
-        Warnings from before the first step; those of the steps follow them in the result.
+        Warnings from before the first step; warnings of the steps follow them in the result.
     next_row
         As for `record_steps`.
     step

@@ -45,7 +45,7 @@ class LimitMemory:
 class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    The limit is that at the start or, without loads, at rest, whichever is less. A stretched cloth
+    The limit is taken at the start or, without loads, at rest, whichever is less. A stretched cloth
     becomes stiffer, with some materials also a compressed one, and the limit falls. It is computed
     again if a principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and
     otherwise after 500 steps. Then it may also grow, by 5 % at most.
@@ -67,7 +67,7 @@ class StabilityLimited(ChosenSteps):
 
     @property
     def traits(self) -> MethodTraits:
-        """Those of the method, with steps chosen below its limit."""
+        """The traits of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def step(

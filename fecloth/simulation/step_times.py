@@ -116,7 +116,7 @@ class ChosenSteps:
 
     @cached_property
     def traits(self) -> MethodTraits:
-        """Those of the method; `march` takes no other dt."""
+        """The traits of the method; `march` takes no other dt."""
         return replace(self.method.traits, chooses_dt=True)
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:

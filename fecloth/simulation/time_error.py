@@ -62,7 +62,7 @@ class TimeError(Account):
 
         (2/τ)^p κ ∫ dt^q dt = 2
 
-    so that positions are needed every τ only, which grows with time. (For τ, dt is that of the
+    so that positions are needed every τ only, which grows with time. (For τ, dt is the dt of the
     present, so that a short motion after a long rest is not passed over.) The largest e so far
     over the largest displacement is the relative error.
     """
@@ -150,7 +150,7 @@ class TimeError(Account):
     ) -> float:
         """Return the error up to `state`, over the largest displacement; NaN for no estimate.
 
-        Where the error of a step is of a lower order than its drift, as that of the symplectic
+        Where the error of a step is of a lower order than its drift, as the error of the symplectic
         Euler method, c dt |v| is added: such an error does not grow with time. There is no estimate
         for a method without these constants, before p steps, and for a cloth at rest.
         """

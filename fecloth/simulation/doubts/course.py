@@ -114,7 +114,7 @@ def _loss(system: System, dt: float) -> float:
 
 
 def find_short_steps(run: PlannedRun) -> Iterator[str]:
-    """Warn of an implicit method with steps shorter than those that an explicit method needs."""
+    """Warn of an implicit method with shorter steps than an explicit method needs."""
     dt = run.dt
     if not dt or run.method.traits.explicit:
         return

@@ -47,7 +47,7 @@ def find_jumps(
 ) -> list[tuple[float, float]]:
     """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times.
 
-    The intervals that differ most from those beside them are halved until a jump remains, or none.
+    The intervals that differ most from their neighbours are halved until a jump remains, or none.
     A motion that goes there and back within an interval is missed.
 
     Examples

@@ -55,7 +55,7 @@ class Signal:
 
     @property
     def moves(self) -> bool:
-        """Whether it is a motion, of which a uniform one counts as none."""
+        """Whether it is a motion; a uniform motion counts as none."""
         return self.kind != "load"
 
     @cached_property

@@ -121,6 +121,6 @@ def bending_length(B: float, density: float) -> float:
 
 
 def is_stiff(fabric: Fabric) -> bool:
-    """Return whether the bending rigidity is beyond that of cloth, and is warned of."""
+    """Return whether the bending rigidity is beyond any cloth's, and is warned of."""
     lengths = (bending_length(B, fabric.areal_density) for B in fabric.bending or ())
     return any(length > BENDING_LENGTH for length in lengths)

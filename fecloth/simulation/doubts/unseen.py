@@ -36,8 +36,8 @@ QUARTER = 0.25  # of the time for which a load acts: the longest step that sees 
 def find_missed(run: PlannedRun) -> Iterator[str]:
     """Yield a sentence for each motion or load that mostly acts between the ends of fixed steps.
 
-    Its values inside the steps are compared with the straight lines between those at their ends,
-    on the average over time. For chosen steps see `find_short_pulses`.
+    Its values inside the steps are compared with the straight lines between the values at their
+    ends, on the average over time. For chosen steps see `find_short_pulses`.
     """
     return say_of_each(run.signals if run.dt else (), _missed_in_words, run.dt)
 
@@ -69,7 +69,7 @@ def _sees(signal: Signal, dt: float, near: Span) -> bool:
 
 
 def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
-    """Return the share of a signal that steps miss, and the span of those that miss most.
+    """Return the share of a signal that steps miss, and the span of the steps that miss most.
 
     The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of a
     motion, g is the rest beside the uniform motion nearest to it. The share is the larger one of
