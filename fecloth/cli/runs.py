@@ -14,7 +14,7 @@ from fecloth.runs.interruption import set_handler
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fecloth.scene.expectations import Verdict
+    from fecloth.scene.probe_tables import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
     from fecloth.simulation.march import StepInfo
@@ -95,7 +95,7 @@ def check(options: Namespace) -> int:
 
 def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
     from fecloth.runs.run_scene import resolve_scene
-    from fecloth.scene.expectations import check
+    from fecloth.scene.probe_tables import check
     from fecloth.simulation.run import collect
 
     problem, solver, why = resolve_scene(scene.build())

@@ -21,8 +21,8 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import read_frame
 from fecloth.scene.cloth_tables import Pieces
 from fecloth.scene.error_words import errors_at
-from fecloth.scene.expectations import refuse_unknown
-from fecloth.scene.pin_table import PinTable
+from fecloth.scene.placement import PinTable
+from fecloth.scene.probe_tables import refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.energy_ledger import Ledger

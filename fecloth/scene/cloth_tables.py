@@ -14,7 +14,7 @@ from fecloth.mesh.grading import Grading
 from fecloth.quantities.units import LENGTH
 from fecloth.scene.error_words import MESH_FILE
 from fecloth.scene.field_types import File, Length
-from fecloth.scene.start_table import Start
+from fecloth.scene.placement import Start
 from fecloth.scene.table_model import Table, one_of, table_of
 
 GradingTable: Any = table_of(Grading)

@@ -14,10 +14,9 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from fecloth.scene import (
-    pin_table,
+    placement,
     probe_tables,
     schedule,
-    start_table,
     tables,
 )
 from fecloth.scene.cloth_tables import Disk, GradingTable, MeshFile, Pieces, Rectangle
@@ -34,8 +33,8 @@ SECTIONS = {
     "[cloth]": (Rectangle, Disk, MeshFile, Pieces),
     "[[cloth.grading]]": (GradingTable,),
     "[fabric]": (FabricTable,),
-    "[[pins]]": (pin_table.PinTable, pin_table.RotationTable),
-    "[start]": (start_table.Start, start_table.Rotation),
+    "[[pins]]": (placement.PinTable, placement.RotationTable),
+    "[start]": (placement.Start, placement.Rotation),
     "[time]": (schedule.Time,),
     "[equilibrium]": (schedule.EquilibriumTable,),
     "[solver]": (tables.SolverTable,),

@@ -16,7 +16,7 @@ from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File
-from fecloth.scene.pin_table import RotationTable
+from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import Made, one_of, table_of
 from fecloth.terms.contact import shapes
 from fecloth.terms.protocol import is_description

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from fecloth.scene.expectations import check
-from fecloth.scene.probe_tables import Expectation
+from fecloth.scene.probe_tables import Expectation, check
 
 
 def columns(**given):

@@ -177,7 +177,7 @@ def test_start_from_formulas(file):
 
 
 def test_rotation_keeps_lengths_and_the_axis():
-    from fecloth.scene.start_table import Rotation
+    from fecloth.scene.placement import Rotation
 
     x = np.random.default_rng(1).normal(size=(5, 3))
     turned = Rotation(axis=(1.0, 2.0, -1.0), degrees=40.0).apply(x)

@@ -1,0 +1,169 @@
+"""The tables [start] and [[pins]] of a scene: where nodes start, and which are held or moved."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import PrivateAttr, model_validator
+
+from fecloth.errors import InputError
+from fecloth.quantities import rotation
+from fecloth.quantities.formula import Formula
+from fecloth.quantities.units import LENGTH
+from fecloth.scene.field_types import File, Name, OfPlace, OfTime, OfTimeAndPlace, Vector, Where
+from fecloth.scene.table_model import Table, require_exactly_one, table_of
+from fecloth.system.pins import Pin, Slide
+
+_PLANES = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}  # the axes of warp and weft
+
+
+class Rotation(Table):
+    """A turn about an axis through the origin, right-handed."""
+
+    axis: Vector
+    """The axis of the turn."""
+    degrees: float
+    """The angle, right-handed."""
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self):
+        if not any(self.axis):
+            raise InputError(f"axis = {list(self.axis)}", "must not be zero")
+        return self
+
+    def apply(self, x: np.ndarray) -> np.ndarray:
+        """Rotate points (n, 3) by Rodrigues' formula."""
+        axis = np.array(self.axis) / math.hypot(*self.axis)
+        angle = math.radians(self.degrees)
+        along = np.outer(x @ axis, axis)
+        return along + math.cos(angle) * (x - along) + math.sin(angle) * np.cross(axis, x)
+
+
+class Start(Table):
+    """The start: flat in a plane, by formulas of X and Y, or from a frame of an earlier run."""
+
+    plane: Literal["xy", "xz", "yz"] | None = None
+    """Flat in this plane, warp and weft along its axes. The default is xy."""
+    position: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    """In place of `plane`: three formulas of X and Y [m]."""
+    frame: File | None = None
+    """In place of `plane`: a frame of an earlier run, with its velocity."""
+    rotate: Rotation | None = None
+    """A turn about an axis through the origin."""
+    shift: Annotated[Vector | None, LENGTH] = None
+    """A translation after the turn [m]."""
+    velocity: tuple[OfPlace, OfPlace, OfPlace] | None = None
+    """Three formulas of X and Y [m/s]. `rotate` does not turn the velocity."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _default(cls, data: Any) -> Any:
+        complete = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
+        return data if complete else {"plane": "xy", **data}
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        require_exactly_one(self, "plane", "position", "frame")
+        changed = [key for key in ("rotate", "shift", "velocity") if getattr(self, key)]
+        if self.frame and changed:
+            raise InputError(f"{changed[0]} is given", "a frame has its own x and v")
+        return self
+
+    def x(self, X: np.ndarray) -> np.ndarray:
+        """Return positions (n, 3) [m] of material points (n, 2); not for a frame."""
+        x = np.zeros((len(X), 3))
+        if self.position:
+            x = _at(self.position, X)
+        else:
+            x[:, _PLANES[cast(str, self.plane)]] = X
+        x = self.rotate.apply(x) if self.rotate else x
+        return x + self.shift if self.shift else x
+
+    def v(self, X: np.ndarray) -> np.ndarray:
+        """Return velocities (n, 3) [m/s]."""
+        return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
+
+
+def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
+    formulas = [Formula(text, ("X", "Y")) for text in texts]
+    return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)
+
+
+@dataclass(frozen=True)
+class Region:
+    """A condition on X and Y as a predicate on material points (n, 2) [m]."""
+
+    formula: Formula
+
+    def __repr__(self) -> str:
+        return repr(self.formula.text)  # as messages name it
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))
+
+
+RotationTable: Any = table_of(
+    rotation.Rotation,
+    point=(Annotated[Vector, LENGTH], (0.0, 0.0, 0.0)),
+    axis=(Vector, ...),
+    angle=(OfTime, ...),
+)
+
+
+class PinTable(Table):
+    """Nodes that are held fixed, moved, or free to slide along a line or in a plane."""
+
+    where: str | None = None
+    """A node set of the mesh."""
+    inside: Where | None = None
+    """In place of `where`: a condition of X and Y."""
+    motion: tuple[OfTimeAndPlace, OfTimeAndPlace, OfTimeAndPlace] | None = None
+    """Three formulas of t, X and Y of each node [m]; only their changes count. Left out: fixed."""
+    name: Name | None = None
+    """Name of the reaction's columns."""
+    direction: Vector | None = None
+    """The nodes slide along this line."""
+    normal: Vector | None = None
+    """The nodes slide in the plane across this vector."""
+    clamp: bool = False
+    """Hold also the normal of the cloth along the edges of the boundary that the pin covers."""
+    rotate: RotationTable | None = None
+    """Turn the nodes, and the normals of a clamp: a table, see below."""
+
+    _pin: Pin = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _one_place(self):
+        require_exactly_one(self, "where", "inside")
+        if self.direction and self.normal:
+            require_exactly_one(self, "direction", "normal")
+        self._pin = pin = self._make_pin()
+        if self.motion and not self._uses("t") and (pin.motion.by_place or pin.motion(0).any()):
+            allowed = "must depend on t: only changes of a motion move a pin"
+            remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
+            raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
+        return self
+
+    def _uses(self, variable: str) -> bool:
+        return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
+
+    @property
+    def pin(self) -> Pin:
+        """The pin or slide, made when the table was read."""
+        return self._pin
+
+    def _make_pin(self) -> Pin:
+        where: str | Region
+        if self.where is None:
+            where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))
+        else:
+            where = self.where
+        rotate = self.rotate.make() if self.rotate else None
+        if not (self.direction or self.normal):
+            return Pin(where, self.motion, None, self.name, self.clamp, rotate)
+        free = {"direction": self.direction, "normal": self.normal}
+        return Slide(where, self.motion, None, self.name, self.clamp, rotate, **free)
