@@ -34,16 +34,13 @@ LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all fin
 
 @dataclass(frozen=True)
 class Wanted:
-    """The next step that the consumer of a march needs: what `march` takes by ``send``.
+    """The next step that a loop over `march` needs, given by ``send``.
 
-    Attributes
-    ----------
-    step, t
-        Its number and its time [s]: the step that reaches the first of the two.
+    It is the step that reaches its number or its time, whichever comes first.
     """
 
     step: int
-    t: float = math.inf
+    t: float = math.inf  # [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,17 +80,14 @@ class FusedMarch:
     ) -> Skipped | None:
         """Take the steps before the `wanted` one; None if there are too few.
 
+        Raises `FloatingPointError` if they end beyond all bounds; single steps will tell where.
+
         Parameters
         ----------
         state, memory, number
             After the last step, with its number.
         targets
             Times at which steps must end, up to one that must not be skipped.
-
-        Raises
-        ------
-        FloatingPointError
-            If they end beyond all bounds; single steps will tell where.
         """
         begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
         limited = memory if isinstance(memory, LimitMemory) else None

@@ -111,10 +111,7 @@ class LoadSteps:
     ) -> Step:
         """Find the equilibrium under the part `state.t` + `horizon` of the loads.
 
-        Raises
-        ------
-        NewtonFailed
-            If there is none that the search reaches, also in smaller increments.
+        Raises `NewtonFailed` if there is none that the search reaches, also in smaller increments.
         """
         still = np.zeros_like(state.x)
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon

@@ -42,48 +42,25 @@ from fecloth.terms.records import remembered
 @remembered
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """The data, beside the state, from which `march` continues bit for bit.
+    """The data, beside the state, from which `march` continues bit for bit."""
 
-    Attributes
-    ----------
-    step, start
-        Steps so far, and the time at which the first of them began [s].
-    method_memory
-        `Step.memory` of the last step.
-    history
-        What Newton's iteration knows of the last steps.
-    term_history
-        `Step.history` of the last step.
-    """
-
-    step: int
-    start: float
-    method_memory: object
+    step: int  # steps so far
+    start: float  # time at which the first of them began [s]
+    method_memory: object  # `Step.memory` of the last step
+    # what Newton's iteration knows of the last steps
     history: StepHistory = field(default_factory=StepHistory)
-    term_history: History | None = None
+    term_history: History | None = None  # `Step.history` of the last step
 
 
 @dataclass(frozen=True, eq=False)
 class StepInfo:
-    """One step of `march` and its figures.
+    """One step of `march` and its figures."""
 
-    Attributes
-    ----------
-    step
-        Number, from 1.
-    old, result
-        The state before it, and the method's `Step`.
-    memory
-        Continues `march` from here.
-    skipped
-        The steps between the one yielded before and this one; see `Wanted`.
-    """
-
-    step: int
-    old: State
-    result: Step
-    memory: Memory
-    skipped: Skipped | None = None
+    step: int  # number, from 1
+    old: State  # the state before it
+    result: Step  # of the method
+    memory: Memory  # continues `march` from here
+    skipped: Skipped | None = None  # the steps since the one yielded before; see `Wanted`
 
     @property
     def t(self) -> float:

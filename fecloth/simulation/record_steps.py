@@ -40,7 +40,7 @@ def record_steps(
     accounts: Accounts,
     next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Iterator[Record]:
-    """Yield a `Record` for each step of `march`.
+    """Yield a `Record` for each step of `march`; raise `StepFailed` where `Growth` ends the run.
 
     Parameters
     ----------
@@ -48,11 +48,6 @@ def record_steps(
         Before the first of these steps.
     next_row
         Says which step must be recorded next; steps between may be left out. None: each step.
-
-    Raises
-    ------
-    StepFailed
-        If the run must not go on: see `Growth`.
     """
     steps = iter(steps)
     taken = next(steps, None)
