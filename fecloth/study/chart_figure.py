@@ -35,7 +35,7 @@ def series_of(rows: Iterable[Mapping]) -> Series:
 def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
     """Return the series that are drawn as lines, at most eight, and the others.
 
-    First come those with most points on the front, then those with the least error × seconds.
+    First come groups with most points on the front, then groups with the least error × seconds.
     """
     found = series_of(rows)
 

@@ -23,10 +23,10 @@ ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT, "auto": None}
 USUAL = (*studied_by("chart"), "auto")  # methods of a chart, besides the scene's own
 ELEMENTS = ("P1", "P2")
 MODELS = tuple(name for name, traits in TRAITS.items() if traits.kind == "membrane")
-STEPS = (1.0, 2.0, 4.0)  # dt over that of a case
+STEPS = (1.0, 2.0, 4.0)  # dt over dt of a case
 TOLERANCES = (1.0, 0.1, 0.01)  # times rtol
 RTOL = 0.1  # 1/s, the largest, where the scene has none
-P2_COST = 4.0  # nodes of P2 over those of P1 on the same triangles
+P2_COST = 4.0  # nodes of P2 over nodes of P1 on the same triangles
 
 
 @dataclass(frozen=True, eq=False)

@@ -183,7 +183,7 @@ def difference_of_sizes(
 def describe_difference(found: Comparison, name: str, has_sign: bool) -> str:
     """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is off by …".
 
-    `has_sign` is false for sizes of differences, as those of fields.
+    `has_sign` is false for sizes of differences, as of fields.
     """
     first, one = next(iter(found.studies)), found.differences[name]
     unit = found.unit if math.isnan(found.scale) else "%"

@@ -44,7 +44,8 @@ class Convergence(StudyResult):
     estimate
         The `Estimate` from the published procedure.
     gradings
-        With ``grade=True``, those of the meshes; the table then also has rows of uniform meshes.
+        With ``grade=True``, the gradings of the meshes; the table then also has rows of uniform
+        meshes.
     """
 
     quantity: str = ""
@@ -124,7 +125,7 @@ def judge(
 ) -> tuple[bool, str]:
     """Return whether values converge, and a sentence that says so and why not.
 
-    `h` and `values` are those of the levels, coarse to fine.
+    `h` and `values` belong to the levels, coarse to fine.
     """
     theory, order = estimate.theory, estimate.order
     why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""

@@ -28,12 +28,12 @@ def converge(
     """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
 
     The first level has the problem's own h and dt; each further one divides what is refined by
-    `ratio`. The uncertainty is that of the finest level by the grid convergence index (three
+    `ratio`. The uncertainty belongs to the finest level, by the grid convergence index (three
     levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
     errors that the levels do not show: of the time step, or of the mesh, and of the solver's
     tolerance, each from one more run of the first level, times 3 as for two levels (Roache 1994).
     Steps that their error chooses are run with rtol/10 for it.
-    Fields and paths are judged by the differences between levels, of which the sum towards the
+    Fields and paths are judged by the differences between levels, whose sum towards the
     finest one takes the place of the values.
 
     Parameters
@@ -47,13 +47,14 @@ def converge(
         "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the orders p
         and q.
     levels, ratio
-        Their number, and h or dt of a level over that of the next one: by default 2, for h of
+        Their number, and h or dt of a level over h or dt of the next level: by default 2, for h of
         unstructured meshes √2.
     grade
         Whether to run the levels again on meshes graded towards corners and pins, as
         `choose_gradings` finds them from the error in space of the first level. Then the result is
-        that of the graded meshes; the table has both, and the verdict says what the grading saves.
-        A function takes the gradings as its argument `grading`, for the constructor of `Cloth`.
+        the result on the graded meshes; the table has both, and the verdict says what the grading
+        saves. A function takes the gradings as its argument `grading`, for the constructor of
+        `Cloth`.
     shared
         Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
         time_limit, most_seconds, fresh.

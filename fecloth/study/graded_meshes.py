@@ -93,7 +93,7 @@ def choose_gradings(
 def _add_greedily(
     chosen: dict[_Place, Grading], settings: list[tuple], predicted: _Prediction
 ) -> dict[_Place, Grading]:
-    """Return the gradings with those added, or put in place of the place's own, that save most."""
+    """Return the gradings with the most saving ones added, or put in place of the place's own."""
     least = predicted.triangles(chosen)
     while settings and len(chosen) < MOST:
         tried = [

@@ -71,8 +71,9 @@ def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path)
     Returns
     -------
     Path
-        The .pvd file. Its frames are those of run A whose time run B has too, with `displacement`,
-        `velocity`, `reference`, `other` = x_B(X) and `difference` = x_B(X) − x_A(X).
+        The .pvd file. Its frames are the frames of run A whose time run B has, too, with
+        `displacement`, `velocity`, `reference`, `other` = x_B(X) and `difference` = x_B(X) −
+        x_A(X).
 
     Raises
     ------

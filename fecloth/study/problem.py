@@ -22,7 +22,7 @@ ROUND = 0.5  # share of the corners of a boundary above which it is round
 class CommonProblem:
     """What both kinds of problems derive from their name, first level and quantities.
 
-    `quantities` are those that count unless a study is asked for others.
+    `quantities` count unless a study is asked for others.
     """
 
     name: str
@@ -75,7 +75,7 @@ def quantities_of(probes: Sequence[str], static: bool) -> tuple[Quantity, ...]:
 def space_order(quantity: Quantity, setup: Setup) -> float:
     """Return the theoretical order in h, for a smooth solution.
 
-    That of linear triangles is 2, of gradients 1; of quadratic triangles 3, of gradients 2, and 4
+    For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2, and 4
     of energies, frequencies, areas, volumes and reactions. With bending or a round border of
     straight edges it is at most 2.
 

@@ -77,7 +77,7 @@ class SceneProblem(CommonProblem):
         return self.interest or quantities_of(self.probes, static=bool(self.scene.equilibrium))
 
     def ratio(self, refine: str) -> float:
-        """Return the usual ratio of two levels; that of nested meshes is 2."""
+        """Return the usual ratio of two levels; for nested meshes it is 2."""
         nested = getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
         return 2.0 if nested or refine == "dt" else math.sqrt(2)
 

@@ -1,4 +1,4 @@
-"""What a study runs: the objects of a scene, or those that a user's function returns."""
+"""What a study runs: the objects of a scene, or the objects that a user's function returns."""
 
 from __future__ import annotations
 

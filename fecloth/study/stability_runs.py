@@ -155,7 +155,7 @@ def run_with(setup: Setup, method: str, count: int) -> dict:
 
 
 def energy_made(energies: Mapping[str, np.ndarray]) -> float:
-    """Return the largest energy above that of start, loads and pins, over the energy that moved.
+    """Return the largest energy that start, loads and pins cannot give, over the moving energy.
 
     Dissipated energy is not added, because its sum over large steps is too large.
     """
@@ -167,7 +167,7 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
 
 
 def _row(run: Run, row: Mapping) -> dict:
-    """Return the row of a run: status "ok", "wrong" or "failed", or that of a stopped case."""
+    """Return the row of a run: status "ok", "wrong", "failed", or as a stopped case has it."""
     found = {"method": run.method, **run.values, "dt": run.dt, "steps": run.steps}
     state, cause = row["status"], str(row["cause"]).partition("\n")[0]
     if state == OK and row["made"] > ENERGY:

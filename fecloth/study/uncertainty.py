@@ -7,7 +7,7 @@ With φ_i = φ₀ + α h_i^p on sizes h₁ < h₂ < …, φ₀ the limit and p t
   where p lies between 0.5 and the theoretical order P. Otherwise, if p > 0, the theoretical order
   and F = 3 are taken.
 * From four levels on: least squares (Eça and Hoekstra 2014, J. Comput. Phys. 262, 104–130). Of
-  the fits with p free, with equal weights and with weights ∝ 1/h, that with the smaller standard
+  the fits with p free, with equal weights and with weights ∝ 1/h, the fit with the smaller standard
   deviation σ counts; where p is unreasonable, the best of fits with fixed powers. With the data
   range Δ = (max φ − min φ)/(n − 1) and F = 1.25 (3 where p is unreasonable)
 
@@ -47,7 +47,7 @@ class Estimate:
     value
         The value of the finest level.
     limit
-        The extrapolated value φ₀; that of the finest level where there is none.
+        The extrapolated value φ₀; the value of the finest level where there is none.
     uncertainty
         U, in the unit of the values: the exact limit is expected in value ± U.
     order, theory

@@ -99,7 +99,7 @@ def make_variants(
 
 
 def size_of(opened: Problem, variant: Problem) -> Workload:
-    """Predict the size of a variant without its mesh; of a function's, from that of `opened`."""
+    """Predict the size of a variant without its mesh; for a function from the size of `opened`."""
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
         return variant.workload(FIRST)
     pairs = (opened.h, variant.h), (opened.dt, variant.dt)

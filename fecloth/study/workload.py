@@ -63,7 +63,7 @@ def count_triangles(scene: Scene) -> float:
 
 
 def _area(scene: Scene) -> float:
-    """Return the area of the cloth [m²]; that of a .geo file is that of a coarse mesh."""
+    """Return the area of the cloth [m²]; of a .geo file the area of a coarse mesh."""
     cloth = scene.cloth
     if cloth.shape == "rectangle":
         return cloth.width * cloth.height

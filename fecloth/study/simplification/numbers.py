@@ -124,7 +124,7 @@ class Numbers:
 
     @cached_property
     def L(self) -> float:
-        """Largest distance from the pins [m]; twice that in the case "across"."""
+        """Largest distance from the pins [m]; twice the distance in the case "across"."""
         X = self.built.cloth.X
         if not len(self._pinned):
             return float(np.ptp(X, axis=0).max())

@@ -89,7 +89,7 @@ class Original:
         return [record_at(row, quantity) for quantity in self.quantities]
 
     def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
-        """Run changes, each with its name and the largest CPU time over that of the problem."""
+        """Run changes, each with its name and the largest CPU time over the problem's."""
         seconds = self.full["cpu_seconds"]
         points = [
             self._point(name, change, round(SHORT + patience * seconds, 1))

@@ -46,9 +46,9 @@ def error_curve(
     """Return errors that do not grow with x, with their order beyond the measured ones.
 
     `apart` are distances to a reference, and `left` is its own error, which is added. An error that
-    is smaller than that of a finer run is so by chance: it is replaced by it. The order beyond is
-    that between the last two runs, but at least 1/2 and at most the theory; below the first run it
-    is that between the first two, but at least 1.
+    is smaller than the error of a finer run is so by chance: the latter replaces it. The order
+    beyond is that between the last two runs, but at least 1/2 and at most the theory; below the
+    first run it is that between the first two, but at least 1.
     """
     order = np.argsort(x)
     sizes, values = np.asarray(x, dtype=float)[order], np.asarray(apart, dtype=float)[order] + left
@@ -113,7 +113,7 @@ def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: f
     """Return seconds over a size; beyond the measured runs their power lies in [low, high].
 
     A run that takes longer than a finer one does so by chance, as the first one of a process, which
-    loads compiled code: its seconds are replaced by those of the finer one.
+    loads compiled code: the seconds of the finer run replace its seconds.
     """
     order = np.argsort(x)
     sizes = np.asarray(x, dtype=float)[order]
