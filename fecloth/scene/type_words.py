@@ -6,6 +6,7 @@ import types
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -14,12 +15,13 @@ from fecloth.quantities.units import Dimension, Measured
 
 
 def writable(hint: Any) -> Any:
-    """Return the part of a type that a file can hold: without functions."""
+    """Return the part of a type that a file can hold, whose lists are read as tuples."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
     if origin in (Union, types.UnionType):
-        return Union[tuple(writable(a) for a in args if get_origin(a) is not Callable)]  # noqa: UP007
+        kept = [a for a in args if get_origin(a) not in (Callable, list) and a is not np.ndarray]
+        return Union[tuple(map(writable, kept or args))]  # noqa: UP007
     if origin is tuple:
         return tuple[tuple(map(writable, args))]  # type: ignore[misc]  # made at run time
     return hint
@@ -93,7 +95,7 @@ def _words(hint, many: bool = False) -> str:
         return f"{'tables' if many else 'a table'} of {_words(args[1], many=True)}"
     if holds_tables(hint):
         return "tables" if many else "a table"
-    return _WORDS[hint][many] if hint in _WORDS else "of another type"
+    return _WORDS[hint][many] if hint in _WORDS else "only in Python"
 
 
 def options(hint) -> tuple[str, ...]:

@@ -80,8 +80,8 @@ class Deformation(Account):
 
         It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
         that is more, the largest change of a term's energy since the start, of loads without the
-        mean displacement. It neither depends on the observer nor grows with what loads bring in
-        and dampings carry off.
+        mean displacement. It is the same for every observer. Energy that loads bring in and
+        dampings take off again does not increase it.
         """
         return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
 

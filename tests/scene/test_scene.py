@@ -360,6 +360,11 @@ MISTAKES = [
     ("terms=[{type='StVK', a=1}]", "(It is the first [[terms]], StVK.)", ""),
     ("terms.1={type='Wind', velocity=[1, 0, 0]}", "terms.1.normal is missing", "½ ρ C"),
     ("terms.1={type='Drag'}", "terms.1.normal is missing", "`normal` is 0.7"),
+    (
+        "terms.1={type='Tether', where=[0], point=[0, 0, 0], stiffness=1}",
+        "terms.1.where = [0]: must be a string. (It is",
+        "",
+    ),
     ("terms.1={type='HingeBending'}", "no bending_rigidity", "presets have it: polyester-jacket"),
     ("terms.1={type='HingeBending'}", "(It is the second [[terms]], HingeBending, line 15.)", ""),
     ("cloth={file='x.msh'}", "cloth.shape is missing", 'path = "sheet.msh"'),

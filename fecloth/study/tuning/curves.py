@@ -46,9 +46,9 @@ def error_curve(
     """Return errors that do not grow with x, with their order beyond the measured ones.
 
     `apart` are distances to a reference, and `left` is its own error, which is added. An error that
-    is smaller than the error of a finer run is so by chance: the latter replaces it. The order
-    beyond is that between the last two runs, but at least 1/2 and at most the theory; below the
-    first run it is that between the first two, but at least 1.
+    is smaller than the error of a finer run is small by chance: the error of the finer run replaces
+    it. The order beyond is the order between the last two runs, but at least 1/2 and at most the
+    theory; below the first run it is the order between the first two, but at least 1.
     """
     order = np.argsort(x)
     sizes, values = np.asarray(x, dtype=float)[order], np.asarray(apart, dtype=float)[order] + left
