@@ -56,7 +56,8 @@ def find_jumps(
     >>> find_jumps(times, values(times), values, 1e-6)
     [(0.25, 2.0)]
     """
-    changes = np.abs(np.diff(g, axis=0)).max(axis=1)
+    changes = np.diff(g, axis=0)
+    changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
     beside = np.minimum(np.append(changes[1], changes[:-1]), np.append(changes[1:], changes[-2]))
     unlike = np.where(changes > least, beside - changes, 0.0)
     most = np.argsort(unlike, kind="stable")[:MOST]

@@ -167,7 +167,8 @@ def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
     half, index = len(times) // 2, np.arange(len(times))[:, None]
     rate = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
     g = g - rate * index / (len(times) - half)
-    deviation = np.abs(g - np.median(g, axis=0)).max(axis=1)
+    g -= np.median(g, axis=0)
+    deviation = np.abs(g, out=g).max(axis=1)
     acts = deviation > ACTS * deviation.max()
     none = float(times[0]), math.inf
     if not deviation.max() > scale or acts.mean() > RARE:
