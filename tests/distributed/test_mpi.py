@@ -78,7 +78,7 @@ def command(processes: int, *arguments) -> list[str]:
 def run(processes: int, *arguments, status=0):
     clean = {k: v for k, v in os.environ.items() if k not in SIZES} | {"OMP_NUM_THREADS": "1"}
     todo = command(processes, *arguments)
-    done = subprocess.run(todo, capture_output=True, text=True, timeout=300, env=clean)
+    done = subprocess.run(todo, capture_output=True, text=True, env=clean)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
 
@@ -145,14 +145,13 @@ def test_a_killed_process_ends_the_run_and_leaves_restart_files(tmp_path):
     todo = command(2, scene, "-o", tmp_path / "out", "--quiet")
     done = subprocess.Popen(todo, stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True)
     restarts = tmp_path / "out" / "restart"
-    for _ in range(1200):
-        if len(list(restarts.glob("*.npz"))) > 1:
-            break
+    while len(list(restarts.glob("*.npz"))) < 2:
+        assert done.poll() is None
         time.sleep(0.1)
     number = int((tmp_path / "out" / "run.log").read_text().split("process ")[1].split()[0])
     others = [pid for pid in processes_of(scene) if pid > number]
     os.kill(max(others or [number]), signal.SIGKILL)
-    said, _ = done.communicate(timeout=30)
+    said, _ = done.communicate()
     assert done.returncode != 0
     assert "signal 9" in said
     assert restart.find(tmp_path / "out").progress.state.t > 0
@@ -227,7 +226,7 @@ def test_quick_form_on_two_processes(study, says):
 def run_on_two(*arguments):
     todo = [str(MPIEXEC), "-n", "2", sys.executable, *arguments]
     clean = {k: v for k, v in os.environ.items() if k not in SIZES} | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(todo, capture_output=True, text=True, timeout=120, env=clean, cwd=ROOT)
+    done = subprocess.run(todo, capture_output=True, text=True, env=clean, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -93,14 +93,14 @@ def started(scene, folder, resume=False, threads=1):
 
 def killed(child, folder, steps):
     """End it without a warning, some time after so many steps; whether it was still running."""
-    rows, limit = folder / "steps.csv", time.monotonic() + 60
-    while child.is_alive() and time.monotonic() < limit:
+    rows = folder / "steps.csv"
+    while child.is_alive():
         if rows.exists() and rows.read_bytes().count(b"\n") > steps:
             time.sleep(random.uniform(0, 0.02))
             os.kill(child.pid, signal.SIGKILL)
             break
         time.sleep(0.001)
-    child.join(60)
+    child.join()
     return child.exitcode == -signal.SIGKILL
 
 
@@ -138,7 +138,7 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     fine = "h = 0.015" if threads > 1 else "h = 0.1"  # of 26,000 unknowns both threads have a part
     scene.write_text((TEXT + RUNS[name]).replace("h = 0.1", fine))
     child = started(scene, whole, threads=threads)
-    child.join(60)
+    child.join()
     assert child.exitcode == 0
     steps = (whole / "steps.csv").read_bytes().count(b"\n") - 1
     assert steps >= 40
@@ -148,7 +148,7 @@ def test_a_killed_run_goes_on_bit_for_bit(name, tmp_path):
     for number, share in enumerate(shares):
         broken_off(scene, broken, share * steps, number > 0, threads)
     last = started(scene, broken, True, threads)
-    last.join(60)
+    last.join()
     assert last.exitcode == 0
     assert "the last bits" not in (broken / "run.log").read_text()
     made_on = restart.read(restart.files(broken)[0]).made_on
@@ -206,7 +206,7 @@ def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
     run_scene(load_scene(scene), whole)
     child = SERVER.Process(target=go_and_die, args=(str(scene), str(broken)))
     child.start()
-    child.join(60)
+    child.join()
     assert child.exitcode == -signal.SIGKILL
     assert (broken / "run.vtkhdf.redo").exists()
     run_scene(load_scene(scene), broken, resume=True)

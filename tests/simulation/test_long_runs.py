@@ -27,7 +27,7 @@ def peak(tmp_path, frames, form):
     for value in given:
         command += ["--set", value]
     main = "import sys; from fecloth.cli.main import main; sys.exit(main(sys.argv[1:]))"
-    subprocess.run([sys.executable, "-c", main, *command], cwd=tmp_path, check=True, timeout=120)
+    subprocess.run([sys.executable, "-c", main, *command], cwd=tmp_path, check=True)
     summary = json.loads((tmp_path / f"{frames}" / "summary.json").read_text())
     assert summary["frames"] == frames + 1
     return summary["peak_memory_MB"], summary["nodes"]

@@ -49,7 +49,7 @@ def out(tmp_path_factory):
 )
 def test_quick(study, says, out):
     command = [*MODULE, *f"studies.{study}".split(), "--quick"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     print(done.stdout)
     (out / f"{study}.txt").write_text(done.stdout)
@@ -80,7 +80,7 @@ def test_quick_report(study, out):
     """Check the exit code, which is 1 if a finding is missed, and the report."""
     folder = out / study
     command = [*MODULE, f"studies.{study}", "--quick", "--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
     report = (folder / "report.md").read_text()
@@ -93,7 +93,7 @@ def test_quick_report(study, out):
 def test_a_tree_is_compared_with_itself(tmp_path):
     output = str(tmp_path / "now.json")
     command = [*MODULE, "studies.benchmarks", "--against", str(ROOT), "--quick", "-o", output]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count(" force ") == done.stdout.count(" tangent ") == 8
 
@@ -101,7 +101,7 @@ def test_a_tree_is_compared_with_itself(tmp_path):
 @pytest.mark.study
 def test_sheets_of_a_tree_are_compared_with_themselves():
     command = [*MODULE, "studies.benchmarks.newton_sheets", str(ROOT), "--quick"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=200, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     rows = [line.split("|") for line in done.stdout.splitlines() if "interlock" in line]
     assert [float(row[-2]) for row in rows] == [0.0, 0.0, 0.0]  # equal to the last bit
@@ -112,7 +112,7 @@ def test_the_picture(tmp_path):
     pytest.importorskip("pyvista")
     picture = tmp_path / "drape.png"
     command = [*MODULE, "studies.drape", "--quick", "--picture", str(picture)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("drape coefficient") == 3
     assert picture.stat().st_size > 20_000
@@ -121,7 +121,7 @@ def test_the_picture(tmp_path):
 @pytest.mark.study
 def test_drape_on_several_meshes(tmp_path):
     command = [*MODULE, "studies.drape", "--quick", "--meshes", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert len((tmp_path / "meshes.csv").read_text().splitlines()) == 10
     assert (tmp_path / "meshes.md").read_text().count("| interlock |") == 2

@@ -46,7 +46,7 @@ def slow(x: int, log: str) -> dict:
     with open(log, "a") as stream:
         stream.write(f"{x}\\n")
     if x == 2 and len(sys.argv) > 2:
-        time.sleep(60)
+        time.sleep(3600)
     return {"double": 2 * x}
 
 if __name__ == "__main__":
@@ -62,10 +62,9 @@ def test_a_killed_study_continues(tmp_path):
     command = [sys.executable, str(tmp_path / "study.py"), str(tmp_path)]
     options = {"text": True}
     killed = subprocess.Popen([*command, "sleep"], **options)
-    log, end = tmp_path / "log", time.monotonic() + 60
+    log = tmp_path / "log"
     while "2" not in (log.read_text() if log.exists() else ""):
         assert killed.poll() is None
-        assert time.monotonic() < end
         time.sleep(0.02)
     killed.kill()
     killed.wait()

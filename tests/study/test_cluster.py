@@ -53,7 +53,7 @@ def cluster(tmp_path):
     finally:
         for process in reversed(started):
             process.terminate()
-            process.wait(timeout=30)
+            process.wait()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from fecloth import study
 
 def sleep(x: int, folder: str) -> dict:
     open(f"{folder}/{os.getpid()}.process", "w").close()
-    time.sleep(60)
+    time.sleep(3600)
 
 if __name__ == "__main__":
     study.run_cases([{"x": x, "folder": sys.argv[1]} for x in range(4)], sleep, None, jobs=2)
@@ -59,13 +59,11 @@ def test_ctrl_c_stops_the_processes(tmp_path):
     (tmp_path / "script.py").write_text(INTERRUPTED)
     command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path)]
     running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 60
     while len(begun := list(tmp_path.glob("*.process"))) < 2:
         assert running.poll() is None
-        assert time.monotonic() < end
         time.sleep(0.02)
     running.send_signal(signal.SIGINT)
-    assert "KeyboardInterrupt" in running.communicate(timeout=20)[1]
+    assert "KeyboardInterrupt" in running.communicate()[1]
     for file in begun:
         with pytest.raises(ProcessLookupError):
             os.kill(int(file.stem), 0)

@@ -241,8 +241,8 @@ def test_field_mouse_and_play(run, browser):
     assert (page.pixels() != coloured).any(axis=2).mean() > 0.05
     page.slide(8)
     page.page.locator(".play").click()
-    page.page.wait_for_function('document.querySelector(".time").value == 0', timeout=5000)
-    page.page.wait_for_function('document.querySelector(".time").value > 0', timeout=5000)
+    page.page.wait_for_function('document.querySelector(".time").value == 0')
+    page.page.wait_for_function('document.querySelector(".time").value > 0')
     assert not page.troubles
     page.page.close()  # it plays on
 
@@ -264,7 +264,7 @@ def test_space_plays_and_arrow_keys_move_by_one_frame(run, browser):
     press("ArrowLeft")
     assert frame() == 7
     press("Space")
-    page.page.wait_for_function('document.querySelector(".time").value == 2', timeout=5000)
+    page.page.wait_for_function('document.querySelector(".time").value == 2')
     press("Space")
     still = frame()
     page.page.wait_for_timeout(300)
@@ -342,7 +342,7 @@ def test_a_finger_on_the_cloth_turns_it_or_scrolls_the_report(phone):
     assert phone.locator("canvas").screenshot() != before
     assert phone.evaluate("scrollY") == 0
     swipe(phone, 0, -200)
-    phone.wait_for_function("scrollY > 100", timeout=5000)
+    phone.wait_for_function("scrollY > 100")
 
 
 def test_the_report_fits_a_phone_and_breaks_no_name(phone):
