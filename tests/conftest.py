@@ -8,6 +8,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would wai
 
 import numpy as np
 import pytest
+from support.counted_work import counted_work as counted_work
 
 import fecloth as fc
 

@@ -9,6 +9,9 @@ import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.scene.scene import load_scene
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 EXACT = fc.Newton(tolerance=1e-12)
 ORTHOTROPIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
 ISOTROPIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)

@@ -11,6 +11,9 @@ import fecloth as fc
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.verify import VerificationFailed, check_integrator
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 
 @pytest.fixture(scope="module")
 def own():

@@ -10,6 +10,9 @@ import fecloth as fc
 from fecloth.mesh.elements import add_midpoints
 from fecloth.mesh.flat_mesh import FlatMesh
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 FABRIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0)
 
 

@@ -18,6 +18,7 @@ from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
 from fecloth.study.tables import Table
 
+pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 SCENE = '\ntitle = "a string"' + STRING.replace("h = 0.125", "h = 0.25").replace(
     '"sin', '"1e-3 * sin'
 )

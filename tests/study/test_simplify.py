@@ -24,6 +24,7 @@ from fecloth.study.simplification.simplify import combine_variants, simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
 from fecloth.study.tolerance import read_tolerance
 
+pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"
 SCENES = STUDIES / "scenes" / "needs"
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from support.counted_work import counted_work as counted_work
 
 import fecloth as fc
 from fecloth.study.setups import Setup, with_terms

@@ -12,6 +12,9 @@ from fecloth.scene.scene import load_scene
 from fecloth.terms.bending.hinge import hinge_angles, hinge_stiffness
 from fecloth.verify import VerificationFailed, check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 B = 3e-5
 PATTERNS = ["unstructured", "right", "cross", "equilateral"]
 BOTH = [fc.HingeBending(0.2), fc.BendingDamping(0.01)]

@@ -13,6 +13,9 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.custom.membrane_law import positive
 from fecloth.verify import check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 
 @pytest.fixture(scope="module")
 def own():

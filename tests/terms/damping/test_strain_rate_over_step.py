@@ -16,6 +16,9 @@ from fecloth.scene.scene import load_scene
 from fecloth.terms.kinematics import deformation_gradient
 from fecloth.verify import check_term, observed_order
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 TIGHT = fc.Newton(tolerance=1e-12)
 DAMPED = [fc.BackwardEuler(), fc.BDF2()]
 OTHERS = [method() for method in METHODS.values() if method() not in DAMPED]

@@ -9,6 +9,9 @@ import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.verify import VerificationFailed, check_term, observed_order
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 LAWS = ("linear", "quadratic")
 TIGHT = fc.Newton(tolerance=1e-12)
 G, RHO = 9.81, 0.2

@@ -8,6 +8,9 @@ import fecloth as fc
 from fecloth.terms.springs.networks import BEND, EDGE, SHEAR, WARP, WEFT, edges, structural
 from fecloth.verify import check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 SQUARE = fc.Fabric(0.2, 1000.0, 0.3)
 KINDS = ("structural", "van_gelder", "biquadratic")
 

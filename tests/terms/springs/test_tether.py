@@ -7,6 +7,9 @@ from conftest import flat, rough
 import fecloth as fc
 from fecloth.verify import check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 FABRIC = fc.Fabric(0.2, 1000.0)
 
 
