@@ -7,7 +7,6 @@ from support.over_step import energy_momentum as over_step
 
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.scene.scene import load_scene
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -229,18 +228,6 @@ def test_the_symmetric_tangent_finds_the_same_solution_with_conjugate_gradients(
         )
     ]
     np.testing.assert_allclose(*ends, atol=1e-9)
-
-
-def test_a_scene_names_it(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(
-        '[cloth]\nshape = "rectangle"\nwidth = 1\nheight = 1\nh = 0.5\n'
-        "[fabric]\nareal_density = 0.2\ntensile_stiffness = 1000\n"
-        '[[terms]]\ntype = "StVK"\n'
-        '[time]\nmethod = {type = "energy_momentum", tangent = "symmetric"}\n'
-        "dt = 0.01\nt_end = 0.1\n"
-    )
-    assert load_scene(path).time.method.make() == fc.EnergyMomentum("symmetric")
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.003])

@@ -138,6 +138,48 @@ def test_every_term_and_every_method_can_be_named(file):
         assert load_scene(file, [f"time.method={name}"]).time.method.make() == cls()
 
 
+WRITTEN = {  # a term in a scene, and in Python
+    "type='BaraffWitkin', stretch=[3e5, 2e5], shear=4e4, area_exponent=1.0, damping=0.01": (
+        fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0, damping=0.01)
+    ),
+    "type='Springs', kind='structural', shear=30.0, damping=0.01": (
+        fc.Springs(shear=30.0, damping=0.01)
+    ),
+    "type='Tether', where='left', point=[0.0, '0.1 * t', 0.0], stiffness=20.0": (
+        fc.Tether("left", (0.0, "0.1 * t", 0.0), 20.0)
+    ),
+    "type='Pressure', p='100 * t', tangent='exact'": fc.Pressure("100 * t", "exact"),
+    "type='Drag', normal=0.7": fc.Drag(0.7),
+    "type='Wind', velocity=['2 * z', 0, 't'], normal=0.7, law='linear'": (
+        fc.Wind(("2 * z", 0.0, "t"), 0.7, law="linear")
+    ),
+    "type='Wind', velocity=[5, 0, 0], normal=0.7, gusts=0.2, seed=4": (
+        fc.Wind((5.0, 0.0, 0.0), 0.7, gusts=0.2, seed=4)
+    ),
+    "type='MassDamping', rate=2": fc.MassDamping(2.0),
+    "type='PointForce', where='right', force=[0, 't', 1]": fc.PointForce("right", (0.0, "t", 1.0)),
+    "type='PointForce', where=[0.5, 0.25], force=[0, 0, 1]": (
+        fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
+    ),
+    "type='UserForce', force=['-x', 0, '-3 * vz'], per='mass'": (
+        fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
+    ),
+}
+
+
+@pytest.mark.parametrize("text", WRITTEN)
+def test_a_term_of_a_scene_is_that_of_python_and_survives_the_round_trip(file, text):
+    scene = load_scene(file, [f"terms.0={{ {text} }}"])
+    assert scene.build().system.terms[0] == WRITTEN[text]
+    (again := file.with_name("again.toml")).write_text(scene.to_toml())
+    assert load_scene(again) == scene
+
+
+def test_a_formula_of_a_term_with_an_unknown_name_is_refused(file):
+    with pytest.raises(fc.SceneError, match="terms.0: formula '-q', unknown name 'q'"):
+        load_scene(file, ["terms.0={ type='UserForce', force=['-q', 0, 0] }"])
+
+
 def test_a_method_with_parameters_is_a_table():
     from fecloth.scene.table_model import table_of
 

@@ -160,26 +160,3 @@ def test_ledger_of_linearly_implicit_steps_closes_for_linear_drag(sheet, isotrop
 
 
 # --- what is refused, and scenes ------------------------------------------------------------------
-
-
-def test_scene_with_drag_and_wind(tmp_path):
-    from fecloth.scene.scene import load_scene
-
-    text = """
-    cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
-    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-    terms = [
-        { type = "StVK" },
-        { type = "Drag", normal = 0.7 },
-        { type = "Wind", velocity = ["2 * z", 0, "t"], normal = 0.7, law = "linear" },
-        { type = "Wind", velocity = [5, 0, 0], normal = 0.7, gusts = 0.2, seed = 4 },
-    ]
-    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
-    """
-    (path := tmp_path / "scene.toml").write_text(text)
-    scene = load_scene(path)
-    terms = scene.build().system.terms
-    assert terms[1:3] == (fc.Drag(0.7), fc.Wind(("2 * z", 0.0, "t"), 0.7, law="linear"))
-    assert terms[3] == fc.Wind((5.0, 0.0, 0.0), 0.7, gusts=0.2, seed=4)
-    (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load_scene(again) == scene

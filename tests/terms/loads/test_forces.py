@@ -6,7 +6,6 @@ from conftest import rough
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.scene.scene import load_scene
 from fecloth.verify import check_term, observed_order, trial_states
 
 TIGHT = fc.Newton(tolerance=1e-12)
@@ -250,33 +249,6 @@ def test_user_force_harmonic_well_moves_all_nodes_equally(sheet, isotropic):
         errors.append(np.linalg.norm(moved[0] - u * np.cos(omega * 0.4)))
     assert errors[-1] < 1e-3
     assert observed_order([2, 1], errors) == pytest.approx(2.0, abs=0.15)
-
-
-def test_scene_with_point_and_user_forces(tmp_path):
-
-    text = """
-    cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25 }
-    fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-    terms = [
-        { type = "StVK" },
-        { type = "MassDamping", rate = 2 },
-        { type = "PointForce", where = "right", force = [0, "t", 1] },
-        { type = "PointForce", where = [0.5, 0.25], force = [0, 0, 1] },
-        { type = "UserForce", force = ["-x", 0, "-3 * vz"], per = "mass" },
-    ]
-    time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }
-    """
-    (path := tmp_path / "scene.toml").write_text(text)
-    scene = load_scene(path)
-    terms = scene.build().system.terms
-    assert terms[1:3] == (fc.MassDamping(2.0), fc.PointForce("right", (0.0, "t", 1.0)))
-    assert terms[3] == fc.PointForce((0.5, 0.25), (0.0, 0.0, 1.0))
-    assert terms[4] == fc.UserForce(("-x", 0.0, "-3 * vz"), per="mass")
-    (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load_scene(again) == scene
-    (wrong := tmp_path / "wrong.toml").write_text(text.replace('"-x"', '"-q"'))
-    with pytest.raises(fc.SceneError, match="terms.4: formula '-q', unknown name 'q'"):
-        load_scene(wrong)
 
 
 def test_mass_damping_is_consistent_on_quadratic_triangles(quadratic, isotropic, rng):

@@ -116,21 +116,6 @@ def test_a_pressure_that_changes_in_time(sheet, isotropic):
         np.testing.assert_allclose(force, expected, rtol=1e-15)
 
 
-def test_scene_with_pressure(tmp_path):
-
-    text = """
-cloth = { shape = "disk", radius = 0.5, h = 0.2 }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-terms = [{ type = "StVK" }, { type = "Pressure", p = "100 * t", tangent = "exact" }]
-pins = [{ where = "boundary" }]
-time = { method = "implicit_midpoint", dt = 0.001, t_end = 0.01 }"""
-    (path := tmp_path / "scene.toml").write_text(text)
-    scene = load_scene(path)
-    assert scene.build().system.terms[1] == fc.Pressure("100 * t", "exact")
-    (again := tmp_path / "again.toml").write_text(scene.to_toml())
-    assert load_scene(again) == scene
-
-
 # --- work -----------------------------------------------------------------------------------------
 
 
@@ -244,8 +229,6 @@ def test_both_tangents_converge_to_the_same_membrane_equally_fast():
 
 
 def test_the_scene_expects_the_exact_height():
-
-    from fecloth.scene.scene import load_scene
 
     scene = load_scene(Path(__file__).parents[3] / "studies" / "scenes" / "dome.toml")
     (expected,) = scene.expect["centre.z"]

@@ -192,21 +192,3 @@ def test_moduli_serve_strain_rate_damping(sheet, orthotropic):
     assert fc.System(sheet, orthotropic, [term]).bound[0].viscosity[0, 3] == 0.0
     with pytest.raises(fc.InputError, match="depend on the mesh"):
         TERMS["published"].moduli(orthotropic)
-
-
-def test_a_scene_may_name_it(tmp_path):
-    from fecloth.scene.scene import load_scene
-
-    path = tmp_path / "scene.toml"
-    path.write_text("""
-cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-time = { method = "linearly_implicit_euler", dt = 0.01, t_end = 0.02 }
-[[terms]]
-type = "BaraffWitkin"
-stretch = [3e5, 2e5]
-shear = 4e4
-area_exponent = 1.0
-damping = 0.01""")
-    expected = fc.BaraffWitkin((3e5, 2e5), 4e4, area_exponent=1.0, damping=0.01)
-    assert tuple(load_scene(path).build().system.terms) == (expected,)

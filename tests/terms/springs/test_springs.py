@@ -246,17 +246,3 @@ def test_networks_without_directions_refuse_an_orthotropic_fabric(kind, sheet, o
         fc.System(sheet, orthotropic, [fc.Springs(kind)])
     if kind == "structural":
         fc.System(sheet, orthotropic, [fc.Springs(kind, stiffness=100.0)])
-
-
-def test_a_scene_may_name_them(tmp_path):
-    from fecloth.scene.scene import load_scene
-
-    text = """
-cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.2, pattern = "right" }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-terms = [{ type = "Springs", kind = "structural", shear = 30.0, damping = 0.01 }]
-time = { method = "backward_euler", dt = 0.01, t_end = 0.02 }"""
-    path = tmp_path / "springs.toml"
-    path.write_text(text)
-    system = load_scene(path).build().system
-    assert tuple(system.terms) == (fc.Springs(shear=30.0, damping=0.01),)

@@ -75,16 +75,3 @@ def test_ledger_closes_with_the_work_of_the_hand(cloth):
         share.append(abs(result.energies["remainder"][-1] / work))
     assert share[1] < 0.3 * share[0] + 1e-12
     assert share[1] < 0.02
-
-
-def test_scene(tmp_path):
-    from fecloth.scene.scene import load_scene
-
-    path = tmp_path / "tether.toml"
-    path.write_text("""
-cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
-fabric = { areal_density = 0.2, tensile_stiffness = 1000.0 }
-time = { method = "backward_euler", dt = 0.01, t_end = 0.02 }
-terms = [{ type = "Tether", where = "left", point = [0.0, "0.1 * t", 0.0], stiffness = 20.0 }]""")
-    system = load_scene(path).build().system
-    assert tuple(system.terms) == (fc.Tether("left", (0.0, "0.1 * t", 0.0), 20.0),)
