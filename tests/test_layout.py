@@ -78,6 +78,12 @@ def test_every_file_is_in_a_package_of_the_order():
     assert {path.stem for path in PACKAGE.glob("*.py")} <= ROOT_FILES
 
 
+def test_every_file_of_tests_has_a_name_of_its_own():
+    """Pytest imports them by this name, wherever they stand."""
+    names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 def test_the_test_sees_an_import_that_climbs(tmp_path):
     climbing = tmp_path / "climbing.py"
     climbing.write_text("def f():\n    from fecloth.scene.scene import load\n")
