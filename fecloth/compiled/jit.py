@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 # nogil: other Python threads, such as the threads of a `Team`, run on while a kernel does
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-WITHOUT_WRAPPERS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS["no_cfunc_wrapper"] = True  # no C code calls them
 
 
 class _RareCollection(event.Listener):
@@ -120,7 +120,7 @@ def inner(function: Function) -> Function:
     For them it has no wrapper, which would take as long to compile as the function itself. A call
     from Python compiles it once more, with one.
     """
-    compiled: Any = numba.njit(**(OPTIONS | WITHOUT_WRAPPERS))(function)
+    compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True}))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
     compiled._insert = lambda *_: None  # Python must not find machine code without a wrapper,
     compiled._compile_for_args = lambda *_, **__: wrapped()  # but call what this returns

@@ -145,7 +145,7 @@ def _search(
     member: Member,
 ) -> float:
     """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀ q of all threads."""
-    _turn(begin * BLOCK, min(end * BLOCK, len(p)), z, beta, p)
+    _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, beta, p)
     wait(member)
     for block in range(begin, end):
         first, last = nodes_of(block, len(p))

@@ -32,21 +32,17 @@ def rms(weights: np.ndarray, y: np.ndarray) -> float:
 
 
 @kernel
-def squared_norm(a: Array) -> float:
-    """‖a‖² of (n, 3)."""
-    total = 0.0
-    for i in range(len(a)):
-        total += a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2]
-    return total
-
-
-@kernel
 def dot(a: Array, b: Array) -> float:
     """Σ a_i · b_i of (n, 3)."""
     total = 0.0
     for i in range(len(a)):
         total += a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2]
     return total
+
+
+def squared_norm(a: np.ndarray) -> float:
+    """‖a‖² of (n, 3)."""
+    return dot(a, a)
 
 
 @kernel
@@ -61,7 +57,8 @@ def weighted_dot(w: Array, a: Array, b: Array) -> float:
 @inner
 def nodes_of(block: int, n: int) -> tuple[int, int]:
     """The first of n nodes that belongs to a block, and the end."""
-    return block * BLOCK, min(block * BLOCK + BLOCK, n)
+    end = block * BLOCK + BLOCK
+    return block * BLOCK, end if end < n else n
 
 
 @inner

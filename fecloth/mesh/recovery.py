@@ -62,7 +62,8 @@ def recovery_gap(
     node, corner = _pair_corners(triangles, group)
     size, fit = _fit_all(X, triangles, node, corner, values, samples)
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
-    _add_blend(X, triangles, node, size, corner, samples.rule, fit, gap)
+    terms = np.empty(TERMS[samples.degree])
+    _add_blend(X, triangles, node, size, corner, samples.rule, fit, terms, gap)
     return gap
 
 
@@ -82,11 +83,13 @@ def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, n
     rows = corner.ravel(), np.repeat(np.arange(m), 3)
     around = sparse.csr_matrix((np.ones(3 * m), rows), shape=(s, m))
     size, fit = np.zeros(s), np.zeros((s, TERMS[samples.degree], values.shape[2]))
-    left, patch = np.arange(s), around
+    left, patch, d = np.arange(s), around, fit.shape[1]
+    gram, terms = np.empty((d, d)), np.empty(d)
     for ring in range(3):
         data = X, triangles, node, samples.points, values, patch.indptr, patch.indices
         poor = np.zeros(len(left), bool)
-        _fit(*data, left, LEAST if ring < 2 else 0.0, size, fit, poor)
+        fit[left] = 0.0
+        _fit(*data, left, LEAST if ring < 2 else 0.0, gram, terms, size, fit, poor)
         left = left[poor]
         if not len(left):
             break
@@ -132,12 +135,14 @@ def _solve(gram, right, least):
 
 
 @kernel
-def _fit(X, triangles, node, points, values, start, entries, pairs, least, size, fit, poor):
-    """Fit the polynomials of `pairs` to the triangles `entries` of their patches."""
+def _fit(
+    X, triangles, node, points, values, start, entries, pairs, least, gram, terms, size, fit, poor
+):
+    """Fit the polynomials of `pairs`, zero so far, to the triangles `entries` of their patches."""
     d, columns = fit.shape[1], fit.shape[2]
-    gram, right, terms = np.empty((d, d)), np.empty((d, columns)), np.empty(d)
     for p in range(len(pairs)):
         s = pairs[p]
+        right = fit[s]
         x0, y0 = X[node[s], 0], X[node[s], 1]
         far, first, last = 0.0, start[p], start[p + 1]
         for e in range(first, last):
@@ -145,11 +150,9 @@ def _fit(X, triangles, node, points, values, start, entries, pairs, least, size,
                 a = triangles[entries[e], i]
                 far += (X[a, 0] - x0) ** 2 + (X[a, 1] - y0) ** 2
         length = np.sqrt(far / (3 * (last - first)))
-        for i in range(d):  # one by one: slices would take longer to compile than all the rest
+        for i in range(d):  # one by one: a slice would take longer to compile than all the rest
             for j in range(d):
                 gram[i, j] = 0.0
-            for c in range(columns):
-                right[i, c] = 0.0
         count = (last - first) * len(points)
         for e in range(first, last):
             t = entries[e]
@@ -167,16 +170,12 @@ def _fit(X, triangles, node, points, values, start, entries, pairs, least, size,
         few = count <= d and least > 0.0
         poor[p] = _solve(gram, right, least ** (1 if d == 3 else 2)) or few
         size[s] = length
-        for i in range(d):
-            for c in range(columns):
-                fit[s, i, c] = right[i, c]
 
 
 @kernel
-def _add_blend(X, triangles, node, size, corner, rule, fit, out):
+def _add_blend(X, triangles, node, size, corner, rule, fit, terms, out):
     """out (m, r, c) += the three polynomials of each triangle, by the barycentric coordinates."""
     d, columns = fit.shape[1], fit.shape[2]
-    terms = np.empty(d)
     for t in range(len(triangles)):
         for r in range(len(rule)):
             x = y = 0.0

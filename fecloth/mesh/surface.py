@@ -9,7 +9,6 @@ import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from fecloth.compiled.jit import inner, kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
 
@@ -67,10 +66,11 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
             reach = radii[mine].max() + radii[other].max()
             if _neighbours(tree, another, reach) > MOST_NEIGHBOURS:
                 return None
-            first, second = _pairs(tree, another, reach)
-            one_side, other_side = mine[first], other[second]
-            crosses = _crossing(one_side, other_side, triangles, x)
-            intersecting.append(np.column_stack([one_side[crosses], other_side[crosses]]))
+            left, right = _pairs(tree, another, reach)
+            first, second = _overlapping(triangles, corners, mine[left], other[right])
+            a, b = corners[first], corners[second]
+            crosses = _crosses(a, b) | _crosses(b, a)
+            intersecting.append(np.column_stack([first[crosses], second[crosses]]))
     return np.concatenate(intersecting)
 
 
@@ -95,78 +95,41 @@ def _pairs(tree: cKDTree, another: cKDTree, reach: float) -> tuple[np.ndarray, n
     return pairs["i"], pairs["j"]
 
 
-@kernel
-def _crossing(first, second, triangles, x):
-    """Return which of the pairs of triangles intersect."""
-    crosses = np.zeros(len(first), np.bool_)
-    for i in range(len(first)):
-        a, b = triangles[first[i]], triangles[second[i]]
-        if not (_share_a_node(a, b) or _are_apart(a, b, x)):
-            crosses[i] = _crosses(a, b, x) or _crosses(b, a, x)
-    return crosses
+def _overlapping(
+    triangles: np.ndarray, corners: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs without a common node whose boxes overlap, not only touch."""
+    low, high = corners.min(axis=1).T, corners.max(axis=1).T
+    for a, b in zip(low, high, strict=True):
+        near = (a[first] < b[second]) & (a[second] < b[first])
+        first, second = first[near], second[near]
+    for i, j in np.ndindex(3, 3):
+        other = triangles[first, i] != triangles[second, j]
+        first, second = first[other], second[other]
+    return first, second
 
 
-@inner
-def _share_a_node(a, b):
-    for i in range(3):
-        for j in range(3):
-            if a[i] == b[j]:
-                return True
-    return False
+def _crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return whether an edge of each triangle a (p, 3, 3) crosses the inside of triangle b."""
+    error = ROUND_OFF * np.maximum(abs(a).max(axis=(1, 2)), abs(b).max(axis=(1, 2)))
+    below = _side(b[:, :1], b[:, 1:2], b[:, 2:], a, error[:, None])
+    pair, edge = np.nonzero(below * np.roll(below, -1, axis=1) < 0)
+    p, q, b, error = a[pair, edge], a[pair, (edge + 1) % 3], b[pair], error[pair]
+    turns = [_side(p, q, b[:, i], b[:, (i + 1) % 3], error) for i in range(3)]
+    result = np.zeros(len(a), bool)
+    result[pair[np.abs(sum(turns)) == 3]] = True
+    return result
 
 
-@inner
-def _are_apart(a, b, x):
-    """Whether the boxes around two triangles are apart."""
-    for k in range(3):
-        p, q, r = x[a[0], k], x[a[1], k], x[a[2], k]
-        u, v, w = x[b[0], k], x[b[1], k], x[b[2], k]
-        if max(p, q, r) < min(u, v, w) or max(u, v, w) < min(p, q, r):
-            return True
-    return False
-
-
-@inner
-def _crosses(a, b, x):
-    """Whether an edge of the triangle a crosses the inside of the triangle b."""
-    span = 0.0
-    for i in range(3):
-        for k in range(3):
-            span = max(span, abs(x[a[i], k]), abs(x[b[i], k]))
-    for i in range(3):
-        p, q = a[i], a[(i + 1) % 3]
-        if _pierces(p, q, b, x, ROUND_OFF * span):
-            return True
-    return False
-
-
-@inner
-def _pierces(p, q, b, x, error):
-    """Whether the edge from node p to node q crosses the inside of the triangle b."""
-    below = _side(b[0], b[1], b[2], p, x, error)
-    if below == 0 or _side(b[0], b[1], b[2], q, x, error) != -below:
-        return False
-    turn = _side(p, q, b[0], b[1], x, error)
-    if turn == 0:
-        return False
-    return _side(p, q, b[1], b[2], x, error) == turn and _side(p, q, b[2], b[0], x, error) == turn
-
-
-@inner
-def _side(a, b, c, d, x, error):
-    """Sign of the volume (b − a) × (c − a) · (d − a), 0 within the round-off of the positions."""
-    u1, u2, u3 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-    v1, v2, v3 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
-    w1, w2, w3 = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
-    n1, n2, n3 = u2 * v3 - u3 * v2, u3 * v1 - u1 * v3, u1 * v2 - u2 * v1
-    volume = n1 * w1 + n2 * w2 + n3 * w3
-    u = max(abs(u1), abs(u2), abs(u3))
-    v = max(abs(v1), abs(v2), abs(v3))
-    w = max(abs(w1), abs(w2), abs(w3))
+def _side(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, error: np.ndarray
+) -> np.ndarray:
+    """Signs of (b − a) × (c − a) · (d − a), 0 within the round-off of the positions (…, 3)."""
+    u, v, w = b - a, c - a, d - a
+    volume = (np.cross(u, v) * w).sum(axis=-1)
+    u, v, w = (abs(side).max(axis=-1) for side in (u, v, w))
     limit = 4.0 * error * (u * v + v * w + w * u)
-    if abs(volume) <= limit:
-        return 0
-    return 1 if volume > 0.0 else -1
+    return np.where(abs(volume) <= limit, 0.0, np.sign(volume))
 
 
 _QUADRATIC = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # in VTK's order of `Cloth.cells`

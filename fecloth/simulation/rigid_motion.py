@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,16 +18,17 @@ def deformation(weights: np.ndarray, start: np.ndarray, x: np.ndarray) -> float:
     Source: Kabsch (1976), A solution for the best rotation to relate two sets of vectors, Acta
     Crystallographica A 32.
     """
-    total, a, b, products = _products(weights, start, x)
+    a, b, products = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    total = _add_products(weights, start, x, a, b, products)
     u, _, v = np.linalg.svd(products)
     v[2] *= np.sign(np.linalg.det(u @ v))  # a rotation, not a reflection
     return math.sqrt(_distance(weights, start, x, a, b, u @ v) / total)
 
 
 @kernel
-def _products(w, x, y):
-    """Σ w, the means of x and y, and Σ w x yᵀ (3, 3) from these means."""
-    total, a, b, products = 0.0, np.zeros(3), np.zeros(3), np.zeros((3, 3))
+def _add_products(w, x, y, a, b, products):
+    """Return Σ w; a and b += the means of x and y, products += Σ w x yᵀ (3, 3) from these means."""
+    total = 0.0
     for i in range(len(w)):
         total += w[i]
         for k in range(3):
@@ -39,7 +41,7 @@ def _products(w, x, y):
         for j in range(3):
             for k in range(3):
                 products[j, k] += w[i] * (x[i, j] - a[j]) * (y[i, k] - b[k])
-    return total, a, b, products
+    return total
 
 
 @kernel
@@ -55,10 +57,14 @@ def _distance(w, x, y, a, b, R):
     return total
 
 
-@kernel
-def rms_without_rigid(w, x, y):
+def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     """Return the rms of y (n, 3), with weights w (n,), less its nearest field c + ω × x (n, 3)."""
-    mass, centre, mean = 0.0, np.zeros(3), np.zeros(3)
+    return _rms_without_rigid(w, x, y, np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+@kernel
+def _rms_without_rigid(w, x, y, vectors, inertia):
+    mass, centre, mean, moment = 0.0, vectors[0], vectors[1], vectors[2]
     for i in range(len(w)):
         mass += w[i]
         for k in range(3):
@@ -67,7 +73,7 @@ def rms_without_rigid(w, x, y):
     for k in range(3):
         centre[k] /= mass
         mean[k] /= mass
-    inertia, moment, total = np.zeros((3, 3)), np.zeros(3), 0.0
+    total = 0.0
     for i in range(len(w)):
         r0, r1, r2 = x[i, 0] - centre[0], x[i, 1] - centre[1], x[i, 2] - centre[2]
         y0, y1, y2 = y[i, 0] - mean[0], y[i, 1] - mean[1], y[i, 2] - mean[2]
@@ -81,7 +87,8 @@ def rms_without_rigid(w, x, y):
         moment[1] += w[i] * (r2 * y0 - r0 * y2)
         moment[2] += w[i] * (r0 * y1 - r1 * y0)
         total += w[i] * (y0 * y0 + y1 * y1 + y2 * y2)
-    return math.sqrt(max(total - _turning(inertia, moment), 0.0) / mass)
+    total -= _turning(inertia, moment)
+    return math.sqrt((0.0 if total < 0.0 else total) / mass)
 
 
 @inner
@@ -100,15 +107,17 @@ def _turning(inertia, moment):
     return turning
 
 
-@kernel
-def weighted_sum(arrays, weights):
-    """Σ weights[k] (arrays[k] − arrays[0]) of a tuple of arrays (n, 3)."""
-    first = arrays[0]
-    y = np.empty_like(first)
-    for i in range(len(first)):
-        for k in range(3):
-            total = 0.0
-            for m in range(1, len(arrays)):
-                total += weights[m] * (arrays[m][i, k] - first[i, k])
-            y[i, k] = total
+def weighted_sum(arrays: Sequence[np.ndarray], weights: Sequence[float]) -> np.ndarray:
+    """Σ weights[k] (arrays[k] − arrays[0]) of arrays (n, 3)."""
+    y = np.zeros_like(arrays[0])
+    for array, weight in zip(arrays[1:], weights[1:], strict=True):
+        _add_difference(float(weight), array, arrays[0], y)
     return y
+
+
+@kernel
+def _add_difference(weight, a, b, y):
+    """y += weight (a − b), (n, 3)."""
+    for i in range(len(y)):
+        for k in range(3):
+            y[i, k] += weight * (a[i, k] - b[i, k])

@@ -53,7 +53,7 @@ class StepHistory:
             math.factorial(q) / math.prod(t - other for other in self.times if other is not t)
             for t in self.times
         ]
-        change = weighted_sum(self.accelerations, np.array(weights))
+        change = weighted_sum(self.accelerations, weights)
         rate = rms_without_rigid(system.diagonal_mass, state.x, change)
         return StepError(constant * rate, q + 2)
 

@@ -235,14 +235,14 @@ class MatrixProjection:
 
     def apply(self, A: BlockMatrix) -> None:
         scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
-        _project(self.blocks, self.left, self.right, self.projectors, A.values)
+        data = self.blocks, self.left, self.right, self.projectors
+        _project(*data, np.empty((3, 3)), A.values)
         rest = np.eye(3) - self.projectors[:-1]
         A.values[self.diagonal] += scale[:, None, None] * rest
 
 
 @kernel
-def _project(blocks, left, right, projectors, values):
-    work = np.empty((3, 3))
+def _project(blocks, left, right, projectors, work, values):
     for n in range(len(blocks)):
         A, P, Q = values[blocks[n]], projectors[left[n]], projectors[right[n]]
         for i in range(3):

@@ -54,9 +54,11 @@ def _extreme_stretches(K, Q, nodes, G, x):
             radius = 2.0 * math.sqrt(half_difference * half_difference + E12 * E12)
             if mean != mean or radius != radius:
                 return math.nan, math.nan
-            least = min(least, mean - radius)
-            largest = max(largest, mean + radius)
-    return math.sqrt(max(least, 0.0)), math.sqrt(largest)
+            if mean - radius < least:
+                least = mean - radius
+            if mean + radius > largest:
+                largest = mean + radius
+    return math.sqrt(least if least > 0.0 else 0.0), math.sqrt(largest)
 
 
 @kernel

@@ -24,22 +24,20 @@ KERNELS = {
     # the terms
     "membrane_loops": {"energy", "add_force", "add_tangent", "add_moduli"},
     "plate_loops": {"add_curvatures", "add_force", "add_measures", "add_products"}
-    | {"count_row_nodes", "fill_gradients", "fill_rows", "sum_products"},
-    "fold_measure": {"measures"},
+    | {"fill_gradients", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},
     # Newton's equations
     "block_matrix": {"_find_slots", "add_mass"},
     "conjugate_gradients": {"conjugate_gradients"},
-    "diagonal_blocks": {"invert_blocks"},
+    "pcg": {"invert_blocks"},
     "protocol": {"residual"},
-    "reductions": {"dot", "squared_norm", "weighted_dot"},
+    "reductions": {"dot", "weighted_dot"},
     "constraints": {"_project", "_set_held"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
     "recovery": {"_fit", "_add_blend"},
-    "rigid_motion": {"_distance", "_products", "rms_without_rigid", "weighted_sum"},
+    "rigid_motion": {"_add_difference", "_add_products", "_distance", "_rms_without_rigid"},
     "kinematics": {"_extreme_stretches"},
-    "intersections": {"_crossing"},
     "probes": {"_area"},
 }
 

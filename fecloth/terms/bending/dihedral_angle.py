@@ -119,8 +119,9 @@ def hessian(e, left, right, H):
         for j in range(3):
             H[2, i, 3, j] = H[3, i, 2, j] = 0.0
             H[0, i, 0, j] = H[0, i, 1, j] = H[1, i, 0, j] = H[1, i, 1, j] = 0.0
-    add_side(2, sa, pa, cross(pa, unit), u, ha / length, H)
-    add_side(3, sb, pb, cross(unit, pb), u, hb / length, H)
+    arm = len(H) - 2  # not the number 2, for which `add_side` would be compiled by itself
+    add_side(arm, sa, pa, cross(pa, unit), u, ha / length, H)
+    add_side(arm + 1, sb, pb, cross(unit, pb), u, hb / length, H)
 
 
 @inner

@@ -35,13 +35,12 @@ import math
 
 import numpy as np
 
-from fecloth.compiled.jit import inner, kernel
+from fecloth.compiled.jit import inner
 
 RIGHT_ANGLE = 0.5 * math.pi
 
 
-@inner
-def measure(theta):
+def _measure(theta):
     """μ, dμ/dθ and d²μ/dθ² at θ in (−π, π]."""
     if abs(theta) <= RIGHT_ANGLE:
         return theta, 1.0, 0.0
@@ -51,15 +50,11 @@ def measure(theta):
     return sign * (RIGHT_ANGLE + t), slope, sign * 2.0 * t * slope
 
 
-@kernel
-def measures(theta, out):
-    """out = μ(θ), for arrays."""
-    for e in range(len(theta)):
-        out[e] = measure(theta[e])[0]
+measure = inner(_measure)
 
 
 def fold_measure(theta: np.ndarray) -> np.ndarray:
     """μ of angles [rad]."""
-    out = np.empty_like(theta)
-    measures(theta, out)
+    out, folded = theta.copy(), np.abs(theta) > RIGHT_ANGLE
+    out[folded] = [_measure(angle)[0] for angle in theta[folded]]
     return out

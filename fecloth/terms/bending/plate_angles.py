@@ -45,19 +45,28 @@ class CoupledRows:
         j = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(n)])
         blocks = np.concatenate([both[:, 0, 1], both[:, 1, 0], alone.ravel()])
         order = np.argsort(i * n + j)
-        first = np.searchsorted(i[order], np.arange(n + 1))
-        width = np.empty(len(nodes), np.int64)
-        plate_loops.count_row_nodes(nodes, Q.indptr, Q.indices, n, width)
+        first = np.searchsorted(i[order], np.arange(n + 1)).astype(np.int32)
+        width = _count_row_nodes(nodes, Q, n)
         start = np.concatenate([[0], np.cumsum(4 * width)])
         place, found = np.empty((Q.nnz, 4), np.int16), np.empty(start[-1], np.int32)
-        data = first, j[order], blocks[order], start, width
-        missing = plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, place, found)
+        data = first, j[order].astype(np.int32), blocks[order], start
+        work = np.full(n, -1), np.empty(n, np.int64), np.empty(width.max(initial=0), np.int32)
+        missing = plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, *work, place, found)
         if missing >= 0:
             what = f"the nodes around hinge {missing}"
             remedy = "Name the regions of both fabrics in the cloth: materials may change there."
             raise InputError(what, "are not all coupled in the matrix", "PlateBending", remedy)
         row = np.repeat(np.arange(len(nodes)), np.diff(Q.indptr))
         return cls(place, start[:-1], width, found, np.flatnonzero(Q.indices == row))
+
+
+def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndarray:
+    """(h,) the number of different nodes of the hinges in each row of Q."""
+    here = nodes >= 0
+    start = np.concatenate([[0], np.cumsum(here.sum(axis=1))])
+    of_hinge = sparse.csr_array((np.ones(start[-1], bool), nodes[here], start), (len(nodes), n))
+    coupled = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
+    return np.diff((coupled @ of_hinge).indptr).astype(np.int64)
 
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
@@ -211,7 +220,8 @@ class PlateAngles:
         def call(part: slice, values: np.ndarray) -> Call:
             own = rows.start[part], rows.width[part], rows.slots, left[part]
             data = pointers(Q, part), Q.indices, Q.data, rows.place, *own, right
-            return plate_loops.add_products, (*data, scale, values)
+            work = np.empty(3 * rows.width.max(initial=0))
+            return plate_loops.add_products, (*data, scale, work, values)
 
         self.loop.add_blocks(call, J)
 

@@ -106,36 +106,25 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
                     f[i, c] -= m * g[e, a, c]
 
 
-@inner
-def widest(width):
-    """The largest of the widths, or 0."""
-    most = 0
-    for each in width:
-        most = max(most, each)
-    return most
-
-
 @kernel
-def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, J):
+def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
     """J += scale Σ left_ea Q_ef right_fbᵀ.
 
     Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes of
     hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either is
-    −1 for a node that is held in space.
+    −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
     """
-    y = np.empty((widest(width), 3))
     for e in range(len(width)):
         u = width[e]
-        for b in range(u):
-            for c in range(3):
-                y[b, c] = 0.0
+        for b in range(3 * u):
+            y[b] = 0.0
         for s in range(indptr[e], indptr[e + 1]):
             f, q = indices[s], scale * Q[s]
             for a in range(4):
                 b = place[s, a]
                 if b >= 0:
                     for c in range(3):
-                        y[b, c] += q * right[f, a, c]
+                        y[3 * b + c] += q * right[f, a, c]
         for a in range(4):
             g0, g1, g2 = left[e, a, 0], left[e, a, 1], left[e, a, 2]
             first = start[e] + a * u
@@ -143,9 +132,9 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
                 for b in range(u):
                     block = np.uintp(slots[first + b])
                     for c in range(3):
-                        J[block, 0, c] += g0 * y[b, c]
-                        J[block, 1, c] += g1 * y[b, c]
-                        J[block, 2, c] += g2 * y[b, c]
+                        J[block, 0, c] += g0 * y[3 * b + c]
+                        J[block, 1, c] += g1 * y[3 * b + c]
+                        J[block, 2, c] += g2 * y[3 * b + c]
 
 
 @kernel
@@ -212,29 +201,15 @@ def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
 
 
 @kernel
-def count_row_nodes(nodes, indptr, indices, n, width):
-    """width[e] = the number of different nodes of the hinges in row e of Q."""
-    last = np.full(n, -1)
-    for e in range(len(nodes)):
-        width[e] = 0
-        for s in range(indptr[e], indptr[e + 1]):
-            for a in range(4):
-                i = nodes[indices[s], a]
-                if i >= 0 and last[i] != e:
-                    last[i] = e
-                    width[e] += 1
-
-
-@kernel
-def fill_rows(nodes, indptr, indices, block_ptr, block_nodes, blocks, start, width, place, slots):
+def fill_rows(
+    nodes, indptr, indices, block_ptr, block_nodes, blocks, start, last, position, row, place, slots
+):
     """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
 
     Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
-    Return the first hinge with a pair that has no block, or −1.
+    `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
+    pair that has no block, or −1.
     """
-    n = len(block_ptr) - 1
-    last, position = np.full(n, -1), np.zeros(n, np.int64)
-    row = np.empty(widest(width), np.int64)
     for e in range(len(nodes)):
         u = 0
         for s in range(indptr[e], indptr[e + 1]):
