@@ -24,6 +24,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies.bending.meshes import rectangle
 from studies.references.elastica import heavy_elastica
 
 GAMMA = 10.0
@@ -38,16 +39,8 @@ curve = cache(heavy_elastica)
 
 
 def strip(pattern: str, n: int, element: str, width: float = 0.5) -> fc.Cloth:
-    """A strip of length 1 with n nodes along it; "jittered" moves inner corners by up to 0.22 h."""
-    h = 1 / n if element == "P1" else 2 / n
-    if pattern != "jittered":
-        return fc.Cloth.rectangle(1.0, width, h, pattern, element)
-    cloth = fc.Cloth.rectangle(1.0, width, h, "right")
-    X, inside = cloth.X.copy(), np.full(len(cloth.X), True)
-    inside[cloth.nodes("boundary")] = False
-    X[inside] += np.random.default_rng(1).uniform(-0.22, 0.22, (inside.sum(), 2)) * h
-    ends = {name: cloth.nodes(name) for name in ("left", "right")}
-    return fc.Cloth.from_arrays(X, cloth.triangles, ends, element=element)
+    """A strip of length 1 with n nodes along it."""
+    return rectangle(1.0, width, 1 / n if element == "P1" else 2 / n, pattern, element)
 
 
 def hang(model: str, pattern: str, ratio: float, n: int, width: float = 0.5) -> dict:
