@@ -14,7 +14,7 @@ from fecloth.study.cases import Case
 from fecloth.study.processes import run_in_processes
 
 INTERRUPTED = """
-import os, sys, time
+import os, signal, sys, time
 from fecloth import study
 
 def sleep(x: int, folder: str) -> dict:
@@ -22,6 +22,7 @@ def sleep(x: int, folder: str) -> dict:
     time.sleep(3600)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's job may ignore it
     study.run_cases([{"x": x, "folder": sys.argv[1]} for x in range(4)], sleep, None, jobs=2)
 """
 
