@@ -92,7 +92,7 @@ class DistributedSystem(System):
     def _known(self, term):
         """The term, or its springs where a part does not know their stiffness."""
         is_net = isinstance(term, named.Springs) and term.kind == "structural"
-        return term.known(self.panel) if is_net else term
+        return term.springs(self.panel) if is_net else term
 
     @cached_property
     def bound(self) -> tuple:
@@ -180,8 +180,8 @@ def _refuse(terms: Sequence) -> None:
         name, traits = type(term).__name__, traits_of(term)
         if not traits.shared:
             allowed = "cannot be shared among processes yet"
-            known = (known for known, each in named.TRAITS.items() if each.shared)
-            remedy = f"Run on one process, or use only {', '.join(known)}."
+            names = [other for other, each in named.TRAITS.items() if each.shared]
+            remedy = f"Run on one process, or use only {', '.join(names)}."
             raise InputError(name, allowed, "mpiexec", remedy)
         if traits.kind == "bending" and isinstance(parameters_of(term).get("rest"), tuple):
             allowed = "must be one angle or a text on several processes"

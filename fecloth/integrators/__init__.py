@@ -49,5 +49,5 @@ EXPLICIT: dict[str, Any] = {
 
 def studied_by(study: str) -> tuple[str, ...]:
     """Return the names of the methods that a study runs if it is not told which."""
-    known = (METHODS | EXPLICIT).items()
-    return tuple(name for name, method in known if study in method().traits.studied)
+    methods = (METHODS | EXPLICIT).items()
+    return tuple(name for name, method in methods if study in method().traits.studied)

@@ -92,8 +92,10 @@ class EnergyMomentum(StageMethod):
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
         symmetric = self.tangent != "exact"
         drift = 2, 1 / 12
-        known = MethodTraits(order=2, error_constant=1 / 12, drift=drift, studied=("stability",))
-        return replace(known, symmetric=symmetric)
+        constants = MethodTraits(
+            order=2, error_constant=1 / 12, drift=drift, studied=("stability",)
+        )
+        return replace(constants, symmetric=symmetric)
 
     stage = ImplicitMidpoint.stage
 

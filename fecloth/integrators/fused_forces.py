@@ -197,7 +197,7 @@ class SharedForces:
     members: list[Member]
 
     @classmethod
-    def of(cls, calls: Calls, threads: int) -> SharedForces:
+    def divide(cls, calls: Calls, threads: int) -> SharedForces:
         """Divide calls among threads; what cannot be divided is for the first thread."""
         all_ = members(threads)
         lists: list[list[Call]] = [[] for _ in all_]

@@ -80,7 +80,7 @@ class FusedSteps:
         With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
         The threads are the threads of the system, unless a `team` is given.
         """
-        if system.mass_kind != "lumped" or not MotionRows.are_known(system.constraints):
+        if system.mass_kind != "lumped" or not MotionRows.can_evaluate(system.constraints):
             return None
         shape, mass = (len(system.cloth.X), 3), system.nodal_mass
         x, v, a, ahead, f, old_x, old_v = np.zeros((7, *shape))
@@ -118,7 +118,7 @@ class FusedSteps:
         `least` and `largest` no further step is taken. The result is None if a value is not finite:
         then nothing is known of these steps.
         """
-        rows = MotionRows.of(self.system.constraints, times, sizes)
+        rows = MotionRows.evaluate(self.system.constraints, times, sizes)
         held, dt, most = self._held(rows), float(sizes[0]), len(sizes) - 1
         self._begin_at(state, memory)
         start, pauses = self._energy_of_kicks(dt), self._pauses(look, least, largest)
@@ -146,7 +146,7 @@ class FusedSteps:
         self, state: State, memory: LastForce, times: np.ndarray, sizes: np.ndarray
     ) -> tuple[State, LastForce] | None:
         """Take the steps as `take` does, without any record or look; None as there."""
-        rows = MotionRows.of(self.system.constraints, times, sizes)
+        rows = MotionRows.evaluate(self.system.constraints, times, sizes)
         self._begin_at(state, memory)
         self._go(sizes, self._held(rows), self._pauses(NO_LOOK, 0.0, np.inf))
         return self._left(rows, len(sizes)) if self._is_finite else None
@@ -214,7 +214,7 @@ class FusedSteps:
     @cached_property
     def shared_forces(self) -> SharedForces:
         """The calls of `forces` for each thread."""
-        return SharedForces.of(self.calls, self.team.count)
+        return SharedForces.divide(self.calls, self.team.count)
 
     def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
         """The state and the memory after that many steps."""

@@ -70,8 +70,8 @@ class StageMethod:
         """Open a step from `state` over `dt` [s]; its unknown q is the unknown of `stage`."""
         end = prescribed_end(system, state, dt)
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        known = () if history is None else (history,)  # which an older class may not take
-        over = self.over_step(system, state, dt, *known)
+        records = () if history is None else (history,)  # which an older class may not take
+        over = self.over_step(system, state, dt, *records)
         return Opening(self, system, over, stage, state, end, dt, memory, memory, history)
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:

@@ -98,10 +98,10 @@ class MethodTraits:
 
     def __new__(cls, *values: object, **named: object) -> MethodTraits:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
-        known = [field.name for field in fields(cls)]
+        names = [field.name for field in fields(cls)]
         for name in named:
-            if name not in known:
-                allowed = f"is not known; the traits are {', '.join(known)}"
+            if name not in names:
+                allowed = f"is not known; the traits are {', '.join(names)}"
                 raise InputError(f"trait {name!r}", allowed, cls.__name__)
         return super().__new__(cls)
 

@@ -27,7 +27,7 @@ class Aggregates:
     members: np.ndarray
 
     @classmethod
-    def of(cls, pattern: BlockPattern) -> Aggregates:
+    def from_pattern(cls, pattern: BlockPattern) -> Aggregates:
         """Group the nodes by the pattern alone."""
         of_node = np.full(len(pattern), -1, np.int32)
         count = _aggregate(pattern.indptr, pattern.indices, of_node)

@@ -215,7 +215,7 @@ class MatrixLayout:
 
         Terms with one stencil share one array, as long as one of them holds it.
         """
-        shared = [number for number, known in enumerate(self.stencils) if known is stencil]
+        shared = [number for number, each in enumerate(self.stencils) if each is stencil]
         if not shared:
             return self.pattern.slots(stencil)
         if (slots := self._shared.get(shared[0])) is None:

@@ -42,7 +42,7 @@ class Transfer:
     coarse: BlockPattern  # pattern of Pᵀ A P
 
     @classmethod
-    def of(cls, pattern: BlockPattern, aggregates: Aggregates) -> Transfer:
+    def from_aggregates(cls, pattern: BlockPattern, aggregates: Aggregates) -> Transfer:
         n, m = len(pattern), len(aggregates)
         A = _ones(pattern.indptr, pattern.indices, (n, n))
         T = _ones(np.arange(n + 1, dtype=np.int32), aggregates.of_node, (n, m))

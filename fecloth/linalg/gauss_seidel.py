@@ -40,7 +40,7 @@ class SweepOrder:
     slots: np.ndarray
 
     @classmethod
-    def of(cls, pattern: BlockPattern) -> SweepOrder:
+    def from_pattern(cls, pattern: BlockPattern) -> SweepOrder:
         """Colour the nodes greedily, each with the first colour that no neighbour has."""
         n, colours = len(pattern), np.full(len(pattern), -1, np.int32)
         _colour(pattern.indptr, pattern.indices, colours)

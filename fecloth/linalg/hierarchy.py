@@ -56,7 +56,7 @@ class Level:
     work: np.ndarray  # (5, n, 3) work arrays
 
     @classmethod
-    def of(
+    def allocate(
         cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, P: np.ndarray, columns: np.ndarray
     ) -> Level:
         """The level of a matrix; its blocks have the precision of P."""
@@ -74,11 +74,11 @@ class Level:
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
     """Coarsen a pattern until its aggregates are no fewer than half of its nodes."""
-    aggregates = Aggregates.of(pattern)
-    order = SweepOrder.of(pattern)
+    aggregates = Aggregates.from_pattern(pattern)
+    order = SweepOrder.from_pattern(pattern)
     if 2 * len(aggregates) >= len(pattern):
         return [Grid(pattern, order, None)]
-    transfer = Transfer.of(pattern, aggregates)
+    transfer = Transfer.from_aggregates(pattern, aggregates)
     return [Grid(pattern, order, transfer), *make_grids(transfer.coarse)]
 
 
@@ -93,7 +93,7 @@ def make_levels(
     """
     grid, *coarser = grids
     if grid.transfer is None:
-        return [Level.of(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]
+        return [Level.allocate(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]
     clear_uncoupled(A, motions)
     coarse_motions = orthonormalise(grid.transfer.aggregates, motions, A.team)
     exact = grid.transfer.prolongator(A, inverse, DAMPING, motions)
@@ -106,4 +106,4 @@ def make_levels(
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
     below = coarse_motions.reshape(-1, 3, 6)
     levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
-    return [Level.of(grid, A, inverse, P, columns), *levels]
+    return [Level.allocate(grid, A, inverse, P, columns), *levels]

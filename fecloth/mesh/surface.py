@@ -143,7 +143,7 @@ class Surface:
     sides: np.ndarray  # (h, 2) the two triangles at each interior edge
 
     @classmethod
-    def of(cls, cloth: Cloth) -> Surface:
+    def from_cloth(cls, cloth: Cloth) -> Surface:
         """Return the surface of a cloth."""
         if cloth.element == "P1":
             return cls(cloth.triangles, cloth.hinges.sides)
@@ -187,7 +187,7 @@ class Enclosure:
     --------
     >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     >>> closed = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    >>> [round(6 * Enclosure.of(some, 4).volume(x), 9) for some in (closed, closed[1:])]
+    >>> [round(6 * Enclosure.from_triangles(some, 4).volume(x), 9) for some in (closed, closed[1:])]
     [1.0, 1.0]
     """
 
@@ -198,7 +198,7 @@ class Enclosure:
     part: np.ndarray  # (r,) rim of each edge
 
     @classmethod
-    def of(cls, triangles: np.ndarray, nodes: int) -> Enclosure:
+    def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Enclosure:
         """Find the rims of triangles (m, 3) over so many nodes."""
         corners = triangles.astype(np.int64)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)

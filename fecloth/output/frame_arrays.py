@@ -82,7 +82,7 @@ def _contact(system: System, state: State) -> Arrays:
     x, v, t, arrays = state.x, state.v, state.t, {}
     pushes = [term.push(x, t) for term in system.bound]
     if pushes := [push for push in pushes if push is not None]:
-        areas = Surface.of(system.cloth).node_areas(system.cloth.X)
+        areas = Surface.from_cloth(system.cloth).node_areas(system.cloth.X)
         arrays["contact_pressure"] = np.linalg.norm(sum(pushes), axis=1) / areas
     slips = [term.slip(x, v, t) for term in system.bound]
     if slips := [slip for slip in slips if slip is not None]:

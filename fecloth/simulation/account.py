@@ -30,7 +30,7 @@ class Run:
     @cached_property
     def surface(self) -> Surface:
         """The cloth as flat triangles."""
-        return Surface.of(self.system.cloth)
+        return Surface.from_cloth(self.system.cloth)
 
 
 @dataclass(frozen=True, eq=False)

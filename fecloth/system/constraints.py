@@ -268,12 +268,12 @@ class MotionRows:
     speed: np.ndarray
 
     @classmethod
-    def are_known(cls, constraints: Constraints) -> bool:
+    def can_evaluate(cls, constraints: Constraints) -> bool:
         """Whether the motion does not depend on where the nodes are."""
         return all(pin.rotate is None for pin, _ in constraints.groups.values())
 
     @classmethod
-    def of(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> MotionRows:
+    def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> MotionRows:
         """Evaluate the motion at the `times` (s + 1,) of steps of `sizes` (s,)."""
         moved = [(pin, nodes) for pin, nodes in constraints.groups.values() if pin.moves]
         reached = times[:-1] + sizes
@@ -281,9 +281,12 @@ class MotionRows:
         path, speed = np.zeros(shape), np.zeros(shape)
         for pin, nodes in moved:
             at = np.searchsorted(constraints.nodes, nodes)
-            known, last = None, None  # the end of a step is nearly always the start of the next
+            last_time, last_place = (
+                None,
+                None,
+            )  # the end of a step is nearly always the start of the next
             for s, (t, end) in enumerate(zip(times.tolist(), reached.tolist(), strict=False)):
-                begin = last if t == known else pin.displacement(t)
-                known, last = end, pin.displacement(end)
-                path[s, at], speed[s, at] = last - begin, pin.speed(end, since=t)
+                begin = last_place if t == last_time else pin.displacement(t)
+                last_time, last_place = end, pin.displacement(end)
+                path[s, at], speed[s, at] = last_place - begin, pin.speed(end, since=t)
         return cls(times, sizes, reached, path, speed)

@@ -26,7 +26,7 @@ class ReactionLimits:
     most: np.ndarray  # (k,) [N]
 
     @classmethod
-    def of(
+    def find(
         cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
     ) -> ReactionLimits:
         """Find the triangles that are held whole, and the stiffness of what moves beside them.

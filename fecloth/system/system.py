@@ -216,7 +216,7 @@ class System(Arguments):
     @cached_property
     def reaction_limits(self) -> ReactionLimits:
         """For `force_size`."""
-        return ReactionLimits.of(
+        return ReactionLimits.find(
             self.cloth,
             self.constraints,
             lambda: self.assemble(BlockMatrix.zeros(self.pattern), self.rest(), wx=1.0),

@@ -226,7 +226,10 @@ def dense_prolongator(level):
 def test_coarse_matrix_is_the_product():
     A = sheet(m=9, pinned=[0, 1, 2])
     pattern = A.pattern
-    transfer, rng = Transfer.of(pattern, Aggregates.of(pattern)), np.random.default_rng(2)
+    transfer, rng = (
+        Transfer.from_aggregates(pattern, Aggregates.from_pattern(pattern)),
+        np.random.default_rng(2),
+    )
     P = rng.normal(size=(len(transfer.indices), 3, 6))
     coarse = transfer.coarse_matrix(A, P)
 
@@ -242,7 +245,7 @@ def test_coarse_matrix_is_the_product():
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_aggregates_and_colours_cover_every_node_once(element):
     pattern = cloth_system(0.1, element=element, bending=fc.PlateBending()).pattern
-    aggregates, order = Aggregates.of(pattern), SweepOrder.of(pattern)
+    aggregates, order = Aggregates.from_pattern(pattern), SweepOrder.from_pattern(pattern)
     assert sorted(aggregates.members) == sorted(order.nodes) == list(range(len(pattern)))
     assert len(aggregates) < len(pattern) / 4
     n, place = len(pattern), order.places

@@ -121,7 +121,7 @@ SHEETS = {
 def test_a_sheet(name, element):
     shape, meets = SHEETS[name]
     cloth = fc.Cloth.rectangle(1.0, 0.4, h=0.12 if element == "P1" else 0.25, element=element)
-    surface, x = Surface.of(cloth), turned(shape(cloth))
+    surface, x = Surface.from_cloth(cloth), turned(shape(cloth))
     expected = count_exactly(surface.triangles, x)
     assert surface.count_intersections(x) == expected
     assert (expected > 0) == meets
@@ -137,7 +137,7 @@ def sphere(cloth):
 
 def test_a_closed_sphere_touches_itself_and_two_spheres_intersect():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    surface, x = Surface.of(cloth), turned(sphere(cloth))
+    surface, x = Surface.from_cloth(cloth), turned(sphere(cloth))
     assert surface.count_intersections(x) == 0
     both = np.concatenate([surface.triangles, surface.triangles + len(x)])
     for gap, meets in ((2.1, False), (1.7, True)):
@@ -153,12 +153,12 @@ def test_flat_sheets_anywhere_do_not_intersect(shift):
     cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.03)
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     for seed in range(5):
-        assert Surface.of(cloth).count_intersections(turned(x, seed, shift)) == 0
+        assert Surface.from_cloth(cloth).count_intersections(turned(x, seed, shift)) == 0
 
 
 def test_value_that_cannot_be_computed_is_none():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.04, pattern="right")
-    surface = Surface.of(cloth)
+    surface = Surface.from_cloth(cloth)
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     assert surface.count_intersections(np.where(x == 1.0, np.nan, x)) is None
     rng = np.random.default_rng(1)
@@ -171,7 +171,7 @@ def test_value_that_cannot_be_computed_is_none():
 @pytest.mark.parametrize("element", ["P1", "P2"])
 def test_triangles_turned_over_in_a_plane_are_those_of_negative_area(element):
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="cross", element=element)
-    surface = Surface.of(cloth)
+    surface = Surface.from_cloth(cloth)
     x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     assert surface.count_inverted(turned(x)) == 0
     side = 0.25 if element == "P1" else 0.125
@@ -186,4 +186,4 @@ def test_triangles_turned_over_in_a_plane_are_those_of_negative_area(element):
 
 def test_a_fold_turns_no_triangle_over():
     cloth = fc.Cloth.rectangle(1.0, 0.4, h=0.1, pattern="right")
-    assert Surface.of(cloth).count_inverted(folded(cloth, 3.0)) == 0
+    assert Surface.from_cloth(cloth).count_inverted(folded(cloth, 3.0)) == 0

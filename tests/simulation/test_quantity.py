@@ -189,7 +189,9 @@ def test_the_volume_under_a_dome_and_in_a_tube():
     dome = np.column_stack([cloth.X, np.sqrt(np.maximum(4 - r**2, 0)) - np.sqrt(3)]) + [5, 6, 7]
     height = 2 - np.sqrt(3)
     exact = np.pi * height * (3 + height**2) / 6
-    assert_allclose(Enclosure.of(cloth.triangles, len(dome)).volume(dome), exact, rtol=3e-3)
+    assert_allclose(
+        Enclosure.from_triangles(cloth.triangles, len(dome)).volume(dome), exact, rtol=3e-3
+    )
     n = 60
     angle = 2 * np.pi * np.arange(n) / n
     ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
@@ -197,7 +199,7 @@ def test_the_volume_under_a_dome_and_in_a_tube():
     tube = np.concatenate([np.column_stack([a, b, a + n]), np.column_stack([b, b + n, a + n])])
     x = np.concatenate([ring, ring + [0, 0, 2]]) + [3, 4, 5]
     exact = n * np.sin(2 * np.pi / n)  # π R² L of the polygon with n corners
-    assert_allclose(Enclosure.of(tube, 2 * n).volume(x), exact, rtol=1e-12)
+    assert_allclose(Enclosure.from_triangles(tube, 2 * n).volume(x), exact, rtol=1e-12)
 
 
 def test_an_observer_records_stretches_and_volume_where_asked():

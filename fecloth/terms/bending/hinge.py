@@ -122,10 +122,10 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
     def roots(fabric):
         if fabric.bending is None:
-            known = [name for name in Fabric.presets() if Fabric.preset(name).bending]
+            presets = [name for name in Fabric.presets() if Fabric.preset(name).bending]
             remedy = (
                 "Give it in the fabric, one number or (warp, weft); these presets have it: "
-                f"{', '.join(known)}."
+                f"{', '.join(presets)}."
             )
             what = "the fabric has no bending_rigidity"
             raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)

@@ -136,7 +136,7 @@ class PlateAngles:
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the hinges."""
-        return SharedLoop.of(self.panel, self.nodes)
+        return SharedLoop.over_elements(self.panel, self.nodes)
 
     def at(self, t: float) -> tuple:
         """What the loops over the hinges take first, at the time t."""

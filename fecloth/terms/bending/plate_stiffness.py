@@ -55,8 +55,8 @@ def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
     K = np.einsum("eki,ekl,elj->eij", B, D, B, optimize=True)
     K /= np.trace(K, axis1=1, axis2=2)[:, None, None]
     free = (hinge < 0).reshape(m, 3)
-    known = np.where(free[:, :, None], K, np.eye(3))
-    alpha = np.linalg.solve(known, np.where(free, 0.0, alpha)[:, :, None])
+    matrix = np.where(free[:, :, None], K, np.eye(3))
+    alpha = np.linalg.solve(matrix, np.where(free, 0.0, alpha)[:, :, None])
     return (B @ alpha)[:, :, 0], D
 
 

@@ -192,7 +192,7 @@ class MeshObstacle:
         nodes, triangles = read_surface(self.path)
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = self.scale * nodes, triangles
-        sets = ContactSets.of("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
+        sets = ContactSets.bind("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
         body = self._body if self._body.moves else None
         return BoundMeshObstacle("MeshObstacle", sets, self.friction, CREEP * cloth.extent, body)
 

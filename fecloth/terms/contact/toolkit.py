@@ -47,11 +47,11 @@ class ContactSets:
     gap: float
     thickness: float
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
-    _near: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
+    _pairs: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
     _crowded: bool = False
 
     @classmethod
-    def of(
+    def bind(
         cls,
         where: str,
         cloth: Cloth,
@@ -65,7 +65,7 @@ class ContactSets:
         With a fixed mesh only pairs of the cloth and that mesh count, otherwise pairs of the cloth.
         `where` begins the error if ipctk is missing.
         """
-        ipctk, triangles = load(where), Surface.of(cloth).triangles
+        ipctk, triangles = load(where), Surface.from_cloth(cloth).triangles
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         others, more = fixed or (np.zeros((0, 3)), np.zeros((0, 3), int))
         faces = np.asfortranarray(np.vstack([triangles, more + len(rest)]).astype(np.int32))
@@ -84,26 +84,26 @@ class ContactSets:
     def at(self, x: np.ndarray) -> Any:
         """The contacts at x (n, 3); energy, force and tangent ask for the same ones in turn."""
         if self._last is None or not np.array_equal(self._last[0], x):
-            found = self.toolkit.NormalCollisions()
-            found.use_area_weighting = True
-            near, where = self.near(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
-            found.build(*where) if near is None else found.build(near, *where)
-            self._last = x.copy(), found
+            contacts = self.toolkit.NormalCollisions()
+            contacts.use_area_weighting = True
+            pairs, where = self.candidates(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
+            contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
+            self._last = x.copy(), contacts
         return self._last[1]
 
-    def near(self, x: np.ndarray) -> Any | None:
+    def candidates(self, x: np.ndarray) -> Any | None:
         """The pairs that can touch at x, or a gap around it; None if they are many."""
         if not self._crowded and not self._covers(x):
-            found, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
-            found.build(self.mesh, self.nodes(x), reach + AROUND * self.gap)  # each box grows by it
-            self._near, self._crowded = (x.copy(), found), len(found) > CROWDED * len(x)
-        return None if self._crowded or self._near is None else self._near[1]
+            pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
+            pairs.build(self.mesh, self.nodes(x), reach + AROUND * self.gap)  # each box grows by it
+            self._pairs, self._crowded = (x.copy(), pairs), len(pairs) > CROWDED * len(x)
+        return None if self._crowded or self._pairs is None else self._pairs[1]
 
     def _covers(self, x: np.ndarray) -> bool:
-        """Whether `near` was found at places less than a gap from x."""
-        if self._crowded or self._near is None:
+        """Whether `candidates` was found at places less than a gap from x."""
+        if self._crowded or self._pairs is None:
             return False
-        return self._longest(x - self._near[0]) < AROUND * self.gap
+        return self._longest(x - self._pairs[0]) < AROUND * self.gap
 
     def _longest(self, way: np.ndarray) -> float:
         """The longest way [m] of a node (n, 3), without what all nodes of the cloth move alike."""
@@ -113,7 +113,7 @@ class ContactSets:
 
     def forget(self) -> None:
         """Drop all pairs that were found, so that no result depends on earlier calls."""
-        self._last, self._near, self._crowded = None, None, False
+        self._last, self._pairs, self._crowded = None, None, False
 
     def energy(self, x: np.ndarray) -> float:
         """[J]; +∞ where two parts are nearer than the thickness."""
@@ -168,8 +168,8 @@ class ContactSets:
         room = min(self.least_distance(x) - self.thickness, self.gap)
         if 2 * self._longest(y - x) < RESERVE * room:
             return 1.0
-        near, ends = self.near(x), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
-        search = self.toolkit if near is None or not self._covers(y) else near
+        pairs, ends = self.candidates(x), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
+        search = self.toolkit if pairs is None or not self._covers(y) else pairs
         find = search.compute_collision_free_stepsize
         part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part

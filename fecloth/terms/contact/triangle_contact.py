@@ -245,7 +245,7 @@ class SelfContact:
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
         numbers = float(self.gap), float(self.thickness), stiffness
-        sets = ContactSets.of("SelfContact", cloth, *numbers)
+        sets = ContactSets.bind("SelfContact", cloth, *numbers)
         edges = cloth.X[sets.triangles] - cloth.X[np.roll(sets.triangles, 1, axis=1)]
         largest = float(np.linalg.norm(edges, axis=2).min()) / FARTHEST
         if self.gap + self.thickness > largest:

@@ -55,14 +55,14 @@ class Derivatives:
             columns.append(column / h.reshape(m, *[1] * (column.ndim - 1)))
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
-    def near(self, rest: np.ndarray) -> np.ndarray:
+    def beside(self, rest: np.ndarray) -> np.ndarray:
         """(m, k, 3) positions in a state near rest, like no other."""
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         return rest + 0.05 * self.size[:, None, None] * noise
 
     def is_objective(self, rest: np.ndarray) -> bool:
         """Whether ∂C has no resultant and no moment, as no rigid motion changes C."""
-        y = self.near(rest)
+        y = self.beside(rest)
         arms, g = (y - y.mean(axis=1, keepdims=True))[:, None], self.dC(y)
         moments = np.cross(arms, g)
         return all(
@@ -72,7 +72,7 @@ class Derivatives:
 
     def check(self, rest: np.ndarray) -> None:
         """Compare the user's derivatives with differences, in a state near rest."""
-        y = self.near(rest)
+        y = self.beside(rest)
         for name, function, below in (
             ("gradient", self.dC, self.C),
             ("hessian", self.ddC, self.dC),

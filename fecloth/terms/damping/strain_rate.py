@@ -114,7 +114,7 @@ class StrainRateDamping:
         law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         strain, symmetric = strain_of(panel, self.strain), self.tangent == "symmetric"
-        loop = SharedLoop.of(panel, panel.cloth.stencil)
+        loop = SharedLoop.over_elements(panel, panel.cloth.stencil)
         return BoundStrainRate(panel, slots, viscosity, symmetric, self.rate, strain, loop)
 
 

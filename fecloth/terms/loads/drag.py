@@ -128,7 +128,7 @@ class BoundDrag(BoundTerm):
     @cached_property
     def loop(self) -> SharedLoop:
         """The loop over the triangles."""
-        return SharedLoop.of(self.panel, self.nodes)
+        return SharedLoop.over_elements(self.panel, self.nodes)
 
     @property
     def nodes(self) -> np.ndarray:

@@ -92,7 +92,7 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        loop = SharedLoop.of(panel, cloth.stencil)
+        loop = SharedLoop.over_elements(panel, cloth.stencil)
         data = p, loop, orientation_signs(cloth), slots, symmetric, rest, panel
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
 

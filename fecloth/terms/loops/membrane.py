@@ -294,7 +294,7 @@ def bind(
 
     On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
     """
-    loop = SharedLoop.of(panel, panel.cloth.stencil)
+    loop = SharedLoop.over_elements(panel, panel.cloth.stencil)
     own = kernels.regge if is_interpolated(strain, panel) else kernels
     its_strain = strain_of(panel, strain)
     return BoundMembrane(name, own, panel, slots, constants, moduli, its_strain, loop)

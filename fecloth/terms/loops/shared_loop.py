@@ -68,7 +68,7 @@ class SharedLoop:
     cache: dict[Any, Any] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, panel: Panel, nodes: np.ndarray) -> SharedLoop:
+    def over_elements(cls, panel: Panel, nodes: np.ndarray) -> SharedLoop:
         """The loop over elements of a panel."""
         return cls(panel.team, nodes, panel.counted(nodes) if panel.counted else None)
 

@@ -146,9 +146,9 @@ class Springs:
     def bind(self, panel: Panel, slots) -> RigidCondition:
         if self.kind == "biquadratic":
             return biquadratic.bind(panel, slots, self.damping, self.tangent)
-        return self.known(panel).bind(panel, slots)
+        return self.springs(panel).bind(panel, slots)
 
-    def known(self, panel: Panel) -> KnownSprings:
+    def springs(self, panel: Panel) -> KnownSprings:
         """The springs of a panel's net."""
         net = self._net(panel.cloth)
         length, k = np.linalg.norm(net.vectors, axis=1), self._stiffness(net, panel)

@@ -31,13 +31,13 @@ def test_kept_pairs_give_the_forces_of_pairs_found_anew(thickness, rng):
     """Positions up to a gap away, and a common motion of all nodes over a metre."""
     cloth, x, over = layers(2.0 * GAP + thickness)
     sets = bound(cloth, thickness=thickness, stiffness=300.0).sets
-    kept, counts = sets.near(x), []
+    kept, counts = sets.candidates(x), []
     for part in np.linspace(0, 0.9, 8):
         way = rng.uniform(-0.05, 0.05, x.shape)
         way[:, 2] -= np.where(over, part, -part)
         y = x + GAP * way + part
         force, counts = sets.force(y), [*counts, len(sets.at(y))]
-        assert sets.near(y) is kept
+        assert sets.candidates(y) is kept
         fresh = bound(cloth, thickness=thickness, stiffness=300.0).sets
         expected = fresh.force(y)
         np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12 * abs(expected).max())
@@ -76,10 +76,10 @@ def test_the_free_part_keeps_a_tenth_of_the_way_in_reserve(distance):
 def test_pairs_are_kept_while_no_node_has_moved_by_a_gap(part, is_kept):
     cloth, x, _ = layers(4 * GAP)
     sets = bound(cloth).sets
-    kept, moved = sets.near(x), x.copy()
+    kept, moved = sets.candidates(x), x.copy()
     moved[3] += part * GAP * np.array([0.6, 0.0, 0.8])
     moved += 0.3 - (moved - x).mean(axis=0)  # what all nodes move alike does not count
-    assert (sets.near(moved) is kept) == is_kept
+    assert (sets.candidates(moved) is kept) == is_kept
 
 
 @pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
@@ -94,14 +94,14 @@ def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
         if len(pairs) >= 8 * part * len(x):
             break
     assert len(pairs) < 1.1 * 8 * part * len(x)
-    assert (sets.near(y) is not None) == is_kept
+    assert (sets.candidates(y) is not None) == is_kept
 
 
 def test_many_pairs_are_not_kept(monkeypatch):
     cloth, x, _ = layers()
     monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 0)
     sets, usual = bound(cloth).sets, bound(cloth).sets
-    assert sets.near(x) is None
+    assert sets.candidates(x) is None
     monkeypatch.undo()
     np.testing.assert_allclose(sets.force(x), usual.force(x), rtol=0, atol=1e-12)
 

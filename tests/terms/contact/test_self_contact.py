@@ -105,7 +105,7 @@ def test_colliding_pieces_keep_their_momentum_and_make_no_energy(solver):
     v = np.zeros_like(x)
     v[upper] = [0.3, 0.0, -1.0]
     system = fc.System(cloth, FABRIC, [fc.StVK(), fc.HingeBending(), fc.SelfContact(GAP)])
-    start, surface, touched = system.state(x, v), Surface.of(cloth), 0
+    start, surface, touched = system.state(x, v), Surface.from_cloth(cloth), 0
     energy = sum(system.energies(start).values())
     newton = fc.Newton(tolerance=1e-10)
     steps = fc.march(
