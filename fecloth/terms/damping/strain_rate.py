@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,14 +14,13 @@ from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane import BoundMembrane, PointwiseStrain, strain_of
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain
-from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.membranes import stvk
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
@@ -114,8 +114,8 @@ class StrainRateDamping:
         law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         strain, symmetric = strain_of(panel, self.strain), self.tangent == "symmetric"
-        loop = SharedLoop.over_elements(panel, panel.cloth.stencil)
-        return BoundStrainRate(panel, slots, viscosity, symmetric, self.rate, strain, loop)
+        loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
+        return BoundStrainRate(panel, viscosity, symmetric, self.rate, strain, loop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,6 @@ class BoundStrainRate(BoundTerm):
     """
 
     panel: Panel
-    find_slots: FindSlots
     viscosity: np.ndarray
     symmetric: bool
     rate: str | None
@@ -138,11 +137,6 @@ class BoundStrainRate(BoundTerm):
     has_energy = False
     dissipative = True
     velocity_dependent = True
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.loop.nodes)
 
     @property
     def needs_difference(self) -> bool:
@@ -172,34 +166,29 @@ class BoundStrainRate(BoundTerm):
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
         shape, energy = self.strain.shape, self.kernels.energy
-        return 2.0 * self.loop.total(
-            lambda part: (energy, (*shape, *cut(self.elements, part), v, x))
-        )
+        return 2.0 * self.loop.total(by_part(energy, shape, self.elements, v, x))
 
-    def _force(self, x, v, part, f) -> Call:
-        return self.kernels.add_force, (*self.strain.shape, *cut(self.elements, part), v, x, f)
+    def _force(self, x, v) -> Callable[..., Call]:
+        return by_part(self.kernels.add_force, self.strain.shape, self.elements, v, x)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w S_v : ∂E/∂x [N]."""
-        self.loop.add(partial(self._force, x, v), f)
+        self.loop.add(self._force(x, v), f)
 
     def force_calls(self, x, v, t, f) -> Calls:
-        return [self.loop.shared_add(partial(self._force, x, v), f)]
+        return [self.loop.shared_add(self._force(x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
         nodes, *arrays = self.elements
-        arrays, add = [nodes, self.slots, *arrays], self.kernels.add_mixed_tangent
+        arrays, add = [nodes, self.loop.slots, *arrays], self.kernels.add_mixed_tangent
         weights: tuple = v, wx, wv, 0.0 if self.symmetric else wx
         if self.is_pointwise and (definite or self.symmetric):
             add, weights = self.kernels.add_tangent, (wx, wv, 0.0 if definite else -np.inf)
         elif definite:
             add, weights = self.kernels.add_definite_tangent, (wx, wv)
             arrays += self.strain.definite_arrays
-        shape, others = self.strain.shape, (v, x, *weights)
-        self.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
-        )
+        self.loop.add_blocks(by_part(add, self.strain.shape, arrays, v, x, *weights), J)
 
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes
@@ -231,7 +220,7 @@ class StrainRateOverStep(BoundTerm):
         damping, moduli = self.damping, self.damping.viscosity / h
         strain = replace(damping.strain, rest=np.zeros_like(damping.strain.rest))
         kernels = stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge
-        data = damping.panel, lambda nodes: damping.slots, moduli, moduli, strain, damping.loop
+        data = damping.panel, moduli, moduli, strain, damping.loop
         return BoundMembrane(self.name, kernels, *data).less(past)
 
     def energy(self, x: np.ndarray, t: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -13,7 +13,6 @@ from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
@@ -102,7 +101,8 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
         raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
-    return bound_class(panel, slots, wind, law, symmetric)
+    loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
+    return bound_class(panel, loop, wind, law, symmetric)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class BoundDrag(BoundTerm):
     """`Drag` on a cloth."""
 
     panel: Panel
-    find_slots: FindSlots
+    loop: SharedLoop  # over the triangles
     wind: AirVelocity  # velocity of the air
     law: tuple[float, float, bool]  # (k_n, k_t, whether the law is quadratic)
     symmetric: bool  # whether the tangent has only the symmetric part D
@@ -120,19 +120,9 @@ class BoundDrag(BoundTerm):
     dissipative = True
     velocity_dependent = True
 
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.panel.cloth.stencil)
-
-    @cached_property
-    def loop(self) -> SharedLoop:
-        """The loop over the triangles."""
-        return SharedLoop.over_elements(self.panel, self.nodes)
-
     @property
     def nodes(self) -> np.ndarray:
-        return self.panel.cloth.stencil
+        return self.loop.nodes
 
     def _centroids(self, x) -> np.ndarray:
         if isinstance(self.wind, Uniform):
@@ -176,7 +166,7 @@ class BoundDrag(BoundTerm):
 
         def call(part: slice, values: np.ndarray) -> Call:
             air = by_triangle(u, part), by_triangle(change, part)
-            data = self.nodes[part], self.slots[part], self.law, *air
+            data = self.nodes[part], self.loop.slots[part], self.law, *air
             return add_tangent, (*data, x, v, wx, wv, values)
 
         self.loop.add_blocks(call, J)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -12,7 +12,6 @@ from fecloth import validation
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import inner, kernel
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import FindSlots
 from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
@@ -92,8 +91,8 @@ class Pressure:
         p = scalar(self.p, "p", "Pressure")
         symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        loop = SharedLoop.over_elements(panel, cloth.stencil)
-        data = p, loop, orientation_signs(cloth), slots, symmetric, rest, panel
+        loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
+        data = p, loop, orientation_signs(cloth), symmetric, rest, panel
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
 
 
@@ -111,7 +110,6 @@ class BoundPressure(BoundTerm):
     p: TimeFunction
     loop: SharedLoop
     signs: np.ndarray  # (m,) 1 or −1, see `orientation_signs`
-    find_slots: FindSlots
     symmetric: bool
     rest: np.ndarray  # (n, 3) positions of the flat cloth [m]
     panel: Panel  # the cloth with its fabrics
@@ -124,11 +122,6 @@ class BoundPressure(BoundTerm):
     def nodes(self) -> np.ndarray:
         """(m, k) nodes of the triangles."""
         return self.loop.nodes
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.nodes)
 
     def supply(self, x, v, t) -> float:
         """Power f · v of the pressure on the cloth [W]."""
@@ -151,7 +144,7 @@ class BoundPressure(BoundTerm):
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
         if definite:
             return
-        self.loop.add_blocks(partial(self._tangent, self.slots, wx * float(self.p(t)), x), J)
+        self.loop.add_blocks(partial(self._tangent, self.loop.slots, wx * float(self.p(t)), x), J)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of |eigenvalues| of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest and t = 0."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -12,14 +11,13 @@ from numpy.typing import ArrayLike
 
 from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array, Zeros, specialise
-from fecloth.compiled.team import ALONE, Team
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.loops import condition, condition_discrete_gradient
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
-from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
@@ -55,9 +53,7 @@ class BoundCondition(BoundTerm):
     name: str
     kernels: ConditionKernels  # the family's entry points
     shape: tuple[Zeros, Zeros]  # (per_node, convex), as the kernels take them
-    # (m, k) int32 nodes of each stencil, and what finds their blocks at the first tangent.
-    nodes: np.ndarray
-    find_slots: FindSlots
+    loop: SharedLoop  # over the stencils
     constants: np.ndarray  # (m, p) constants of each stencil
     # (m, r, r) k_s and k_d.
     stiffness: np.ndarray
@@ -66,9 +62,6 @@ class BoundCondition(BoundTerm):
     hessian: str = "exact"  # "exact" or "gauss_newton" (without ∂²C)
     # Of the damping: "symmetric" (without its non-symmetric part) or "exact".
     tangent: str = "symmetric"
-    # The threads that share the loops, and which elements count in sums, as in `Panel`.
-    team: Team = ALONE
-    counted: Callable[[np.ndarray], np.ndarray] | None = None
 
     @classmethod
     def bind(
@@ -115,29 +108,20 @@ class BoundCondition(BoundTerm):
             name,
             kernels,
             ((0,) * k, tuple(int(flag) for flag in convex)),
-            nodes,
-            slots,
+            SharedLoop.over_elements(panel, nodes, slots),
             np.ascontiguousarray(rows, dtype=float),
             _matrices(stiffness, m, r),
             _matrices(damping, m, r),
             np.column_stack([X, np.zeros(len(X))]),
             hessian,
             tangent,
-            panel.team,
-            panel.counted,
             **own,
         )
 
-    @cached_property
-    def loop(self) -> SharedLoop:
-        """The loop over the stencils."""
-        counted = self.counted(self.nodes) if self.counted else None
-        return SharedLoop(self.team, self.nodes, counted)
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the stencils in the matrix."""
-        return self.find_slots(self.nodes)
+    @property
+    def nodes(self) -> np.ndarray:
+        """(m, k) int32 nodes of each stencil."""
+        return self.loop.nodes
 
     @property
     def has_energy(self) -> bool:
@@ -161,28 +145,26 @@ class BoundCondition(BoundTerm):
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """½ Σ Cᵀ k_s C [J]."""
-        arrays, add = (self.nodes, self.table(x, t, 0), self.stiffness), self.kernels.energy
-        return self.loop.total(lambda part: (add, (*self.shape, *cut(arrays, part), x)))
+        arrays = self.nodes, self.table(x, t, 0), self.stiffness
+        return self.loop.total(by_part(self.kernels.energy, self.shape, arrays, x))
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
-        arrays, add = (self.nodes, self.table(x, t, 1), self.damping), self.kernels.power
-        return self.loop.total(lambda part: (add, (*self.shape, *cut(arrays, part), x, v)))
+        arrays = self.nodes, self.table(x, t, 1), self.damping
+        return self.loop.total(by_part(self.kernels.power, self.shape, arrays, x, v))
 
-    def _force(
-        self, table: np.ndarray, x: np.ndarray, v: np.ndarray, part: slice, f: Array
-    ) -> Call:
+    def _force(self, table: np.ndarray, x: np.ndarray, v: np.ndarray) -> Callable[..., Call]:
         arrays = self.nodes, table, self.stiffness, self.damping
-        return self.kernels.add_force, (*self.shape, *cut(arrays, part), x, v, f)
+        return by_part(self.kernels.add_force, self.shape, arrays, x, v)
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f_a −= ∂C_a (k_s C + k_d Ċ) [N]."""
-        self.loop.add(partial(self._force, self.table(x, t, 1), x, v), f)
+        self.loop.add(self._force(self.table(x, t, 1), x, v), f)
 
     def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
         if type(self).table is not BoundCondition.table:
             return None  # it makes the constants in Python
-        return [self.loop.shared_add(partial(self._force, self.constants, x, v), f)]
+        return [self.loop.shared_add(self._force(self.constants, x, v), f)]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
@@ -192,11 +174,9 @@ class BoundCondition(BoundTerm):
         if definite and part == EXACT:
             part = DEFINITE
         mixed = not self.symmetric and not definite
-        arrays = self.nodes, self.slots, self.table(x, t, 2), self.stiffness, self.damping
-        others, add = (x, v, float(wx), float(wv), part, mixed), self.kernels.add_tangent
-        self.loop.add_blocks(
-            lambda some, values: (add, (*self.shape, *cut(arrays, some), *others, values)), J
-        )
+        arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
+        others = x, v, float(wx), float(wv), part, mixed
+        self.loop.add_blocks(by_part(self.kernels.add_tangent, self.shape, arrays, *others), J)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
@@ -274,9 +254,7 @@ class OverStep(BoundTerm):
         """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
         bound, add = self.condition, self.condition.kernels.over_step.add_force
         arrays = bound.nodes, bound.constants, bound.stiffness
-        bound.loop.add(
-            lambda part, f: (add, (*bound.shape, *cut(arrays, part), self.start, x, f)), f
-        )
+        bound.loop.add(by_part(add, bound.shape, arrays, self.start, x), f)
         if self.dissipative:
             self._damping.add_force(x, v, t, f)
 
@@ -289,11 +267,8 @@ class OverStep(BoundTerm):
         add = kernels.add_tangent
         if self.symmetric_elastic or definite:
             add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
-        arrays = bound.nodes, bound.slots, bound.constants, bound.stiffness
-        others = self.start, x, *weights
-        bound.loop.add_blocks(
-            lambda part, values: (add, (*bound.shape, *cut(arrays, part), *others, values)), J
-        )
+        arrays = bound.nodes, bound.loop.slots, bound.constants, bound.stiffness
+        bound.loop.add_blocks(by_part(add, bound.shape, arrays, self.start, x, *weights), J)
         if self.dissipative:
             self._damping.add_tangent(x, v, t, wx, wv, J, definite)
 

@@ -29,7 +29,7 @@ Y e/(1 − ν²) if ν > 0, e < 0 nothing, and the shear E12 = e the stress Y e/
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -45,7 +45,7 @@ from fecloth.terms.kinematics import deformation_gradient, green_strains, membra
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
-from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
@@ -88,9 +88,7 @@ class BoundMembrane(BoundTerm):
 
     name: str
     kernels: Kernels  # the law's entry points for its strain
-    # As `bind` of a term gets them; the matrix is not looked at before the first tangent.
     panel: Panel
-    find_slots: FindSlots
     constants: np.ndarray  # (m, p) constants of the law in each triangle
     moduli: np.ndarray  # (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency
     strain: PointwiseStrain | ReggeStrain  # the strain of the panel
@@ -99,11 +97,6 @@ class BoundMembrane(BoundTerm):
     symmetric = True
     has_energy = True
     objective = True
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the triangles in the matrix."""
-        return self.find_slots(self.loop.nodes)
 
     @cached_property
     def elements(self) -> tuple[Any, ...]:
@@ -117,18 +110,17 @@ class BoundMembrane(BoundTerm):
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        shape, add = self.strain.shape, self.kernels.energy
-        return self.loop.total(lambda part: (add, (*shape, *cut(self.elements, part), x)))
+        return self.loop.total(by_part(self.kernels.energy, self.strain.shape, self.elements, x))
 
-    def _force(self, x: Array, part: slice, f: Array) -> Call:
-        return self.kernels.add_force, (*self.strain.shape, *cut(self.elements, part), x, f)
+    def _force(self, x: Array) -> Callable[..., Call]:
+        return by_part(self.kernels.add_force, self.strain.shape, self.elements, x)
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w S : ∂E/∂x [N]."""
-        self.loop.add(partial(self._force, x), f)
+        self.loop.add(self._force(x), f)
 
     def force_calls(self, x: Array, v: Array, t: float, f: Array) -> Calls:
-        return [self.loop.shared_add(partial(self._force, x), f)]
+        return [self.loop.shared_add(self._force(x), f)]
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
@@ -148,10 +140,8 @@ class BoundMembrane(BoundTerm):
         self, add: Any, others: tuple[Any, ...], J: BlockMatrix, more: tuple[Array, ...] = ()
     ) -> None:
         nodes, *own, rest = self.elements
-        shape, arrays = self.strain.shape, (nodes, self.slots, *own, *more, rest)
-        self.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
-        )
+        arrays = nodes, self.loop.slots, *own, *more, rest
+        self.loop.add_blocks(by_part(add, self.strain.shape, arrays, *others), J)
 
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
@@ -187,9 +177,7 @@ class BoundMembrane(BoundTerm):
         for weight, y in strains:
             self.loop.each(partial(add, weight, y))
         strain = replace(self.strain, rest=rest)
-        return replace(
-            self, kernels=kernels.rested, find_slots=lambda nodes: self.slots, strain=strain
-        )
+        return replace(self, kernels=kernels.rested, strain=strain)
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The membrane over a step at whose mean it is evaluated; otherwise itself."""
@@ -218,8 +206,7 @@ class OverStep(BoundTerm):
         """f −= Σ w F S̄ G_a [N]."""
         membrane, start = self.membrane, self.start
         add, (*elements, _) = membrane.kernels.over_step.add_force, membrane.elements
-        shape = membrane.strain.shape
-        membrane.loop.add(lambda part, f: (add, (*shape, *cut(elements, part), start, x, f)), f)
+        membrane.loop.add(by_part(add, membrane.strain.shape, elements, start, x), f)
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
@@ -232,11 +219,9 @@ class OverStep(BoundTerm):
             add, others = kernels.add_definite_tangent, (*others, 0.0)
         elif self.symmetric:
             add, others = kernels.add_symmetric_tangent, (*others, -math.inf)
-        shape, (nodes, *rest, _) = membrane.strain.shape, membrane.elements
-        arrays = nodes, membrane.slots, *rest
-        membrane.loop.add_blocks(
-            lambda part, values: (add, (*shape, *cut(arrays, part), *others, values)), J
-        )
+        nodes, *rest, _ = membrane.elements
+        arrays = nodes, membrane.loop.slots, *rest
+        membrane.loop.add_blocks(by_part(add, membrane.strain.shape, arrays, *others), J)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,10 +279,10 @@ def bind(
 
     On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
     """
-    loop = SharedLoop.over_elements(panel, panel.cloth.stencil)
+    loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
     own = kernels.regge if is_interpolated(strain, panel) else kernels
     its_strain = strain_of(panel, strain)
-    return BoundMembrane(name, own, panel, slots, constants, moduli, its_strain, loop)
+    return BoundMembrane(name, own, panel, constants, moduli, its_strain, loop)
 
 
 def strain_of(panel: Panel, strain: object) -> PointwiseStrain | ReggeStrain:

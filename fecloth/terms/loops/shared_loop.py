@@ -20,7 +20,7 @@ from fecloth.compiled.calls import Call, SharedCall
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import SMALL, Team
 from fecloth.fabric.panel import Panel
-from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 
 CallOf = Callable[[slice, np.ndarray], Call]
 """A call for a range of the elements, and the array to which it adds."""
@@ -65,12 +65,22 @@ class SharedLoop:
     team: Team
     nodes: np.ndarray
     counted: np.ndarray | None = None
+    find_slots: FindSlots | None = None  # as `bind` of a term gets it
     cache: dict[Any, Any] = field(default_factory=dict)
 
     @classmethod
-    def over_elements(cls, panel: Panel, nodes: np.ndarray) -> SharedLoop:
+    def over_elements(
+        cls, panel: Panel, nodes: np.ndarray, find_slots: FindSlots | None = None
+    ) -> SharedLoop:
         """The loop over elements of a panel."""
-        return cls(panel.team, nodes, panel.counted(nodes) if panel.counted else None)
+        counted = panel.counted(nodes) if panel.counted else None
+        return cls(panel.team, nodes, counted, find_slots)
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """(m, k, k) blocks of the elements in the matrix, found at the first tangent."""
+        assert self.find_slots is not None
+        return self.find_slots(self.nodes)
 
     @property
     def parts(self) -> list[list[Piece]] | None:
@@ -188,6 +198,13 @@ class SharedLoop:
     def select(self, values: np.ndarray) -> np.ndarray:
         """Values (m,) of the elements, zero where they do not count in sums."""
         return values if self.counted is None else np.where(self.counted, values, 0.0)
+
+
+def by_part(
+    kernel: Callable[..., Any], shape: tuple[Any, ...], arrays: Iterable[np.ndarray], *others: Any
+) -> Callable[..., Call]:
+    """``call(part, …)`` of a kernel: the `shape`, the part's rows of the arrays, and the others."""
+    return lambda part, *target: (kernel, (*shape, *cut(arrays, part), *others, *target))
 
 
 def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:
