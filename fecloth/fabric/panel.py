@@ -57,14 +57,8 @@ class Panel:
     ) -> Panel:
         """Assign fabrics and warp directions to the triangles of a cloth.
 
-        Parameters
-        ----------
-        cloth
-            The reference mesh.
-        fabric
-            One fabric, or the name of each region → its fabric.
-        grain
-            Angle from the X axis to the warp [rad], or the name of each region → its angle.
+        The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one for
+        all, or given by the name of each region.
         """
         fabrics, region = _by_region(cloth, fabric, "fabric")
         for value in fabrics:

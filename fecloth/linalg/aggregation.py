@@ -79,18 +79,10 @@ def rigid_motions(x: np.ndarray) -> np.ndarray:
 
 
 def orthonormalise(aggregates: Aggregates, motions: np.ndarray, team: Team) -> np.ndarray:
-    """Factorise the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
+    """(m, 6, 6) R of the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
 
-    Parameters
-    ----------
-    motions
-        (n, 3, 6) B, overwritten with Q. A motion that depends on motions before it leaves zeros.
-    team
-        Shares the aggregates.
-
-    Returns
-    -------
-    (m, 6, 6) R of each aggregate.
+    The `motions` (n, 3, 6) are B, overwritten with Q. A motion that depends on motions before it
+    leaves zeros. The team shares the aggregates.
     """
     m = len(aggregates)
     coarse = np.empty((m, 6, 6))

@@ -48,12 +48,7 @@ PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at 
 class AutoSolver:
     """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is the current one's.
 
-    Parameters
-    ----------
-    pattern
-        Of the matrix.
-    direct
-        Function that creates the direct solver, called at the first use: it may load the MKL.
+    `direct` creates the direct solver; it is called at the first use, as it may load the MKL.
     """
 
     symmetric = keeps_state = True

@@ -116,15 +116,10 @@ class EdgeSlopes:
     ) -> tuple[sparse.csr_matrix, np.ndarray]:
         """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
 
-        Parameters
-        ----------
-        rigidity
-            (m, 3, 3) D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y.
-        material
-            (m,) equal where two triangles have the same D. Across a seam between two materials φ
-            is exact for a constant moment.
-        clamped
-            (c,) half-edges on the boundary whose slope is held: the hinges h … h + c − 1.
+        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
+        `material` (m,) is equal where two triangles have the same D; across a seam between two
+        materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
+        whose slope is held, are the hinges h … h + c − 1.
         """
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():
@@ -254,15 +249,8 @@ def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
 def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂).
 
-    With the normal n and the tangent t of the seam, κ_tt, κ_nt and the moment M_nn go through;
-    κ_nn jumps.
-
-    Parameters
-    ----------
-    seam
-        (p, 2) vectors along the seams.
-    a, b
-        (p, 3, 3) D on the two sides [N m].
+    With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
+    through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
     """
     normal = np.arctan2(-seam[:, 0], seam[:, 1])
     there, back = turn_curvature(normal), turn_curvature(-normal)

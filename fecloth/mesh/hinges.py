@@ -26,14 +26,7 @@ class Hinges:
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Hinges:
-        """Find the hinges of a mesh, in the order of their left triangles.
-
-        Parameters
-        ----------
-        X : (n, 2) array
-            Node coordinates [m].
-        triangles : (m, 3) integer array
-            Corners, counter-clockwise.
+        """Find the hinges of triangles (m, 3) between nodes X (n, 2), by their left triangles.
 
         Examples
         --------

@@ -50,14 +50,9 @@ def recovery_gap(
 ) -> np.ndarray:
     """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle.
 
-    Parameters
-    ----------
-    X, triangles
-        (n, 2) coordinates [m] and (m, 3) corners.
-    group
-        (m,) equal where the field is smooth across edges; a fit takes triangles of one group.
-    values
-        (m, q, c) the given field at the points of `samples`.
+    X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given field
+    at the points of `samples`. The `group` (m,) is equal where the field is smooth across edges; a
+    fit takes triangles of one group.
     """
     node, corner = _pair_corners(triangles, group)
     size, fit = _fit_all(X, triangles, node, corner, values, samples)

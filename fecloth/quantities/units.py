@@ -122,18 +122,8 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     """The value in SI of a number with one of the units of the dimension.
 
     ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
-    means ``*``.
-
-    Parameters
-    ----------
-    name
-        Name of the quantity in error messages.
-    text
-        The number and its unit.
-    dimension
-        The units that are allowed.
-    other
-        What else is allowed, for the error message, such as ", or a formula".
+    means ``*``. Error messages have the `name` of the quantity, and what `other` text is allowed,
+    such as ", or a formula".
 
     Examples
     --------
