@@ -89,7 +89,7 @@ def iterate(
     raise equation.failure(reason, point, work.relative(point))
 
 
-class _Search:
+class RemedySearch:
     """Which remedies an iteration tries, after the remedy that the iteration before it took."""
 
     def __init__(self, remedies: Remedies):
@@ -132,7 +132,7 @@ class _Work:
         self.seconds = {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
         self.reason = ""  # why the last attempt failed
         self.left = left or ErrorLeft()
-        self.remedies = _Search(equation.remedies)
+        self.remedies = RemedySearch(equation.remedies)
         self.moves = False  # whether the last iteration moved the cloth
         self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
