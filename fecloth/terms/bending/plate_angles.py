@@ -158,14 +158,8 @@ class PlateAngles:
         nodes, held, first = self.at(t)
 
         def call(part: slice) -> Call:
-            return plate_loops.add_measures, (
-                nodes[part],
-                held,
-                first - part.start,
-                x,
-                1.0,
-                mu[part],
-            )
+            own = nodes[part], held, first - part.start, x, 1.0, mu[part]
+            return plate_loops.add_measures, own
 
         self.loop.each(call)
         return mu

@@ -134,11 +134,9 @@ class BoundPressure(BoundTerm):
         self.loop.add(partial(self._force, float(self.p(t)), x), f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        return (
-            [self.loop.shared_add(partial(self._force, float(self.p(t)), x), f)]
-            if self.p.is_constant
-            else None
-        )
+        if not self.p.is_constant:
+            return None
+        return [self.loop.shared_add(partial(self._force, float(self.p(t)), x), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
