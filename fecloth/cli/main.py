@@ -31,8 +31,8 @@ BAD_INPUT, SIMULATION_FAILED, STOPPED = 2, 3, 4
 def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit status (see `STATUS`).
 
-    Without `arguments` it takes those of the process. Then signals are ignored after the command
-    until the process ends, so that they do not change its status.
+    Without `arguments` it takes the arguments of the process. Then signals are ignored after the
+    command until the process ends, so that they do not change its status.
     """
     before = set_handler(stop_at_once)
     try:

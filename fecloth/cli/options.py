@@ -1,4 +1,4 @@
-"""The options that commands share. Those of a study are named as the arguments of its function."""
+"""The options that commands share. Options of a study are named as arguments of its function."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SCENE = option("scene", "a .toml file")
 FOLDER = option("folder", "folder of a run", metavar="DIR")
 GEO = "allow all commands in a .geo file"
 MESH = [
-    flag("--trust-geo", f"{GEO}, also those that run programs and write files"),
+    flag("--trust-geo", f"{GEO}, also commands that run programs and write files"),
     option(
         "--mesh-time",
         "seconds after which the meshing of a file is stopped (300)",

@@ -16,7 +16,7 @@ from fecloth.study.tables import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, of which the verdict speaks
+LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, the errors that the verdict names
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,7 +30,7 @@ class Chart(StudyResult):
     limit
         The converged limit of the problem: value, uncertainty, order; None if it was not found.
     size
-        Size of the quantity, of which errors are a percentage; in its unit.
+        Size of the quantity, in its unit; errors are a percentage of it.
     """
 
     quantity: str = ""

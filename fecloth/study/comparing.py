@@ -67,8 +67,8 @@ def compare(
     A difference between two models on one mesh contains the errors of both. Here each variant is
     refined as by `converge`; the differences of the extrapolated values have the uncertainties of
     both, added. They contain what was not refined, too: with "h" the error of the time step, with
-    "dt" that of the mesh; "both" leaves less. A variant that is refused or fails has a row with its
-    cause.
+    "dt" the error of the mesh; "both" leaves less. A variant that is refused or fails has a row
+    with its cause.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def compare(
 
 
 def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem | InputError]:
-    """Return the variants by name, with the reason for those that are refused."""
+    """Return the variants by name, with the reason for refused variants."""
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"

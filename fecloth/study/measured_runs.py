@@ -101,9 +101,9 @@ def measure(
         A user's function of the result.
     timed
         Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
-        repeated, of which the fastest counts.
+        repeated; the fastest counts.
     repeats
-        Runs at most, of which the fastest counts.
+        Runs at most; the fastest counts.
     most
         Longest CPU time of a run [s].
     """

@@ -109,10 +109,10 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
         K u = ω² M u,   f = ω / 2π
 
     K = −∂f/∂x is the sum of all terms' exact tangents at the positions and the time of `state`, for
-    v = 0, with those of low rank that couple all nodes (`Gas`). M is the mass of the system, lumped
-    or consistent, and u is in the directions that pins and slides allow. Damping does not count.
-    About a state that is no equilibrium the modes are those of the motion relative to the one that
-    begins there; find the equilibrium first.
+    v = 0, with tangents of low rank that couple all nodes (`Gas`). M is the mass of the system,
+    lumped or consistent, and u is in the directions that pins and slides allow. Damping does not
+    count. About a state that is no equilibrium the modes belong to the motion relative to the
+    motion that begins there; find the equilibrium first.
 
     With the consistent mass frequencies converge from above: with h² on P1 and h⁴ on P2, of plates
     (`PlateBending`) with h² on both. One vector of a set with equal frequencies is as good as
@@ -240,7 +240,7 @@ def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
     if unbalanced > BALANCED:
         yield (
             f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
-            "balanced): the modes are those of the stiffness there; find the equilibrium first, "
+            "balanced): the modes belong to the stiffness there; find the equilibrium first, "
             "with fc.equilibrium, or [equilibrium] in place of [time] in a scene"
         )
     if pairs.values[0] < -pairs.zero:
@@ -252,5 +252,5 @@ def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
     if pairs.asymmetry > SYMMETRIC:
         yield (
             f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
-            "those of its symmetric part, and flutter is not found"
+            "modes of its symmetric part, and flutter is not found"
         )

@@ -17,7 +17,7 @@ from fecloth.study.status import OK
 from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
-CLOSER = 10.0  # rtol over that of the run that shows the error of chosen steps
+CLOSER = 10.0  # rtol over rtol of the run that shows the error of chosen steps
 RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
 
 
@@ -43,7 +43,7 @@ def refine_problem(
 def levels_to_run(
     opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
 ) -> list[Level]:
-    """Return the levels, coarse to fine, and after them those for the other shares."""
+    """Return the levels, coarse to fine, and after them the levels for the other shares."""
     orders = opened.orders(quantity)
     made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
     return made + _cases_for_shares(opened, quantity, refine)
@@ -71,7 +71,7 @@ def summarise(
     rows: Sequence[Mapping],
     more: Sequence[Mapping],
 ) -> Convergence:
-    """Return the result from the rows of all levels, coarse to fine, and those for the shares."""
+    """Return the result from the rows of all levels, coarse to fine, and the rows for shares."""
     theory = orders[1] if refine == "dt" else orders[0]
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     shown: dict[str, Any] = {
@@ -120,7 +120,7 @@ def _values_of_levels(
 ) -> tuple[list[float], list[float]]:
     """Return the values, and the numbers that are judged.
 
-    Those are the values or, of fields, paths and vectors, the sum of the differences between
+    These are the values or, of fields, paths and vectors, the sum of the differences between
     levels up to the finest one: it falls with the same order, to the error of the finest level.
     """
     records = [record_at(row, quantity) for row in rows]
@@ -147,7 +147,7 @@ def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
 
 
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: that of the first times the ratio of √(area of a triangle).
+    """Return h of a level: h of the first times the ratio of √(area of a triangle).
 
     Of a failed level it is the nominal one.
     """

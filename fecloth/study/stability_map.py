@@ -48,8 +48,8 @@ class StabilityMap(StudyResult):
     keys, methods
         Names of the keys that were varied, and of the methods.
     cells
-        One row for each run: method, values, dt, status ("ok", "wrong", "failed", or that of a
-        case that was stopped), cause, energy made over the energy that moved, CPU seconds.
+        One row for each run: method, values, dt, status ("ok", "wrong", "failed", or the status of
+        a case that was stopped), cause, energy made over the energy that moved, CPU seconds.
     """
 
     keys: tuple[str, ...] = ()
@@ -103,7 +103,7 @@ def stability(
 ) -> StabilityMap:
     """Run a problem with each method and with steps from long to short: where does it fail?
 
-    System, start and time are those of the problem; its own method and step are not used. Each
+    System, start and time come from the problem; its own method and step are not used. Each
     method takes its defaults. Implicit ones take 8, 16, … 256 steps; explicit ones four steps
     within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. So each measured
     limit is known within a factor of two, and is written as that range.
@@ -122,7 +122,7 @@ def stability(
     shared
         Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
         time_limit, most_seconds, fresh.
-        A function may take dt, but the steps are those of the map.
+        A function may take dt, but the steps are the steps of the map.
 
     Raises
     ------

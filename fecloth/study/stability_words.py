@@ -90,7 +90,7 @@ def describe_limit(predicted: float | None) -> str:
 
 
 def describe_best(ranges: Mapping[str, Range]) -> str:
-    """Return which method holds the longest step; those that the runs cannot tell apart tie.
+    """Return which method holds the longest step; methods that the runs cannot tell apart tie.
 
     Examples
     --------

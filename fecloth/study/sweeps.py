@@ -39,7 +39,7 @@ class Sweep(StudyResult):
     Attributes
     ----------
     keys, quantities
-        Names of the columns that were varied, and of those that were computed.
+        Names of the columns that were varied, and of the columns that were computed.
     units
         SI unit of each quantity.
     """
@@ -87,9 +87,9 @@ def sweep(
     over
         Values of one or more keys: texts such as "fabric.bending_rigidity=1e-6:1e-4:log:9",
         "…:lin:5" or "time.method=bdf2,newmark", or a mapping of keys to values. The keys of a
-        scene are those of ``--set``; those of a function are its arguments, with h and dt.
+        scene are written as for ``--set``; the keys of a function are its arguments, with h and dt.
     quantity
-        One or more; by default all of [interest], or those of all probes, or the displacement.
+        One or more; by default all of [interest], or of all probes, or the displacement.
     shared
         Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
         time_limit, most_seconds, fresh.

@@ -74,7 +74,7 @@ def simplify(
     folder
         Where reduced.toml is written, for a function a text; None for nowhere.
     repeats
-        Runs of each scene of less than about a second, of which the fastest counts.
+        Runs of each scene of less than about a second; the fastest counts.
     shared
         Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
         time_limit, most_seconds, fresh.

@@ -33,14 +33,14 @@ class Choice:
     method: str = ""
     steps: int | None = None
     rtol: float | None = None
-    linear: str = ""  # the linear solver; "" for that of the problem
+    linear: str = ""  # the linear solver; "" for the solver of the problem
     # Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
     sharper: float | None = None
-    grading: tuple[Grading, ...] = ()  # places with smaller triangles; () for those of the problem
+    grading: tuple[Grading, ...] = ()  # places with smaller triangles; () as in the problem
 
     @property
     def is_explicit(self) -> bool:
-        """Whether the steps are those of the stability limit."""
+        """Whether the steps follow from the stability limit."""
         return self.method in EXPLICIT
 
     @property

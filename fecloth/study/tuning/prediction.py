@@ -17,8 +17,8 @@ FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
 COARSER, FINER = 0.5, 16.0  # times the measured √triangles
 LONGER, SHORTER = 1.0, 64.0  # times the measured numbers of steps
 NOISE = 1.1  # times the least seconds: settings whose order the measured seconds do not tell
-NODES_OF_P2 = 2.0  # per edge, over those of P1
-P2_STEPS = 2.0  # explicit steps on P2 over those on P1 with the same triangles
+NODES_OF_P2 = 2.0  # per edge, over the nodes of P1
+P2_STEPS = 2.0  # explicit steps on P2 over the steps on P1 with the same triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +151,7 @@ class Prediction:
         return in_time * finer ** self.growth.get(rule.key, 0.0)
 
     def _explicit(self, mesh: Mesh, edges: np.ndarray) -> np.ndarray:
-        """Return the steps at the stability limit over those on the coarse mesh."""
+        """Return the steps at the stability limit over the steps on the coarse mesh."""
         more = P2_STEPS if mesh.choice.element == "P2" else 1.0
         if self.coarse.choice.element == "P2":
             more = 1.0

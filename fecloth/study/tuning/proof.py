@@ -16,7 +16,7 @@ from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.uncertainty import SAFE
 
-FINER = 1.4  # times the √triangles of a tuned run: at least those of the verifying one
+FINER = 1.4  # times the √triangles of a tuned run: the verifying run has at least so many
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
 LOOSE = 0.85  # times the tolerance: below this error a cheaper setting is tried

@@ -21,14 +21,14 @@ from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import count_triangles, in_words
 
 COARSE = 128  # triangles of the first runs
-P2_COARSER = 2.0  # h of P2 over that of P1 in the first runs: these have as many nodes
+P2_COARSER = 2.0  # h of P2 over h of P1 in the first runs: these have as many nodes
 TRIES, RATIO = 5, 1.6  # finer meshes until a shape with small parts can be meshed; their ratio
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
 IN_TIME = 0.9  # part of the budget that predicted seconds may take
 CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
-SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times that of the tuned run
+SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times the time of the tuned run
 SHARE = 0.7  # part of the time left that the next mesh may take
 
 
@@ -142,7 +142,7 @@ def _seconds(trial: Trial) -> float:
 def measure_meshes(
     bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
 ) -> tuple[SpaceErrors, Prediction]:
-    """Refine all meshes once, then those that matter, until the choice among them is known."""
+    """Refine all meshes once, then the ones that matter, until the choice among them is known."""
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials, started = _first_meshes(bench, meshes, coarse)
     if coarse.choice.h is not None:

@@ -65,7 +65,7 @@ class SpaceErrors:
         return min(self.meshes, key=lambda mesh: float(mesh.errors.y[-1].max()))
 
     def stalls(self, bench: Bench, tolerance: float) -> bool:
-        """Whether there is a kind of mesh of which finer ones do not come closer to each other.
+        """Whether there is a kind of mesh whose finer meshes do not come closer to each other.
 
         The last change counts if it is above twice the tolerance. It is compared with the change
         before, of this or of another kind, because one of them may be small by accident.

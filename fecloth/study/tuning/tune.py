@@ -208,7 +208,7 @@ def drop_terms(
     taken: dict[str, Variant] = {}
 
     def run_with(variant: Variant) -> tuple[np.ndarray, float]:
-        """Return the change by a variant beside those taken, infinite if it fails; its seconds."""
+        """Return the change by a variant beside the taken ones, infinite if it fails; seconds."""
         trial = run_variants(bench, [*taken.values(), variant], choice)
         trials.extend([trial] if trial else [])
         if trial is None or not trial.is_ok:
@@ -231,7 +231,7 @@ def drop_terms(
 
 
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
-    """Return the variants of all terms, but those that leave out a membrane."""
+    """Return the variants of all terms, except variants that leave out a membrane."""
     traits = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
     kept = {name for name, own in traits.items() if own.kind == "membrane"} - {Springs.__name__}
     terms = opened.tables.get("terms", [])
