@@ -11,6 +11,9 @@ from fecloth.integrators import EXPLICIT, CentralDifference, ForwardEuler, Sympl
 from fecloth.scene.scene import load_scene
 from fecloth.verify import check_integrator
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ALL = [kind(beyond_limit=True) for kind in (ForwardEuler, SymplecticEuler, CentralDifference)]
 EULER, SYMPLECTIC, CENTRAL = ALL
 

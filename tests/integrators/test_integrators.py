@@ -10,6 +10,9 @@ import fecloth as fc
 from fecloth.integrators import METHODS, MethodTraits
 from fecloth.verify import VerificationFailed, check_integrator
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)
 

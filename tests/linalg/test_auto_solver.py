@@ -9,6 +9,9 @@ import fecloth as fc
 from fecloth.errors import IndefiniteMatrix, InputError
 from fecloth.linalg import direct, mkl_pardiso, multigrid, select
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 NOWHERE = np.zeros((400, 3))  # the positions do not matter to PCG and direct solvers
 EASY, HARD = sheet(m=20, mass=500.0), sheet(m=20, mass=1e-5)  # 5 and 270 iterations to 1e-6
 MIDDLE = sheet(m=20, mass=0.3)  # about 40 iterations

@@ -11,6 +11,9 @@ from fecloth.nonlinear.iteration import Remedy, _Work, iterate
 from fecloth.nonlinear.newton import NewtonFailed, StageEquation
 from fecloth.simulation.resolve import solver_for
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 
 @pytest.fixture(scope="module")
 def arc():

@@ -10,6 +10,9 @@ from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.resolve import solver_for
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 SOFT = fc.Fabric(0.15, 2000.0, bending_rigidity=0.0118)
 TERMS = [fc.StVK(), fc.HingeBending(), fc.Gravity()]
 

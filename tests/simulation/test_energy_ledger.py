@@ -11,6 +11,9 @@ from fecloth.integrators import METHODS
 from fecloth.simulation.probes import Observer, area
 from studies.references.time_problems import CASES
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)
 

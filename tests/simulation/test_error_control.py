@@ -12,6 +12,9 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import StabilityLimited
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 T_END = 0.2
 TIGHT = fc.Newton(tolerance=1e-11)
 SECOND = 10.0 ** -np.arange(0.5, 5.0)  # four decades

@@ -11,6 +11,9 @@ from fecloth.simulation.resolve import choose_steps
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 
 @pytest.fixture(scope="module")
 def system():

@@ -6,6 +6,9 @@ import pytest
 import fecloth as fc
 from fecloth.simulation.fixed_step import GivenSteps
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 EXACT = fc.Newton(tolerance=1e-9, reuse=False)
 
 

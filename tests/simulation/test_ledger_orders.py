@@ -12,6 +12,9 @@ import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.verify import observed_order
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 SECOND = [m for m in (t() for t in (METHODS | EXPLICIT).values()) if m.traits.order == 2]
 TIGHT = fc.Newton(tolerance=1e-11)
 RATE, HIGH, T_END = 20.0, 0.05, 0.2

@@ -11,6 +11,9 @@ from fecloth.simulation.step_times import step_times
 from fecloth.verify import observed_order
 from studies.references import closed_forms, falling_disk
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 
 def test_step_times_end_exactly():
     assert step_times(0.0, 0.1, 1.0)[-1] == 1.0

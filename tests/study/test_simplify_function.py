@@ -6,7 +6,10 @@ import pytest
 import fecloth as fc
 from fecloth.study.setups import Setup, with_terms
 
-pytestmark = pytest.mark.usefixtures("counted_work")
+pytestmark = [
+    pytest.mark.usefixtures("counted_work"),
+    pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning"),
+]
 TIP = [fc.Probe("tip", "right")]
 FABRIC = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-6)
 AIR = fc.Drag(normal=1e-6)

@@ -8,6 +8,9 @@ import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.system.constraints import Constraints
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ALL = [method() for method in METHODS.values()]
 
 

@@ -8,6 +8,9 @@ from support.linear_term import LinearDamping, LinearMembrane
 import fecloth as fc
 from fecloth.integrators import METHODS
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ALL = [method() for method in METHODS.values()]
 TIGHT = fc.Newton(tolerance=1e-12)
 SLOPED = np.array([1.0, -2.0, 2.0]) / 3

@@ -7,6 +7,9 @@ from support.over_step import energy_momentum as over_step
 
 import fecloth as fc
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 FABRIC = fc.Fabric(0.2, 500.0, 0.2, bending_rigidity=(1e-3, 5e-4), bending_poisson_ratio=0.2)
 CLOTH = fc.Cloth.rectangle(0.4, 0.3, h=0.1)
 QUADRATIC = fc.Cloth.rectangle(0.4, 0.3, h=0.15, element="P2")
@@ -206,7 +209,8 @@ FLIGHTS = {
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_free_flight_keeps_the_energy_and_what_else_it_must(name):
     terms = FLIGHTS[name]
-    result, (p0, L0), (p1, L1) = fly(terms)
+    t_end = 0.02 if name == "cable" else 0.05  # whose tangent takes many iterations
+    result, (p0, L0), (p1, L1) = fly(terms, t_end=t_end)
     turnover = result.energies["kinetic"].max()
     assert np.ptp(result.energies[type(terms[1]).__name__]) > 1e-3 * turnover
     assert np.ptp(result.energies["total"]) < 1e-9 * turnover

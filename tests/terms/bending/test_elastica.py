@@ -14,6 +14,9 @@ import scipy.sparse.linalg
 import fecloth as fc
 from studies.references.elastica import heavy_elastica
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 LENGTH, DENSITY, G = 1.0, 0.1, 9.81
 CELLS = 100  # along the strip
 

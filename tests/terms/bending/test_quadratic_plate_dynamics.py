@@ -6,6 +6,9 @@ from support.tiers import slow_except
 
 import fecloth as fc
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 FABRIC = fc.Fabric(0.2, 50.0, 0.2, bending_rigidity=(0.02, 0.01), bending_poisson_ratio=0.2)
 
 

@@ -13,6 +13,9 @@ from fecloth.errors import InputError
 from fecloth.terms.contact import friction
 from fecloth.terms.step_difference import StepDifference
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 S = fc.shapes
 UP = (0, 0, 1)
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)

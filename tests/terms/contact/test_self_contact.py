@@ -11,6 +11,9 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.surface import Surface
 from fecloth.system.constraints import Constraints
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 pytest.importorskip("ipctk")
 FABRIC = fc.Fabric(0.2, 500.0, 0.3, bending_rigidity=2e-6)
 GAP = 0.01

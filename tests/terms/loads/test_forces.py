@@ -8,6 +8,9 @@ import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.verify import check_term, observed_order, trial_states
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 TIGHT = fc.Newton(tolerance=1e-12)
 
 

@@ -8,6 +8,9 @@ import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.verify import check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 ACCELERATION = (1.5, -2.0, -9.81)
 AREA, DENSITY = 0.6, 0.2
 

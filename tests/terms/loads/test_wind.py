@@ -8,6 +8,9 @@ from support.fast_states import fast_states
 import fecloth as fc
 from fecloth.verify import check_term
 
+# steps are coarse and meshes small by intent
+pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+
 G, RHO = 9.81, 0.2
 
 LAWS = ("linear", "quadratic")
