@@ -21,6 +21,15 @@ def plate(cloth, fabric, pins=(), **options):
     return fc.System(cloth, fabric, [fc.PlateBending(**options)], pins=pins)
 
 
+def flying(cloth, fabric, membrane):
+    """A free sheet, bent, that turns and swings, and its start."""
+    system = fc.System(cloth, fabric, [membrane, fc.PlateBending()])
+    X = cloth.X
+    x = np.column_stack([X, 0.15 * np.sin(2.5 * X[:, 0] + X[:, 1])])
+    v = np.cross([1.0, 3.0, 2.0], x) + np.sin(5 * x[:, ::-1])
+    return system, system.state(x, v)
+
+
 def transverse(system):
     """(n, n) the stiffness against deflections about flat [N/m]."""
     return system.stiffness(system.rest()).tocsr()[2::3, 2::3].tocsc()

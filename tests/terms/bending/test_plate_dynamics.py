@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.plates import square
+from support.plates import flying, square
 
 import fecloth as fc
 
@@ -26,20 +26,10 @@ def test_terms_pass_the_slope_test(term, element):
     fc.verify.check_term(term, cloth=cloth, fabric=FABRIC)
 
 
-def flying(pattern):
-    """A free sheet, bent, that turns and swings."""
-    cloth = square(pattern, 4)
-    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending()])
-    X = cloth.X
-    x = np.column_stack([X, 0.15 * np.sin(2.5 * X[:, 0] + X[:, 1])])
-    v = np.cross([1.0, 3.0, 2.0], x) + np.sin(5 * x[:, ::-1])
-    return system, system.state(x, v)
-
-
 @pytest.mark.parametrize("pattern", ["right", "cross", "jittered"])
 @pytest.mark.parametrize("tangent", ["exact", "symmetric"])
 def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
-    system, start = flying(pattern)
+    system, start = flying(square(pattern, 4), FABRIC, fc.StVK())
     method, newton = fc.EnergyMomentum(tangent), fc.Newton(tolerance=1e-12)
     result = fc.run(system, method, start, dt=0.01, t_end=0.2, newton=newton)
     total = result.energies["total"]
@@ -55,7 +45,7 @@ def test_tangent_over_a_step_is_the_derivative_of_the_force(pattern):
     from fecloth.linalg.block_matrix import BlockMatrix
     from fecloth.terms.step_difference import StepDifference
 
-    system, start = flying(pattern)
+    system, start = flying(square(pattern, 4), FABRIC, fc.StVK())
     step = StepDifference(start.x, 0.01, 0.005, ((1.0, start.x),), True, False)
     over = system.over_step(step)
     term = over.bound[1]
@@ -89,7 +79,7 @@ def test_damping_dissipates_and_does_not_see_rigid_motion():
 
 def test_explicit_run_gains_no_energy():
     """The energy of a leapfrog run oscillates; its mean over a tenth of the run stays."""
-    system, start = flying("unstructured")
+    system, start = flying(square("unstructured", 4), FABRIC, fc.StVK())
     dt = 0.5 * fc.critical_dt(system, start)
     result = fc.run(system, fc.CentralDifference(), start, dt=dt, t_end=4000 * dt)
     total = np.asarray(result.energies["total"])

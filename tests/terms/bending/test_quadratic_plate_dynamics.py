@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.plates import flying, square
 from support.tiers import slow_except
 
 import fecloth as fc
@@ -31,20 +32,11 @@ def test_methods_keep_their_order_in_time(method):
     assert np.log2(np.linalg.norm(a - b) / np.linalg.norm(b - c)) == pytest.approx(2.0, abs=0.15)
 
 
-def flying(pattern, membrane):
-    """A free sheet, bent, that turns and swings, and its start."""
-    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.25, pattern, "P2")
-    system = fc.System(cloth, FABRIC, [membrane, fc.PlateBending()])
-    X = cloth.X
-    x = np.column_stack([X, 0.15 * np.sin(2.5 * X[:, 0] + X[:, 1])])
-    v = np.cross([1.0, 3.0, 2.0], x) + np.sin(5 * x[:, ::-1])
-    return system, system.state(x, v)
-
-
 @pytest.mark.parametrize("pattern", slow_except(["right", "unstructured"], "right"))
 @pytest.mark.parametrize("tangent", ["exact", "symmetric"])
 def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
-    (system, start), newton = flying(pattern, fc.StVK()), fc.Newton(tolerance=1e-12)
+    system, start = flying(square(pattern, 4, "P2"), FABRIC, fc.StVK())
+    newton = fc.Newton(tolerance=1e-12)
     result = fc.run(system, fc.EnergyMomentum(tangent), start, dt=0.01, t_end=0.2, newton=newton)
     total, M = result.energies["total"], system.scalar_mass
     assert np.ptp(result.energies["PlateBending"]) > 1e-2 * total[0]
@@ -57,7 +49,7 @@ def test_energy_momentum_keeps_energy_and_both_momenta(pattern, tangent):
 def test_neo_hookean_takes_no_step_to_strains_that_no_deformation_has(kind):
     """There det C = det(I + 2 E_h) ≤ 0, and its energy would be far below that at rest."""
     fabric = fc.Fabric(0.2, 500.0, 0.5, bending_rigidity=1e-3)
-    system, start = flying("right", fc.NeoHookean(kind))
+    system, start = flying(square("right", 4, "P2"), FABRIC, fc.NeoHookean(kind))
     system = fc.System(system.cloth, fabric, system.terms)
     crushed = np.vstack([start.x[:1] * 0.5, start.x[1:]]) * [1.0, -1.0, 1.0]
     crushed[::3] += np.random.default_rng(0).normal(0, 0.5, crushed[::3].shape)

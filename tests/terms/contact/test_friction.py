@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import flat
+from support.obstacles import near
 from support.over_step import Over
 
 import fecloth as fc
@@ -31,18 +32,6 @@ SHAPES = {
 
 
 RESTS = 0.0254e-3  # below the gap, at p(s) = 0.2 g/κ with κ = 1000 Pa
-
-
-def near(cloth, shape, t):
-    """Positions with each node at 0.4 to 0.9 of the gap from the obstacle."""
-    x = flat(cloth) + [0, 0, 0.15]
-    d = GAP * (0.65 + 0.25 * np.sin(20 * cloth.X[:, 0]))
-    for _ in range(20):
-        y = shape.pose(t).to_body(x)
-        n, _ = shape.slopes(y, t)
-        away = (d - shape.distance(y, t)) / np.einsum("ni,ni->n", n, n)
-        x = shape.pose(t).to_space(y + away[:, None] * n)
-    return x
 
 
 def relative_errors(system, t, x, v, of_energy, size=1e-7):
@@ -76,7 +65,7 @@ def test_derivatives_at_a_state(name, speed, rng):
     cloth, t = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4
     obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
     system = fc.System(cloth, FABRIC, [obstacle])
-    x = near(cloth, obstacle.shape, t)
+    x = near(cloth, obstacle, t)
     v = obstacle.shape.velocity(x, t) + speed * rng.standard_normal(x.shape)
     errors = relative_errors(system, t, x, v, of_energy=False)
     assert len(errors) == 2
@@ -90,7 +79,7 @@ def test_derivatives_over_a_step(name, way, rng):
     """The friction over a step has a potential, and its tangent is symmetric."""
     cloth, t, dt = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 0.01
     obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
-    x = near(cloth, obstacle.shape, t)
+    x = near(cloth, obstacle, t)
     last = fc.integrators.bdf2.Change(
         0.6 * dt, way * rng.standard_normal(x.shape), np.zeros_like(x)
     )
@@ -114,7 +103,7 @@ def test_the_power_of_an_obstacle_is_the_change_of_its_energy_in_time(name):
     """Of a cloth at rest, without friction; with it, its force at the surface does work besides."""
     cloth, t, e = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 1e-6
     obstacle = fc.Obstacle(SHAPES[name], GAP, 0.0, 200.0)
-    x = near(cloth, obstacle.shape, t)
+    x = near(cloth, obstacle, t)
     term, rubs = (
         fc.System(cloth, FABRIC, [each]).bound[0]
         for each in (obstacle, replace(obstacle, friction=0.7))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import flat
+from support.obstacles import near
 from support.planned import warnings_before
 
 import fecloth as fc
@@ -33,25 +34,13 @@ BELOW = {  # each has its top near (0.15, 0.1, 0)
 }
 
 
-def near(cloth, obstacle, rng, t):
-    """Positions with each node at 0.4 to 0.9 of the gap from the obstacle."""
-    x, shape = flat(cloth) + [0, 0, 0.15], obstacle.shape
-    d = obstacle.gap * (0.65 + 0.25 * np.sin(20 * cloth.X[:, 0] + rng.uniform(0, 6)))
-    for _ in range(20):
-        y = shape.pose(t).to_body(x)
-        n, _ = shape.slopes(y, t)
-        away = (d - shape.distance(y, t)) / np.einsum("ni,ni->n", n, n)
-        x = shape.pose(t).to_space(y + away[:, None] * n)
-    return x
-
-
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("name", ["plane", "sphere", "cylinder", "sdf"])
 def test_force_and_tangent_are_derivatives(name, element, rng):
     """With points inside triangles, but for the plane."""
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, element=element)
     obstacle = fc.Obstacle(BELOW[name], gap=GAP, stiffness=200.0)
-    x = near(cloth, obstacle, rng, 0.0)
+    x = near(cloth, obstacle, 0.0, rng.uniform(0, 6))
     check_term(obstacle, cloth, FABRIC, [("near", x, np.zeros_like(x))], ("x",), (1.0,))
 
 
@@ -67,7 +56,7 @@ def test_derivatives_where_the_curvature_jumps(name, element, rng):
     shape = replace(BELOW[name], motion=("0.02*t", 0, "0.1*t"), rotate=turn)
     obstacle = fc.Obstacle(shape, gap=GAP, stiffness=200.0)
     system = fc.System(cloth, FABRIC, [obstacle])
-    x = near(cloth, obstacle, rng, t)
+    x = near(cloth, obstacle, t, rng.uniform(0, 6))
     s = rng.standard_normal(x.shape)
     states = [fc.State(t, x + way * s, np.zeros_like(x)) for way in (h, -h, 0.0)]
     energy = [system.bound[0].energy(state.x, t) for state in states]
@@ -80,7 +69,7 @@ def test_derivatives_where_the_curvature_jumps(name, element, rng):
 
 def test_the_check_sees_a_wrong_tangent(rng, monkeypatch):
     cloth, obstacle = fc.Cloth.rectangle(0.3, 0.2, h=0.1), fc.Obstacle(BELOW["sphere"], gap=GAP)
-    states = [("near", near(cloth, obstacle, rng, 0.0), np.zeros((len(cloth.X), 3)))]
+    states = [("near", near(cloth, obstacle, 0.0, rng.uniform(0, 6)), np.zeros((len(cloth.X), 3)))]
     right = barrier.curvature
     monkeypatch.setattr(barrier, "curvature", lambda s: 1.01 * right(s))
     with pytest.raises(VerificationFailed, match="x-tangent"):
@@ -92,7 +81,7 @@ def test_the_definite_tangent_is(name, rng):
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1)
     obstacle = fc.Obstacle(BELOW[name], gap=GAP)
     system = fc.System(cloth, FABRIC, [fc.StVK(), obstacle])
-    state = system.state(near(cloth, obstacle, rng, 0.0))
+    state = system.state(near(cloth, obstacle, 0.0, rng.uniform(0, 6)))
     from fecloth.linalg.block_matrix import BlockMatrix
 
     J = BlockMatrix.zeros(system.pattern)
