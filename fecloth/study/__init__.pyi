@@ -22,14 +22,12 @@ from .front import Study, of
 from .options import parse_arguments, run_options
 from .overlay import Overlay, compare_runs
 from .reports import Finding, hardware, require_results, write_csv, write_report
-from .result import StudyResult
+from .result import StudyResult, Table
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability
-from .status import TimeLimit, check_time_limit
+from .status import Seconds, TimeLimit, check_time_limit, measure_seconds
 from .sweeps import Sweep, sweep
-from .tables import Table
-from .timing import Seconds, measure_seconds
 from .uncertainty import Estimate, estimate_uncertainty
 
 __all__ = [

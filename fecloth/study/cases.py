@@ -15,9 +15,8 @@ from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.runs.environment import versions
 from fecloth.study import status
-from fecloth.study.cluster import run_on_cluster
 from fecloth.study.fingerprint import source_hash
-from fecloth.study.processes import run_in_processes
+from fecloth.study.processes import run_in_processes, run_on_cluster
 from fecloth.study.progress import Progress
 
 Number = float | int | str | bool | None

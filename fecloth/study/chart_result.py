@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from fecloth.study.chart_figure import draw_chart, grey_letters
 from fecloth.study.convergence import Convergence
-from fecloth.study.result import StudyResult, with_uncertainty
+from fecloth.study.result import StudyResult, Table, with_uncertainty
 from fecloth.study.status import OK
-from fecloth.study.tables import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,6 +20,7 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import refine_problem
+from fecloth.study.result import Table
 from fecloth.study.run_problems import (
     Point,
     Runs,
@@ -29,7 +30,6 @@ from fecloth.study.run_problems import (
     run_or_skip,
 )
 from fecloth.study.status import OK
-from fecloth.study.tables import Table
 from fecloth.study.workload import in_words
 
 LONGEST_CASE = 60.0  # s

@@ -29,9 +29,9 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, levels_to_run, summarise
+from fecloth.study.result import Table
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
 from fecloth.study.status import OK, REFUSED, failure
-from fecloth.study.tables import Table
 from fecloth.study.variants import (
     Over,
     combine,

@@ -1,14 +1,32 @@
-"""Hash of the sources on which the result of a case depends."""
+"""The files of studies: importing them, and the hash of the sources on which a result depends."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import importlib
+import sys
 from functools import cache
 from pathlib import Path
 
 import fecloth
-from fecloth.study.processes import module_of
+
+
+def load_function(file: str, name: str):
+    """Import a file as a module of its package or folder, and return its function `name`."""
+    root, module = module_of(Path(file))
+    if str(root) not in sys.path:
+        sys.path.insert(0, str(root))
+    return getattr(importlib.import_module(module), name)
+
+
+def module_of(file: Path) -> tuple[Path, str]:
+    """Return the folder to import a file from, and the dotted name of its module."""
+    folder, names = file.parent, [file.stem]
+    while (folder / "__init__.py").exists():
+        names.insert(0, folder.name)
+        folder = folder.parent
+    return folder, ".".join(names)
 
 
 @cache

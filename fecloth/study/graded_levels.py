@@ -17,9 +17,9 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.graded_meshes import alone, choose_gradings
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, refine_problem
+from fecloth.study.result import Table
 from fecloth.study.run_problems import Runs, record_at
 from fecloth.study.status import OK
-from fecloth.study.tables import Table
 from fecloth.system.space_error import space_error
 
 EVEN = "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."

@@ -25,9 +25,9 @@ from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.record_steps import ROWS, rows_at_least, trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import collect, columns
+from fecloth.study.fingerprint import load_function
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.obstacles import find_obstacles
-from fecloth.study.processes import load_function
 from fecloth.study.setups import Setup, setup_of_function, setup_of_scene, with_terms
 from fecloth.study.status import TimeLimit, check_time_limit
 

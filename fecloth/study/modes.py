@@ -12,20 +12,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fecloth.errors import FeclothWarning, InputError
+from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
 from fecloth.nonlinear.iteration import ROUND_OFF
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
-from fecloth.study.mode_shapes import MOST, draw_modes
-from fecloth.study.result import StudyResult
-from fecloth.study.tables import Table
+from fecloth.study.figures import new_figure
+from fecloth.study.result import StudyResult, Table
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 BALANCED = 0.01  # part of the forces that may be out of balance
 SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
@@ -254,3 +255,35 @@ def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
             f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
             "modes of its symmetric part, and flutter is not found"
         )
+
+
+COLUMNS, MOST = 3, 12  # panels side by side, and in all
+PANEL = 2.6  # inches
+
+
+def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Figure:
+    """Draw the first twelve shapes on the flat cloth.
+
+    The colour is the displacement along the direction in which the mode moves most, relative to
+    the largest one.
+    """
+    count = min(len(shapes), MOST)
+    columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
+    width, height = np.ptp(cloth.X, axis=0)
+    tall = PANEL * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
+    figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, max(tall * rows, PANEL)))
+    axes = np.atleast_1d(axes).ravel()
+    for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
+        along = np.linalg.svd(shape, full_matrices=False)[2][0]
+        u = shape @ along
+        u = u / u[abs(u).argmax()]
+        smooth = {"shading": "gouraud", "rasterized": True}  # SVG has no colours between nodes
+        colours = axis.tripcolor(
+            *cloth.X.T, cloth.triangles, u, cmap="RdBu_r", vmin=-1, vmax=1, **smooth
+        )
+        axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
+        axis.set_aspect("equal")
+    for axis in axes:
+        axis.axis("off")
+    figure.colorbar(colours, ax=list(axes), label="displacement / largest", shrink=0.8)
+    return figure

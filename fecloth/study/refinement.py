@@ -12,9 +12,9 @@ from fecloth.simulation.quantity_values import RunRecord, difference_of, value_o
 from fecloth.study.change import Level, make_levels
 from fecloth.study.convergence import Convergence, describe_value, judge
 from fecloth.study.problems import Problem
+from fecloth.study.result import Table
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
 from fecloth.study.status import OK
-from fecloth.study.tables import Table
 from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
 
 CLOSER = 10.0  # rtol over rtol of the run that shows the error of chosen steps

@@ -2,17 +2,78 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
+from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
-from fecloth.study.tables import Table
 from fecloth.view.templates import render
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Cell = float | int | str | bool | None
+UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
+
+
+@dataclass(frozen=True)
+class Table(Sequence[Mapping[str, Cell]]):
+    """Rows of named cells; numbers are shown to four digits and stored in full.
+
+    Examples
+    --------
+    >>> table = Table(({"h": 0.1, "sag": 0.012344}, {"h": 0.05}))
+    >>> table.columns, table["h"], len(table)
+    (['h', 'sag'], [0.1, 0.05], 2)
+    >>> print(table)
+    | h [m] | sag |
+    |---|---|
+    | 0.1 | 0.01234 |
+    | 0.05 |  |
+    """
+
+    rows: tuple[Mapping[str, Cell], ...]
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns, in their order."""
+        return list(dict.fromkeys(key for row in self.rows for key in row))
+
+    def __getitem__(self, key):
+        """Return a row by its number, or a column by its name."""
+        return [row.get(key) for row in self.rows] if isinstance(key, str) else self.rows[key]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Mapping[str, Cell]]:
+        return iter(self.rows)
+
+    def __str__(self) -> str:
+        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in self.rows])
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows, with all digits."""
+        write_csv(self.rows, path)
+
+    def _repr_html_(self) -> str:
+        """Return an HTML table."""
+        rows = [[_text(row.get(name)) for name in self.columns] for row in self.rows]
+        return render("table.html", {"head": map(_head, self.columns), "rows": rows})
+
+
+def _head(column: str) -> str:
+    return f"{column} [{UNITS[column]}]" if column in UNITS else column
+
+
+def _text(value: Cell) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +164,32 @@ def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
 def _places(number: float) -> int:
     """Return the decimal places of the second digit of a number."""
     return 1 - int(f"{number:.1e}".partition("e")[2])
+
+
+def read_tolerance(value: float | str) -> float:
+    """Return a relative tolerance, of a number or of a text such as "1%" or "0.01".
+
+    Examples
+    --------
+    >>> read_tolerance("1%"), read_tolerance("0.5 %"), read_tolerance(0.02)
+    (0.01, 0.005, 0.02)
+    """
+    text = str(value).strip()
+    try:
+        number = float(text.rstrip("% ")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < 1:
+        raise InputError(f"tolerance = {value}", "must lie between 0 and 100 %, as 1% or 0.01")
+    return number
+
+
+def in_percent(value: float) -> str:
+    """Return a fraction as text in percent.
+
+    Examples
+    --------
+    >>> in_percent(0.0123), in_percent(2.5)
+    ('1.2 %', '250 %')
+    """
+    return f"{100 * value:.2g} %" if abs(value) < 1 else f"{100 * value:.0f} %"

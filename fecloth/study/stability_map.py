@@ -12,25 +12,30 @@ from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
 from fecloth.study.change import describe_values
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.result import StudyResult
+from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import refuse_huge
-from fecloth.study.stability_figure import MOST_PANELS, draw_map
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
 from fecloth.study.stability_words import (
     FAILED,
     JUDGED,
+    MOST_PANELS,
     OK,
     WRONG,
     describe_best,
     describe_limit,
     describe_range,
     describe_ratio,
+    draw_map,
     range_of,
     shorten,
 )
 from fecloth.study.status import REFUSED, failure
-from fecloth.study.tables import Table
-from fecloth.study.variants import combine, make_variants, read_ranges, with_first_values
+from fecloth.study.variants import (
+    combine,
+    make_variants,
+    read_ranges,
+    with_first_values,
+)
 from fecloth.suggest import closest, did_you_mean
 
 if TYPE_CHECKING:

@@ -16,10 +16,15 @@ from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem
-from fecloth.study.result import StudyResult
-from fecloth.study.run_problems import Point, check_points, record_at, refuse_huge, run_or_skip
+from fecloth.study.result import StudyResult, Table
+from fecloth.study.run_problems import (
+    Point,
+    check_points,
+    record_at,
+    refuse_huge,
+    run_or_skip,
+)
 from fecloth.study.status import OK, REFUSED, failure
-from fecloth.study.tables import Table
 from fecloth.study.variants import (
     combine,
     make_variants,

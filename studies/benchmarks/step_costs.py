@@ -25,7 +25,7 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.study.reports import markdown_table
-from fecloth.study.tables import Table
+from fecloth.study.result import Table
 from studies.benchmarks.measure import fastest
 from studies.benchmarks.multigrid import DT, fallen, sheet, steps, transfer
 

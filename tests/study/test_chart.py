@@ -16,7 +16,7 @@ from fecloth.errors import InputError
 from fecloth.study.chart_figure import MOST_LINES, grey_letters, split_series, spread
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
-from fecloth.study.tables import Table
+from fecloth.study.result import Table
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 SCENE = '\ntitle = "a string"' + STRING.replace("h = 0.125", "h = 0.25").replace(

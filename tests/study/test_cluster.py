@@ -94,7 +94,7 @@ def test_a_cluster_needs_dask(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_a_mistake(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra [dask]")
-    monkeypatch.setattr("fecloth.study.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("fecloth.study.processes.PATIENCE", 0.5)
     address = f"tcp://127.0.0.1:{free_port()}"
     with pytest.raises(InputError, match=f"--scheduler {address}: does not answer"):
         study.run_cases([{"how": "no"}], fail_or_return, tmp_path, scheduler=address)

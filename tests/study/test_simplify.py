@@ -15,6 +15,7 @@ from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.study.measured_runs import measure
+from fecloth.study.result import read_tolerance
 from fecloth.study.setups import setup_of_scene
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.outcome import Findings, Outcome, find_resolutions
@@ -22,7 +23,6 @@ from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.result import make_verdict
 from fecloth.study.simplification.simplify import combine_variants, simplify
 from fecloth.study.simplification.variants import FINER, Variant, list_variants
-from fecloth.study.tolerance import read_tolerance
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
 STUDIES = Path(__file__).parents[2] / "studies"

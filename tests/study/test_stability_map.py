@@ -10,9 +10,8 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
-from fecloth.study.stability_figure import MOST_PANELS
 from fecloth.study.stability_runs import energy_made
-from fecloth.study.stability_words import describe_best, describe_range, range_of
+from fecloth.study.stability_words import MOST_PANELS, describe_best, describe_range, range_of
 
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }

@@ -6,12 +6,11 @@ import numpy as np
 
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.run_problems import Runs
-from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.choices import Bench, Choice, Trial
 from fecloth.study.tuning.curves import Curve, cost_curve, error_curve
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors
 from fecloth.study.tuning.time_errors import Rule, TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial
 
 SECONDS = 1e-6  # x² n
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from fecloth.study.result import in_percent
 from fecloth.study.simplification.variants import Variant
 from fecloth.study.status import OK
-from fecloth.study.tolerance import in_percent
 
 LOST, NOISE = 0.05, 0.02  # fraction of the seconds, and seconds: smaller differences are noise
 SIZES = {  # words, name and unit of what a check refines, by its kind

@@ -11,10 +11,8 @@ import numpy as np
 
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.figures import COLOURS, new_figure
-from fecloth.study.result import StudyResult
+from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
-from fecloth.study.tables import Table
-from fecloth.study.tolerance import in_percent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

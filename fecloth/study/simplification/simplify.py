@@ -18,6 +18,7 @@ from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
+from fecloth.study.result import Table, read_tolerance
 from fecloth.study.run_problems import Runs, refuse_huge
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
@@ -39,8 +40,6 @@ from fecloth.study.simplification.result import (
 )
 from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
-from fecloth.study.tables import Table
-from fecloth.study.tolerance import read_tolerance
 from fecloth.study.workload import Workload, check_size
 
 

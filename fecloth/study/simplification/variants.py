@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.probe_tables import Interest
 from fecloth.simulation.error_control import Adaptive
-from fecloth.study.change import Change
+from fecloth.study.change import Change, Edit
 from fecloth.terms import TRAITS
 from fecloth.terms.traits import TermTraits
 
@@ -25,17 +25,16 @@ PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves no
 
 @dataclass(frozen=True)
 class Variant:
-    """A change of a scene."""
+    """A change of a scene, and what it is."""
 
     name: str  # name in the tables
     # Input of the prediction: the kind of change, and its factor or the type of its term: of the
-    # one that is left out, or that stands in the place of another.
+    # term that is left out, or that stands in the place of another.
     kind: str
     by: Any
     # Part of the scene that changes; the reduced scene has at most one change of each part.
     slot: str
-    # Function from the tables of a scene to those of the simpler scene.
-    apply: Callable[[Data], Data]
+    apply: Edit  # of the tables of the scene
     # True for a refinement, which shows whether the scene itself is resolved. It is compared, but
     # not taken.
     is_check: bool = False
@@ -58,18 +57,27 @@ def changes_of(variants: Iterable[Variant]) -> Change:
     return Change(edits=tuple(variant.apply for variant in variants))
 
 
+def put(cloth: Mapping | None = None, **tables: object) -> Edit:
+    """Return the edit that sets values of [cloth] and replaces other tables; None removes one."""
+
+    def edit(data: Data) -> Data:
+        return data | {"cloth": data["cloth"] | (cloth or {})} | tables
+
+    return edit
+
+
 def list_variants(
     data: Data, interest: Interest, traits: Mapping[str, TermTraits] = TRAITS
 ) -> list[Variant]:
     """List all variants of a scene, terms first; `traits` says what its terms are."""
-    element, listed = data["cloth"].get("element", "P1"), data.get("terms", [])
-    variants = [v for term in listed for v in variants_of_term(term, element, traits[term["type"]])]
+    element, terms = data["cloth"].get("element", "P1"), data.get("terms", [])
+    variants = [v for term in terms for v in variants_of_term(term, element, traits[term["type"]])]
     variants += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
         moved = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
-        if not (moved or any(term.get("friction") for term in listed)):
-            variants.append(Variant("equilibrium", "static", None, "time", use_equilibrium))
-        variants.append(Variant("one long step", "static", None, "time", use_one_step))
+        if not (moved or any(term.get("friction") for term in terms)):
+            variants.append(Variant("equilibrium", "static", None, "time", equilibrium_of(data)))
+        variants.append(Variant("one long step", "static", None, "time", long_step_of(data)))
     return variants
 
 
@@ -77,15 +85,15 @@ def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[V
     """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
     name, slot, unclamps = term["type"], f"term {term}", traits.holds_normals
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
+    others: list[tuple[str, str, Data]] = []
     if term.get("friction"):
-        smooth = replace_term(term, term | {"friction": 0.0})
-        yield Variant(f"no friction of {name}", "friction", name, slot, smooth)
+        others.append((f"no friction of {name}", "friction", {"friction": 0.0}))
     if "gap" in term:
-        wider = replace_term(term, term | {"gap": WIDER * term["gap"]})
-        yield Variant(f"gap × {WIDER:g} of {name}", "gap", name, slot, wider)
+        others.append((f"gap × {WIDER:g} of {name}", "gap", {"gap": WIDER * term["gap"]}))
     if element == "P2" and term.get("strain") == "interpolated":
-        pointwise = replace_term(term, term | {"strain": "pointwise"})
-        yield Variant(f"pointwise strain of {name}", "strain", name, slot, pointwise)
+        others.append((f"pointwise strain of {name}", "strain", {"strain": "pointwise"}))
+    for words, kind, values in others:
+        yield Variant(words, kind, name, slot, replace_term(term, term | values))
     is_flat = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
     if is_flat and element == "P1":
         for other in traits.cheaper:
@@ -93,14 +101,14 @@ def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[V
             yield Variant(f"{other} for {name}", "cheaper", other, slot, replaced)
 
 
-def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Callable[[Data], Data]:
-    """Return the change that replaces a term by `other`, or removes it if that is None.
+def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit:
+    """Return the edit that replaces a term by `other`, or removes it if that is None.
 
-    The change also removes the entries of [expect] for the term's columns, and the clamps of pins
-    if it `unclamps`.
+    The edit also removes the entries of [expect] for the term's columns, and the clamps of pins if
+    it `unclamps`.
     """
 
-    def apply(data: Data) -> Data:
+    def edit(data: Data) -> Data:
         if unclamps:
             data = data | {"pins": [pin | {"clamp": False} for pin in data.get("pins", [])]}
         terms = [other if own == term else own for own in data["terms"]]
@@ -108,41 +116,37 @@ def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Call
         expect = {key: value for key, value in data.get("expect", {}).items() if key not in removed}
         return data | {"terms": [own for own in terms if own], "expect": expect}
 
-    return apply
+    return edit
 
 
 def variants_of_mesh(data: Data) -> Iterator[Variant]:
     """Yield scenes with smaller and larger triangles, and with P1 instead of P2."""
-    if "h" in data["cloth"]:
-        for factor in (FINER, *COARSER):
-            change = change_table("cloth", h=lambda h, factor=factor: h * factor)
-            is_check = factor < 1
-            yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", change, is_check=is_check)
-    if data["cloth"].get("element") == "P2":
-
-        def linear(data: Data) -> Data:
-            return change_table("cloth", element=lambda _: "P1")(data) | {"mass": "lumped"}
-
-        yield Variant("P1 for P2", "P1", None, "element", linear)
+    cloth = data["cloth"]
+    for factor in (FINER, *COARSER) if "h" in cloth else ():
+        edit, is_check = put({"h": cloth["h"] * factor}), factor < 1
+        yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, is_check)
+    if cloth.get("element") == "P2":
+        yield Variant("P1 for P2", "P1", None, "element", put({"element": "P1"}, mass="lumped"))
 
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
     """Yield scenes with other steps or tolerances, and with explicit steps."""
     if "time" not in data:
-        if data["equilibrium"].get("load_steps", 1) > 1:
-            change = change_table("equilibrium", load_steps=lambda _: 1)
-            yield Variant("one load step", "load steps", None, "time", change)
+        static = data["equilibrium"]
+        if static.get("load_steps", 1) > 1:
+            edit = put(equilibrium=static | {"load_steps": 1})
+            yield Variant("one load step", "load steps", None, "time", edit)
         return
     time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
-    at_limit = key == "rtol" and method_name(data) in EXPLICIT and not {"rtol", "atol"} & set(time)
+    explicit = method_name(data) in EXPLICIT
+    at_limit = key == "rtol" and explicit and not {"rtol", "atol"} & set(time)
     finer = FINER if key == "dt" else FINER**2
     for factor in () if at_limit else (finer, *LARGER):
-        if key == "dt" and number_of_steps(time, factor) == number_of_steps(time, 1):
-            continue
-        change, is_check = multiply_step(key, factor), factor < 1
-        yield Variant(f"{key} × {factor:g}", key, factor, "time", change, is_check=is_check)
-    if method_name(data) not in (*EXPLICIT, "auto"):
-        yield Variant("explicit", "explicit", None, "time", use_explicit_steps)
+        if key == "rtol" or number_of_steps(time, factor) != number_of_steps(time, 1):
+            edit, is_check = multiply_step(data, key, factor), factor < 1
+            yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, is_check)
+    if not explicit and method_name(data) != "auto":
+        yield Variant("explicit", "explicit", None, "time", explicit_steps_of(data))
 
 
 def number_of_steps(time: Data, factor: float) -> int:
@@ -150,41 +154,35 @@ def number_of_steps(time: Data, factor: float) -> int:
     return math.ceil((time["t_end"] - time.get("t_start", 0.0)) / (factor * time["dt"]) - 1e-9)
 
 
-def multiply_step(key: str, factor: float) -> Callable[[Data], Data]:
-    """Return the change that multiplies dt or rtol; frames come no more often than steps."""
-
-    def apply(data: Data) -> Data:
-        value = data["time"].get(key, Adaptive.rtol)
-        new = data | {"time": data["time"] | {key: value * factor}}
-        every = new["output"].get("every")
-        if key == "dt" and every and every < new["time"]["dt"]:
-            new["output"] = {"every": new["time"]["dt"]}
-        return new
-
-    return apply
+def multiply_step(data: Data, key: str, factor: float) -> Edit:
+    """Return the edit that multiplies dt or rtol; frames come no more often than steps."""
+    size = data["time"].get(key, Adaptive.rtol) * factor
+    tables = {"time": data["time"] | {key: size}}
+    every = data["output"].get("every")
+    if key == "dt" and every and every < size:
+        tables["output"] = {"every": size}
+    return put(**tables)
 
 
-def use_explicit_steps(data: Data) -> Data:
-    """Change to central differences at 0.9 of their stability limit."""
+def explicit_steps_of(data: Data) -> Edit:
+    """Return the edit to central differences at 0.9 of their stability limit."""
     span = {key: data["time"][key] for key in ("t_start", "t_end") if key in data["time"]}
-    time = {"method": "central_difference", "dt": "auto", **span}
-    return data | {"time": time, "mass": "lumped"}
+    return put(time={"method": "central_difference", "dt": "auto", **span}, mass="lumped")
 
 
-def use_equilibrium(data: Data) -> Data:
-    """Change to the equilibrium, in place of a motion that comes to rest.
+def equilibrium_of(data: Data) -> Edit:
+    """Return the edit to the equilibrium, in place of a motion that comes to rest.
 
     What belongs to a motion is left out: the velocity at the start, [solver], the frames' seconds
     and [expect], which may name times.
     """
-    left = {key: data[key] for key in data if key not in ("time", "solver")}
-    start = {key: value for key, value in data["start"].items() if key != "velocity"}
-    static = {"equilibrium": {"load_steps": 1}, "start": start}
-    return left | static | {"output": {"frames": 1}, "expect": {}}
+    start = {key: value for key, value in data.get("start", {}).items() if key != "velocity"}
+    static = {"equilibrium": {"load_steps": 1}, "start": start, "output": {"frames": 1}}
+    return put(time=None, solver=None, expect={}, **static)
 
 
-def use_one_step(data: Data) -> Data:
-    """Change to one step of backward Euler, so long that ρ Δx/dt² is negligible.
+def long_step_of(data: Data) -> Edit:
+    """Return the edit to one step of backward Euler, so long that ρ Δx/dt² is negligible.
 
     Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
     dropped, because it may name times before the end.
@@ -192,17 +190,7 @@ def use_one_step(data: Data) -> Data:
     end = data["time"]["t_end"]
     time = {"method": "backward_euler", "dt": LONG, "t_start": end - LONG, "t_end": end}
     solver = {**data.get("solver", {}), "tolerance": 1e-9, "definiteness": "clamp"}
-    return data | {"time": time, "solver": solver, "output": {"every_steps": 1}, "expect": {}}
-
-
-def change_table(table: str, **changes: Callable) -> Callable[[Data], Data]:
-    """Return the change of values of one table."""
-
-    def apply(data: Data) -> Data:
-        new = {key: change(data[table][key]) for key, change in changes.items()}
-        return data | {table: data[table] | new}
-
-    return apply
+    return put(time=time, solver=solver, output={"every_steps": 1}, expect={})
 
 
 def method_name(data: Data) -> str:

@@ -1,7 +1,6 @@
 """`fecloth.tune`: the cheapest setting of a problem that meets a tolerance, and its proof.
 
-choices      the settings, and `graded_choices` on graded meshes
-trials       their runs
+choices      the settings, and their runs
 curves       errors and seconds between and beyond measured runs
 time_errors, space_errors   what the error is made of
 prediction   the best setting by these errors and seconds, and `corrections` from short runs

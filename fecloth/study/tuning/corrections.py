@@ -9,10 +9,10 @@ import numpy as np
 
 from fecloth.study.change import Change
 from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.tuning.choices import Bench, Trial
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.time_errors import Rule
-from fecloth.study.tuning.trials import Bench, Trial
 
 BEST = 3  # candidates that are looked at
 COUNTS = 0.2  # part of the predicted error from which the error in time matters

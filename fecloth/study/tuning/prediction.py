@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.choices import Choice, Trial
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors, key_of, size_of
-from fecloth.study.tuning.trials import Trial
 
 FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
 COARSER, FINER = 0.5, 16.0  # times the measured √triangles

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.choices import Bench, Choice, Trial, spent
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import KNOWN, Goal
 from fecloth.study.tuning.space_errors import SpaceErrors, unsampled
 from fecloth.study.tuning.time_errors import TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.uncertainty import SAFE
 
 FINER = 1.4  # times the √triangles of a tuned run: the verifying run has at least so many

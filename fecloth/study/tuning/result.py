@@ -12,13 +12,10 @@ from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
 from fecloth.study.problems import SceneProblem
-from fecloth.study.result import StudyResult
-from fecloth.study.tables import Table
-from fecloth.study.tolerance import in_percent
-from fecloth.study.tuning.choices import change_of
+from fecloth.study.result import StudyResult, Table, in_percent
+from fecloth.study.tuning.choices import Bench, Trial, change_of, each_once, spent
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.search import Goal
-from fecloth.study.tuning.trials import Bench, Trial, each_once, spent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,13 +11,11 @@ import numpy as np
 from fecloth.errors import FeclothError, InputError
 from fecloth.integrators import METHODS
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tolerance import in_percent
-from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
-from fecloth.study.tuning.graded_choices import graded_choices
+from fecloth.study.result import in_percent
+from fecloth.study.tuning.choices import Bench, Choice, Trial, meshes_to_try, problem_with, spent
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
-from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, summarise_meshes
+from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, graded_choices, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
-from fecloth.study.tuning.trials import Bench, Trial, spent
 from fecloth.study.workload import count_triangles, in_words
 
 COARSE = 128  # triangles of the first runs

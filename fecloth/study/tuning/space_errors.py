@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity_values import size_of
-from fecloth.study.tuning.choices import Choice
+from fecloth.study.graded_meshes import choose_gradings
+from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.tuning.choices import ZERO, Bench, Choice, Trial
 from fecloth.study.tuning.curves import (
     STALLED,
     Curve,
@@ -18,7 +21,6 @@ from fecloth.study.tuning.curves import (
     error_of_finest,
     grouped,
 )
-from fecloth.study.tuning.trials import ZERO, Bench, Trial
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
 DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
@@ -158,3 +160,42 @@ def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
     around = around if is_inside else np.intersect1d(around, border)
     part = INSIDE if is_inside else BORDER
     return part * float(depth[lowest] - depth[around[around != lowest]].mean())
+
+
+# --- meshes that are graded where this error is large ---------------------------------------------
+
+
+LEAST_SAVED = 0.4  # share of the triangles, for a family of meshes to be tried
+
+
+def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
+    """Return the choices of the first trial of each element, with gradings that save triangles.
+
+    There are none for explicit steps, which the smallest edge limits, for functions, for scenes
+    with their own gradings, and where the error in space has no estimate or is too even.
+    """
+    first: dict[str, Trial] = {}
+    for trial in trials:
+        if trial.is_ok and not trial.choice.is_explicit and trial.choice.h:
+            first.setdefault(trial.choice.element, trial)
+    if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
+        return []
+    choices = []
+    for trial in first.values():
+        try:
+            choices += _graded(trial)
+        except InputError:  # no estimate of the error, or a shape that takes no grading
+            continue
+    return choices
+
+
+def _graded(trial: Trial) -> list[Choice]:
+    """Return the choice of a trial with its gradings, if there are any."""
+    choice = trial.choice
+    assert choice.h is not None
+    setup = trial.row["point"].problem.first
+    x = setup.start.x + np.array(trial.row["displacement"])
+    end = replace(setup.start, x=x, v=np.array(trial.row["velocity"]))
+    gradings = choose_gradings(setup, end, choice.h, LEAST_SAVED)
+    pattern = "unstructured" if choice.pattern else ""
+    return [replace(choice, pattern=pattern, grading=gradings)] if gradings else []

@@ -14,7 +14,7 @@ from fecloth.stability.critical_step import critical_dt
 from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import CONTROLLED, Choice, problem_with
+from fecloth.study.tuning.choices import CONTROLLED, Bench, Choice, Trial, problem_with, spent
 from fecloth.study.tuning.curves import (
     Curve,
     cost_curve,
@@ -22,7 +22,6 @@ from fecloth.study.tuning.curves import (
     error_of_finest,
     grouped,
 )
-from fecloth.study.tuning.trials import Bench, Trial, spent
 
 FEW = 5  # steps of a run that is a static solution
 FEWEST, MOST = 16, 8192  # steps of the first runs

@@ -18,9 +18,9 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import SceneProblem
+from fecloth.study.result import read_tolerance
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
-from fecloth.study.tolerance import read_tolerance
-from fecloth.study.tuning.choices import Choice, methods_to_try
+from fecloth.study.tuning.choices import Bench, Choice, Trial, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
 from fecloth.study.tuning.proof import best_run, prove
 from fecloth.study.tuning.result import Tuned, summarise
@@ -32,7 +32,6 @@ from fecloth.study.tuning.search import (
     shared_run,
 )
 from fecloth.study.tuning.time_errors import measure_methods
-from fecloth.study.tuning.trials import Bench, Trial
 from fecloth.terms import Springs
 from fecloth.terms.traits import traits_of
 
