@@ -105,12 +105,7 @@ def count_frames(problem: Problem) -> int:
 def check_space(folder: Path, problem: Problem, size: int) -> None:
     """Raise `InputError` for too many frames, or if the disk has no space for them.
 
-    Parameters
-    ----------
-    folder
-        Of the run.
-    size
-        Bytes of the first frame.
+    The first frame, of `size` bytes, stands in the `folder` of the run.
     """
     count, free = count_frames(problem), shutil.disk_usage(folder).free
     if count > MOST_FRAMES:

@@ -68,7 +68,7 @@ def run_scene(
     resume
         Continue the run in that folder from its last restart file; what it wrote later is removed.
     warn
-        Called with a sentence when the energy balance no longer closes.
+        Called with each warning that arises during the run and at its end.
     closed
         Called when all files are written, before signals are handled as before the run.
     make_system

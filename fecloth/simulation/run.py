@@ -277,20 +277,9 @@ def collect(
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
-    Parameters
-    ----------
-    ledger, observer
-        At the state before the first step.
-    why
-        The linear solver and why it was chosen, for the result.
-    most_growth, report
-        As for `run`.
-    foreseen
-        Warnings from before the first step; warnings of the steps follow them in the result.
-    next_row
-        As for `record_steps`.
-    step
-        Number of the last step before these.
+    The ledger and the observer are at the state before the first step, whose number is `step` + 1.
+    `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
+    first step. The other arguments are as for `run` and `record_steps`.
     """
     begin, seconds = time.perf_counter(), Counter[str]()
     of_run = Run(system, method, observer.start, step, most_growth)
