@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+# exit statuses of commands and studies, beside 0
+MISSED, BAD_INPUT, FAILED, STOPPED = 1, 2, 3, 4
+
+
 class FeclothError(Exception):
     """Base class of all exceptions of fecloth."""
 

@@ -12,6 +12,7 @@ from typing import NoReturn
 from fecloth import __version__
 from fecloth.cli.commands import COMMANDS
 from fecloth.cli.streams import lost_output, tolerant_streams
+from fecloth.errors import BAD_INPUT, FAILED, STOPPED, FeclothError, InputError
 from fecloth.runs.interruption import set_handler, stop_at_once
 from fecloth.suggest import did_you_mean
 
@@ -25,7 +26,6 @@ STATUS = """exit status:
   3  the simulation failed, or the disk is full; what was written up to then is readable
   4  interrupted; run goes on with --resume, a study with the same command
 """
-BAD_INPUT, SIMULATION_FAILED, STOPPED = 2, 3, 4
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -61,14 +61,13 @@ def _run_command(arguments: list[str] | None) -> int:
         set_handler(signal.SIG_IGN)
         if (why := lost_output()) and COMMANDS[options.command].prints:
             print(f"failed: {why}", file=sys.stderr)
-            status = status or SIMULATION_FAILED
+            status = status or FAILED
         return status
 
 
 def _status(options: Namespace) -> int:
     """Run the command of the options; print its failure, if any."""
     from fecloth.cli.studies import run_study
-    from fecloth.errors import FeclothError, InputError
     from fecloth.output.atomic_files import DiskFull
 
     try:
@@ -78,20 +77,20 @@ def _status(options: Namespace) -> int:
         return command.load()(options)
     except DiskFull as full:
         print(f"failed: {full}", file=sys.stderr)
-        return SIMULATION_FAILED
+        return FAILED
     except InputError as mistake:
         print(f"error: {mistake}", file=sys.stderr)
         return BAD_INPUT
     except FeclothError as failure:
         print(f"failed: {failure}", file=sys.stderr)
-        return SIMULATION_FAILED
+        return FAILED
     except OSError as refusal:  # of the system, as where Numba keeps machine code
         remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is stored."
         print(f"error: {refusal}. {remedy}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError as full:
         print(f"failed: memory is full ({full}). Take a coarser mesh.", file=sys.stderr)
-        return SIMULATION_FAILED
+        return FAILED
 
 
 def _parser() -> ArgumentParser:

@@ -7,6 +7,7 @@ import sys
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
+from fecloth import errors
 from fecloth.cli.options import reading
 from fecloth.runs.interruption import set_handler
 
@@ -73,7 +74,7 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
     if outcome.status == DONE:
         return 0
     print(failure_message(outcome), file=sys.stderr)
-    return 3 if outcome.status == FAILED else 4
+    return errors.FAILED if outcome.status == FAILED else errors.STOPPED
 
 
 def check(options: Namespace) -> int:
@@ -90,7 +91,7 @@ def check(options: Namespace) -> int:
             if not (options.quiet and verdict.passed):
                 print(f"{path}: {verdict}")
             passed &= verdict.passed
-    return 0 if passed else 1
+    return 0 if passed else errors.MISSED
 
 
 def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:

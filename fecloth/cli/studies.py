@@ -8,7 +8,7 @@ from pathlib import Path
 from fecloth.cli.commands import Command
 from fecloth.cli.options import SET, reading, running
 
-SHARED = {"scene", SET.key, *(one.key for one in running("", 0.0))}
+SHARED = {"scene", SET.key, *(shared.key for shared in running("", 0.0))}
 
 
 def run_study(command: Command, options: Namespace) -> int:
@@ -26,8 +26,8 @@ def run_study(command: Command, options: Namespace) -> int:
         print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
         return 0
     scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
-    own = {one.key for one in command.options} - SHARED
-    found = command.load()(
+    own = {option.key for option in command.options} - SHARED
+    result = command.load()(
         scenes if len(scenes) > 1 else scenes[0],
         **{key: getattr(options, key) for key in own},
         cache=options.output or "out",  # without -o all commands share the finished cases
@@ -37,9 +37,9 @@ def run_study(command: Command, options: Namespace) -> int:
         most_seconds=None if options.yes else LONGEST,
         fresh=options.fresh,
     )
-    print(found.summary())
-    print(found.describe_files(folder, found.report(folder)))
-    return found.exit_status
+    print(result.summary())
+    print(result.describe_files(folder, result.report(folder)))
+    return result.exit_status
 
 
 def print_modes(options: Namespace) -> int:
@@ -58,14 +58,14 @@ def print_modes(options: Namespace) -> int:
     study = of(load_scene(options.scene, options.set, **reading(options)))
     with warnings.catch_warnings():  # they are printed below
         warnings.simplefilter("ignore", FeclothWarning)
-        found = study.modes(count=options.count)
-    for frequency in found.frequencies:
+        result = study.modes(count=options.count)
+    for frequency in result.frequencies:
         print(f"{frequency:.6g}")
-    for words in found.warnings:
+    for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
     console = terminal(options.quiet)
-    console.print(found.verdict, soft_wrap=True)
+    console.print(result.verdict, soft_wrap=True)
     if options.output:
-        console.print(f"wrote {found.report(options.output)}", soft_wrap=True)
-        console.print(f"open {found.write(options.output)} in ParaView", soft_wrap=True)
+        console.print(f"wrote {result.report(options.output)}", soft_wrap=True)
+        console.print(f"open {result.write(options.output)} in ParaView", soft_wrap=True)
     return 0

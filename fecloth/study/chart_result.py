@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from fecloth import errors
 from fecloth.study.chart_figure import draw_chart, grey_letters
 from fecloth.study.convergence import Convergence
 from fecloth.study.result import StudyResult, Table, with_uncertainty
@@ -73,7 +74,7 @@ class Chart(StudyResult):
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if no setting has an error."""
-        return 0 if len(self.front) else 3
+        return 0 if len(self.front) else errors.FAILED
 
     def figure(self) -> Figure:
         """Return the errors over CPU seconds: a line for each series of its best settings."""

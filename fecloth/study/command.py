@@ -8,10 +8,9 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from fecloth.errors import FeclothError, InputError
+from fecloth.errors import BAD_INPUT, FAILED, STOPPED, FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 
-MISSED, BAD_INPUT, FAILED, STOPPED = 1, 2, 3, 4
 EXTRAS = {  # package: extra of fecloth that installs it
     "matplotlib": "studies",
     "distributed": "dask",

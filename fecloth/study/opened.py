@@ -52,10 +52,9 @@ class Opened:
             that returns cloth, system, method and start. For `compare` also a list of several.
         h, dt, t_end, probes
             Of a function's problem: first edge length [m], step [s], end [s] (without it the
-            equilibrium is the result) and probes. Quantities are judged on the first level and on
-            finer ones.
+            equilibrium is the result) and probes.
         cache
-            Folder where finished cases are stored, and where all studies look for them.
+            Folder where finished cases are stored, and from where all studies read them.
         jobs
             Number of processes of this machine, each with one thread.
         scheduler
@@ -99,28 +98,28 @@ class Opened:
         limit: Any = None if usual else time_limit
         given = Runs(cache, jobs, scheduler, limit, most_seconds, fresh)
         sizes = h, dt, t_end, probes, settings
-        return cls(tuple(open_problem(one, *sizes) for one in listed), given, usual)
+        return cls(tuple(open_problem(source, *sizes) for source in listed), given, usual)
 
     @property
     def problem(self) -> Problem:
         """The only problem; several are an `InputError`."""
         if len(self.problems) > 1:
             what = f"{len(self.problems)} problems"
-            raise InputError(what, "only compare takes several", "study", "Open one.")
+            raise InputError(what, "only compare takes several", "study", "Open a single problem.")
         return self.problems[0]
 
     def runs(self, usual_limit: float | None = None) -> Runs:
-        """Return how cases run; `usual_limit` [s] is the time of a case unless one was given."""
+        """Return how cases run; `usual_limit` [s] holds for a case unless a limit was given."""
         if self.takes_usual_limit:
             return replace(self.given, time_limit=usual_limit)
         return self.given
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {', '.join(one.name for one in self.problems)}>"
+        return f"<{type(self).__name__} of {', '.join(problem.name for problem in self.problems)}>"
 
 
 def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:
-    """Return a problem with the shared arguments of its studies; one that is open has them."""
+    """Open a problem with the arguments that studies share; an open problem has them already."""
     if not isinstance(problem, Opened):
         return Opened.of(problem, **shared)
     if shared:

@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fecloth.errors import FAILED, MISSED
 from fecloth.output.atomic_files import replace_file
 from fecloth.runs.environment import versions
 from fecloth.study.cases import describe_settings
-from fecloth.study.command import FAILED, MISSED, StudyFailed
+from fecloth.study.command import StudyFailed
 from fecloth.study.status import OK
 
 LONGEST_CELL = 300  # characters

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.reports import markdown_table, write_csv
@@ -112,7 +113,7 @@ class StudyResult:
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if a row of the table has no result, else 0."""
-        return 3 if any(row.get("status", OK) != OK for row in self.table) else 0
+        return errors.FAILED if any(row.get("status", OK) != OK for row in self.table) else 0
 
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
@@ -91,7 +92,7 @@ class StabilityMap(StudyResult):
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if the map has a hole."""
-        return 3 if self.has_stopped else 0
+        return errors.FAILED if self.has_stopped else 0
 
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, the figure, and runs.csv with every run."""

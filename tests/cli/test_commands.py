@@ -11,7 +11,7 @@ from fecloth.cli.commands import COMMANDS
 from fecloth.cli.main import STATUS, main
 from fecloth.cli.studies import SHARED
 from fecloth.study.opened import Opened
-from fecloth.study.result import StudyResult
+from fecloth.study.result import StudyResult, Table
 
 STUDIES = [name for name, command in COMMANDS.items() if command.is_study]
 
@@ -64,6 +64,56 @@ def test_shared_options_are_arguments_of_the_front():
     same = {"jobs", "scheduler", "time_limit", "fresh"}
     assert same <= SHARED & front.keys()
     assert SHARED - same == {"scene", "set", "output", "yes", "trust_geo"}
+
+
+GOOD, BAD = {"status": "ok"}, {"status": "failed", "cause": "it stopped"}
+LATE = {"status": "time limit", "cause": "60 s"}
+RESULTS = [  # the class of a result, its rows, more of it, and the exit status of its command
+    (fc.study.Convergence, [{"value": 1.0}], {}, 0),
+    (fc.study.Convergence, [{"value": 1.0}, BAD], {}, 3),
+    (fc.study.Sweep, [GOOD], {}, 0),
+    (fc.study.Sweep, [GOOD, BAD], {}, 3),
+    (fc.study.Comparison, [GOOD, BAD], {}, 3),
+    (fc.study.Chart, [GOOD | {"on front": True, "seconds": 1.0}, BAD], {}, 0),
+    (fc.study.Chart, [GOOD | {"on front": False}], {}, 3),
+    (fc.study.StabilityMap, [{"longest step": "< 1 ms"}], {"cells": Table((BAD,))}, 0),
+    (fc.study.StabilityMap, [{}], {"cells": Table((LATE,))}, 3),
+    (fc.study.Simplification, [GOOD, BAD], {}, 0),
+    (fc.Tuned, [GOOD, BAD], {"proved": True}, 0),
+    (fc.Tuned, [GOOD], {"proved": False}, 1),
+]
+
+
+@pytest.mark.parametrize(("kind", "rows", "more", "status"), RESULTS)
+def test_a_result_has_the_exit_status_of_its_command(kind, rows, more, status):
+    result = kind("strip", "a verdict", Table(tuple(rows)), **more)
+    assert result.exit_status == status
+
+
+def test_a_command_prints_verdict_notes_and_table():
+    table = Table((GOOD,))
+    noted = fc.study.Comparison("strip", "a verdict", table, remarks=("a note",))
+    assert noted.summary() == f"a verdict\na note\n\n{table}\n"
+    rows = {"on front": True, "seconds": 1.0}, {"on front": False, "status": "skipped"}
+    chart = fc.study.Chart(
+        "strip", "a verdict", Table(tuple({"status": "no"} | row for row in rows))
+    )
+    lines = chart.summary().splitlines()
+    assert lines[0] == "a verdict"
+    assert lines[-2] == "These are 1 of 2 settings: no other is as accurate"
+    assert str(chart.front).splitlines() == lines[-6:-3]
+
+
+def test_a_result_names_the_files_for_its_reader(tmp_path):
+    page, table = tmp_path / "report.html", Table(())
+    files = {
+        fc.study.Sweep: f"wrote {page}",
+        fc.study.Comparison: f"wrote {page}",
+        fc.study.Simplification: f"wrote {page} and {tmp_path / 'reduced.toml'}",
+        fc.Tuned: f"wrote {page} and {tmp_path / 'tuned.toml'}",
+    }
+    for kind, words in files.items():
+        assert kind("strip", "", table).describe_files(tmp_path, page) == words
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fecloth import errors
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
@@ -100,7 +101,7 @@ class Tuned(StudyResult):
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 0 if the setting is proved, else 1."""
-        return 0 if self.proved else 1
+        return 0 if self.proved else errors.MISSED
 
     def figure(self) -> Figure:
         """Return the estimated errors of all runs over their CPU seconds."""
