@@ -23,13 +23,13 @@ Series = dict[str, list[Mapping]]
 
 def series_of(rows: Iterable[Mapping]) -> Series:
     """Return the rows with an error by "method element model"; the model only if it varies."""
-    good = [row for row in rows if row["status"] == OK and math.isfinite(row["error"])]
-    several = len({row.get("model") for row in good}) > 1
-    found: Series = {}
-    for row in good:
+    measured = [row for row in rows if row["status"] == OK and math.isfinite(row["error"])]
+    several = len({row.get("model") for row in measured}) > 1
+    series: Series = {}
+    for row in measured:
         parts = [row["method"], row["element"], row["model"] if several else ""]
-        found.setdefault(" ".join(part for part in parts if part), []).append(row)
-    return found
+        series.setdefault(" ".join(part for part in parts if part), []).append(row)
+    return series
 
 
 def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
@@ -37,16 +37,16 @@ def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
 
     First come groups with most points on the front, then groups with the least error × seconds.
     """
-    found = series_of(rows)
+    series = series_of(rows)
 
     def rank(name: str) -> tuple:
-        points = found[name]
+        points = series[name]
         product = min(row["seconds"] * max(row["error"], row["uncertainty"]) for row in points)
         return -sum(bool(row.get("on front")) for row in points), product
 
-    names = sorted(found, key=rank)
+    names = sorted(series, key=rank)
     chosen, rest = names[:MOST_LINES], names[MOST_LINES:]
-    return {n: found[n] for n in chosen}, {n: found[n] for n in rest}
+    return {n: series[n] for n in chosen}, {n: series[n] for n in rest}
 
 
 def grey_letters(rows: Iterable[Mapping]) -> dict[str, str]:
@@ -90,12 +90,12 @@ def draw_chart(chart: Any) -> Figure:
 
 def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
     """Return the front of one series, the cheapest first."""
-    found, best = [], math.inf
+    better, least = [], math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], row["error"])):
-        if row["error"] < BETTER * best:
-            found.append(row)
-            best = row["error"]
-    return found
+        if row["error"] < BETTER * least:
+            better.append(row)
+            least = row["error"]
+    return better
 
 
 def _rows(series: Series) -> Iterable[Mapping]:
@@ -156,6 +156,6 @@ def spread(heights: Sequence[float], gap: float) -> list[float]:
     y[-1] = min(y[-1], 1.0)
     for i in range(len(y) - 1, 0, -1):  # and from above
         y[i - 1] = min(y[i - 1], y[i] - gap)
-    found = np.empty_like(y)
-    found[order] = y
-    return found.tolist()
+    spread = np.empty_like(y)
+    spread[order] = y
+    return spread.tolist()

@@ -47,10 +47,10 @@ class Chart(StudyResult):
         """Sentences on the limit, the grey points and the settings without an error."""
         lines = []
         if self.limit:
-            found = self.limit
-            value = found.limit if math.isfinite(found.limit) else found.value
-            words = with_uncertainty(value, found.uncertainty, found.unit)
-            verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
+            convergence = self.limit
+            value = convergence.limit if math.isfinite(convergence.limit) else convergence.value
+            words = with_uncertainty(value, convergence.uncertainty, convergence.unit)
+            verdict = convergence.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
             lines.append(f"Limit: {self.quantity} = {words}; {verdict.rstrip('.')}.")
         letters = grey_letters(self.table)
         if letters:
@@ -94,11 +94,11 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
     [0, 1, 3]
     """
     known = [(row["seconds"], known_error(row), i) for i, row in enumerate(rows) if is_known(row)]
-    front, best = set(), math.inf
+    front, least = set(), math.inf
     for _, error, i in sorted(known):
-        if error < best:
+        if error < least:
             front.add(i)
-            best = error
+            least = error
     return front
 
 
@@ -126,18 +126,19 @@ def describe_chart(table: Table, limit: Convergence) -> str:
     if not rows:
         return "no setting has an error"
     if "error %" not in rows[0]:
-        best = min((row for row in rows if row["on front"]), key=known_error)
-        return f"error {best['error']:.2g} {limit.unit} {_for_seconds(best)}; the limit is zero"
+        cheapest = min((row for row in rows if row["on front"]), key=known_error)
+        error = f"error {cheapest['error']:.2g} {limit.unit}"
+        return f"{error} {_for_seconds(cheapest)}; the limit is zero"
     several, parts, said = len({row.get("model") for row in rows}) > 1, [], set()
     for level in LEVELS:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
         if not reached:
             parts.append(_not_reached(level, rows))
             break
-        best = min(reached, key=seconds_of)
-        if id(best) not in said:
-            said.add(id(best))
-            parts.append(f"{best['error %']:.2g} % {_for_seconds(best, several)}")
+        cheapest = min(reached, key=seconds_of)
+        if id(cheapest) not in said:
+            said.add(id(cheapest))
+            parts.append(f"{cheapest['error %']:.2g} % {_for_seconds(cheapest, several)}")
     return "; ".join(parts)
 
 

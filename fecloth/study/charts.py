@@ -41,7 +41,7 @@ STEPS_OF_LIMIT = 200  # of its first level, where the scene has no dt
 class Limit:
     """The converged limit of a quantity, to which all settings are compared."""
 
-    found: Convergence
+    study: Convergence
     quantity: Quantity
     finest: RunRecord
 
@@ -52,8 +52,8 @@ class Limit:
 
     def error(self, record: RunRecord) -> float:
         """Return the distance to the extrapolated value, or to the finest level without one."""
-        if self.found.converges and math.isfinite(self.found.limit):
-            return abs(value_of(self.quantity, record) - self.found.limit)
+        if self.study.converges and math.isfinite(self.study.limit):
+            return abs(value_of(self.quantity, record) - self.study.limit)
         return difference_of(self.quantity, self.finest, record)
 
 
@@ -137,10 +137,10 @@ def chart(
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
         title=opened.name,
-        verdict=describe_chart(table, limit.found),
+        verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen.text,
-        limit=limit.found,
+        limit=limit.study,
         size=limit.size,
     )
 
@@ -153,10 +153,10 @@ def find_limit(opened: Problem, quantity: Quantity, levels: int, runs: Runs) -> 
     in_dt = not problem.is_static and (problem.can_refine("dt") or explicit)
     refine = "both" if in_h and in_dt else "h" if in_h else "dt"
     problem.check(refine)
-    found, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
-    if found.estimate is None:
+    study, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
+    if study.estimate is None:
         return None
-    return Limit(found, quantity, record_at(rows[-1], quantity))
+    return Limit(study, quantity, record_at(rows[-1], quantity))
 
 
 def _for_limit(opened: Problem) -> Problem:
@@ -204,8 +204,8 @@ def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limi
         error = limit.error(record_at(row, quantity))
     except InputError as refusal:  # as where a signal has no period
         return line | {"status": "no value", "cause": str(refusal).splitlines()[0]}
-    line |= {"error": error, "uncertainty": limit.found.uncertainty}
+    line |= {"error": error, "uncertainty": limit.study.uncertainty}
     if limit.size:
         line["error %"] = 100 * error / limit.size
-        line["uncertainty %"] = 100 * limit.found.uncertainty / limit.size
+        line["uncertainty %"] = 100 * limit.study.uncertainty / limit.size
     return {"status": OK} | line

@@ -106,12 +106,12 @@ def compare(
     """
     study = open_study(problem, shared)
     opened, runs = _open(study.problems, variants), study.runs()
-    for one in opened.values():
-        if not isinstance(one, InputError):
-            refuse_huge(one, runs)
-    first = next(one for one in opened.values() if not isinstance(one, InputError))
+    for variant in opened.values():
+        if not isinstance(variant, InputError):
+            refuse_huge(variant, runs)
+    first = next(variant for variant in opened.values() if not isinstance(variant, InputError))
     chosen = first.choose_quantity(quantity)
-    plans = _plan(opened, lambda one: _levels(one, chosen, refine, levels, ratio))
+    plans = _plan(opened, lambda variant: _levels(variant, chosen, refine, levels, ratio))
     rows = _run(opened, plans, chosen, runs)
     studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
     return _conclude(opened, studied, chosen, refine)
@@ -125,7 +125,7 @@ def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Probl
         remedy = "Give variants, as in terms.0.type=StVK,Springs."
         raise InputError("compare", allowed, "", remedy)
     if several:
-        return _named([(one.name, one) for one in problems])
+        return _named([(each.name, each) for each in problems])
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
     made = make_variants(with_first_values(problems[0], ranges), combinations)
@@ -136,12 +136,12 @@ def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the variants by names that differ."""
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
-    if len({type(one) for _, one in pairs if not isinstance(one, InputError)}) > 1:
+    if len({type(variant) for _, variant in pairs if not isinstance(variant, InputError)}) > 1:
         raise InputError("scenes beside functions", "must be of one kind", "compare")
-    found: dict[str, Any] = {}
-    for name, one in pairs:
-        found[name if name not in found else f"{name} ({len(found) + 1})"] = one
-    return found
+    named: dict[str, Any] = {}
+    for name, variant in pairs:
+        named[name if name not in named else f"{name} ({len(named) + 1})"] = variant
+    return named
 
 
 def _levels(
@@ -155,10 +155,10 @@ def _levels(
 def _plan(opened: dict, levels_of: Callable[[Problem], list[Level]]) -> dict[str, list[Level]]:
     """Return the levels of each variant; one that refuses is replaced by the reason in `opened`."""
     plans = {}
-    for name, one in opened.items():
+    for name, variant in opened.items():
         try:
-            if not isinstance(one, InputError):
-                plans[name] = levels_of(one)
+            if not isinstance(variant, InputError):
+                plans[name] = levels_of(variant)
         except InputError as error:
             opened[name] = error
     if not plans:
@@ -196,17 +196,17 @@ def _conclude(
     opened: Mapping, studied: Mapping[str, _Studied | dict], quantity: Quantity, refine: str
 ) -> Comparison:
     """Return the result of all variants."""
-    good = {name: one for name, one in studied.items() if isinstance(one, _Studied)}
-    studies = {name: one.study for name, one in good.items()}
-    scale, numbers, differences = _differences(good, quantity)
-    overlay, remarks = _overlay(list(good.values())[:2], quantity)
-    names = {one.name for one in opened.values() if not isinstance(one, InputError)}
-    found = Comparison(
+    judged = {name: variant for name, variant in studied.items() if isinstance(variant, _Studied)}
+    studies = {name: variant.study for name, variant in judged.items()}
+    scale, numbers, differences = _differences(judged, quantity)
+    overlay, remarks = _overlay(list(judged.values())[:2], quantity)
+    names = {variant.name for variant in opened.values() if not isinstance(variant, InputError)}
+    comparison = Comparison(
         title=", ".join(sorted(names)),
         verdict="",
         table=Table(()),
         quantity=quantity.text,
-        unit=next((one.unit for one in studies.values()), ""),
+        unit=next((variant.unit for variant in studies.values()), ""),
         refine=refine,
         studies=studies,
         differences=differences,
@@ -214,28 +214,28 @@ def _conclude(
         overlay=overlay,
         remarks=remarks,
     )
-    lines = [describe_difference(found, name, numbers) for name in differences]
+    lines = [describe_difference(comparison, name, numbers) for name in differences]
     rows = [
-        {"variant": name, **_cells(found, name, studied.get(name, one))}
-        for name, one in opened.items()
+        {"variant": name, **_cells(comparison, name, studied.get(name, variant))}
+        for name, variant in opened.items()
     ]
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
-    return replace(found, verdict=verdict, table=Table(tuple(rows)))
+    return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
 
 
 def _differences(
-    good: Mapping[str, _Studied], quantity: Quantity
+    judged: Mapping[str, _Studied], quantity: Quantity
 ) -> tuple[float, bool, dict[str, Difference]]:
     """Return the scale, whether the quantity is a number, and the differences from the first."""
-    if not good:
+    if not judged:
         return math.nan, True, {}
-    first, *others = good
-    scale = find_scale(good[first].study)
-    numbers = is_number(quantity, record_at(good[first].rows[0], quantity))
-    found = {
-        name: _difference(good[first], good[name], quantity, scale, numbers) for name in others
+    first, *others = judged
+    scale = find_scale(judged[first].study)
+    numbers = is_number(quantity, record_at(judged[first].rows[0], quantity))
+    differences = {
+        name: _difference(judged[first], judged[name], quantity, scale, numbers) for name in others
     }
-    return scale, numbers, found
+    return scale, numbers, differences
 
 
 def _difference(
@@ -250,25 +250,25 @@ def _difference(
     return difference_of_sizes(a.study, b.study, ends[0], ends[1], scale)
 
 
-def _cells(found: Comparison, name: str, one: _Studied | dict | InputError) -> dict:
+def _cells(comparison: Comparison, name: str, variant: _Studied | dict | InputError) -> dict:
     """Return the row of a variant, without its name."""
-    if isinstance(one, InputError):
-        return failure(REFUSED, one)
-    if isinstance(one, dict):
-        return one
-    given, unit = one.study.table[0], found.unit if math.isnan(found.scale) else "%"
-    apart = found.differences.get(name)
+    if isinstance(variant, InputError):
+        return failure(REFUSED, variant)
+    if isinstance(variant, dict):
+        return variant
+    given, unit = variant.study.table[0], comparison.unit if math.isnan(comparison.scale) else "%"
+    apart = comparison.differences.get(name)
     sizes = f" [{unit}]" if unit else ""
     return {
         "status": OK,
         "value": given["value"],
         "error": given["error"],
-        "limit": best_value(one.study),
-        "uncertainty": one.study.uncertainty,
+        "limit": best_value(variant.study),
+        "uncertainty": variant.study.uncertainty,
         f"difference as given{sizes}": apart.as_given if apart else None,
         f"difference of limits{sizes}": apart.limit if apart else None,
         f"±{sizes}": apart.uncertainty if apart else None,
-        "order": one.study.order,
+        "order": variant.study.order,
         "triangles": given["triangles"],
         "cpu_seconds": given["cpu_seconds"],
     }
@@ -278,7 +278,7 @@ def _overlay(pair: Sequence[_Studied], quantity: Quantity) -> tuple[Overlay | No
     """Return the ends of two variants as given, and why there are none."""
     if len(pair) < 2 or quantity.how == "mode":
         return None, ()
-    first, second = (_end(one.rows[0]) for one in pair)
+    first, second = (_end(each.rows[0]) for each in pair)
     try:
         return Overlay.of(first, second), ()
     except MeshError as error:  # as where a node is on one cloth only

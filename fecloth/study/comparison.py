@@ -180,33 +180,33 @@ def difference_of_sizes(
     return Difference(by * as_given, by * on_finest, by * (a.uncertainty + b.uncertainty))
 
 
-def describe_difference(found: Comparison, name: str, has_sign: bool) -> str:
+def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
     """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is off by …".
 
     `has_sign` is false for sizes of differences, as of fields.
     """
-    first, one = next(iter(found.studies)), found.differences[name]
-    unit = found.unit if math.isnan(found.scale) else "%"
-    size = with_uncertainty(abs(one.limit), one.uncertainty, unit)
-    if abs(one.limit) <= one.uncertainty:
+    first, difference = next(iter(comparison.studies)), comparison.differences[name]
+    unit = comparison.unit if math.isnan(comparison.scale) else "%"
+    size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
+    if abs(difference.limit) <= difference.uncertainty:
         text = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not has_sign:
         text = f"{name} differs from {first} by {size}"
     else:
-        words = ("higher", "lower") if math.isnan(found.scale) else ("larger", "smaller")
-        text = f"{name} is {size} {words[one.limit < 0]} than {first}"
-    errors = {key: _error_as_given(found, key) for key in (first, name)}
+        words = ("higher", "lower") if math.isnan(comparison.scale) else ("larger", "smaller")
+        text = f"{name} is {size} {words[difference.limit < 0]} than {first}"
+    errors = {key: _error_as_given(comparison, key) for key in (first, name)}
     parts = " and ".join(
         f"{error:.2g} {unit}".strip() + f" ({key})" for key, error in errors.items()
     )
-    given = f"{abs(one.as_given):.2g} {unit}".strip()
-    what, *_, where = REFINED[found.refine]
-    text = f"{found.quantity}: {text}, {given} {where}; {what} off by {parts}"
-    if one.uncertainty < abs(one.limit) < max(errors.values()):
+    given = f"{abs(difference.as_given):.2g} {unit}".strip()
+    what, *_, where = REFINED[comparison.refine]
+    text = f"{comparison.quantity}: {text}, {given} {where}; {what} off by {parts}"
+    if difference.uncertainty < abs(difference.limit) < max(errors.values()):
         text += ", which is more than the difference"
     return text
 
 
-def _error_as_given(found: Comparison, name: str) -> float:
-    by = 1.0 if math.isnan(found.scale) else 100 / abs(found.scale)
-    return by * found.studies[name].table[0]["error"]
+def _error_as_given(comparison: Comparison, name: str) -> float:
+    by = 1.0 if math.isnan(comparison.scale) else 100 / abs(comparison.scale)
+    return by * comparison.studies[name].table[0]["error"]

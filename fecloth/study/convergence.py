@@ -153,11 +153,15 @@ def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
     local = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
     if len(local) < 2 or not np.isfinite(local[:2]).all():
         return "one level more would tell"
-    near, far = abs(theory - local[0]), abs(theory - local[1])
-    if near >= far:
+    distance, distance_before = abs(theory - local[0]), abs(theory - local[1])
+    if distance >= distance_before:
         return "the order does not approach the theory from level to level"
     close = CLOSE * theory
-    more = math.ceil(math.log(close / near) / math.log(near / far)) if near > close else 1
+    more = (
+        math.ceil(math.log(close / distance) / math.log(distance / distance_before))
+        if distance > close
+        else 1
+    )
     if more > MOST_LEVELS:
         return "the order hardly approaches the theory from level to level"
     return f"about {max(more, 1)} more, to {h[0] * (h[0] / h[1]) ** max(more, 1):.3g}, would be"

@@ -144,8 +144,10 @@ def draw_lines(
     names = names or list(dict.fromkeys(row[by] for row in rows))
     for i, name in enumerate(names):
         group = [row for row in rows if row[by] == name]
-        good = sorted((row[x], row[y]) for row in group if row["status"] == "ok")
-        ax.plot(*zip(*good, strict=True) if good else ((), ()), label=str(name), **line_style(i))
+        points = sorted((row[x], row[y]) for row in group if row["status"] == "ok")
+        ax.plot(
+            *zip(*points, strict=True) if points else ((), ()), label=str(name), **line_style(i)
+        )
         mark_failures(ax, group, x, COLOURS[i % len(COLOURS)])
     if legend:
         ax.legend()

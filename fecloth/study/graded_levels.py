@@ -56,24 +56,24 @@ def refine_graded(
     if not gradings:
         return replace(uniform, remarks=(*uniform.remarks, EVEN, *remarks))
     graded = opened.graded(gradings)
-    found, graded_rows = refine_problem(graded, quantity, refine, levels, ratio, runs)
+    study, graded_rows = refine_problem(graded, quantity, refine, levels, ratio, runs)
     if any(row["status"] != OK for row in graded_rows):
-        return replace(found, gradings=gradings)
-    errors = _errors_of_uniform(quantity, rows, graded_rows, found)
+        return replace(study, gradings=gradings)
+    errors = _errors_of_uniform(quantity, rows, graded_rows, study)
     compared: list[dict[str, Any]] = [
         {"mesh": "uniform", **row, "error": error}
         for row, error in zip(uniform.table, errors, strict=True)
     ]
-    own: list[dict[str, Any]] = [{"mesh": "graded", **row} for row in found.table]
+    own: list[dict[str, Any]] = [{"mesh": "graded", **row} for row in study.table]
     for row in own:
         if math.isfinite(triangles := _cost_of(row["error"], compared, "triangles")):
             row["uniform_triangles"] = round(triangles)
     others = f"On uniform meshes: {uniform.verdict.splitlines()[0]}"
     return replace(
-        found,
-        verdict=f"{found.verdict}\n{_saving(own, compared, found.unit)}",
+        study,
+        verdict=f"{study.verdict}\n{_saving(own, compared, study.unit)}",
         table=Table((*compared, *own)),
-        remarks=(others, *map(_in_words, gradings), *remarks, *found.remarks),
+        remarks=(others, *map(_in_words, gradings), *remarks, *study.remarks),
         gradings=gradings,
     )
 
@@ -96,13 +96,13 @@ def _require_gradable(opened: Problem, refine: str) -> None:
 
 
 def _errors_of_uniform(
-    quantity: Quantity, rows: Sequence[Mapping], graded: Sequence[Mapping], found: Convergence
+    quantity: Quantity, rows: Sequence[Mapping], graded: Sequence[Mapping], study: Convergence
 ) -> list[float]:
     """Return the distance of the uniform levels to the limit, or to the finest graded level."""
     records = [record_at(row, quantity) for row in rows]
     if is_number(quantity, records[0]):
-        return [abs(value_of(quantity, record) - found.limit) for record in records]
-    finest, rest = record_at(graded[-1], quantity), found.table[-1]["error"]
+        return [abs(value_of(quantity, record) - study.limit) for record in records]
+    finest, rest = record_at(graded[-1], quantity), study.table[-1]["error"]
     return [difference_of(quantity, record, finest) + rest for record in records]
 
 

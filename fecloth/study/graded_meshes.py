@@ -44,7 +44,7 @@ class _Prediction:
 
     def triangles(self, chosen: Mapping[_Place, Grading]) -> float:
         """Return the relative number of triangles for an error, with the sizes c h s for any c."""
-        factors = [one.factors(place.r, self.h) for place, one in chosen.items()]
+        factors = [shift.factors(place.r, self.h) for place, shift in chosen.items()]
         s = np.min([np.ones(len(self.area)), *factors], axis=0)
         energy = np.sum(self.energy * (self.h * s / self.size) ** (2 * self.order))
         return float(np.sum(self.area / s**2) * energy ** (1 / self.order))
@@ -100,10 +100,10 @@ def _add_greedily(
             chosen | {place: Grading(**place.named, distance=distance, power=power)}
             for place, distance, power in settings
         ]
-        best = min(tried, key=predicted.triangles)
-        if predicted.triangles(best) > (1 - LEAST_SAVED) * least:
+        fewest = min(tried, key=predicted.triangles)
+        if predicted.triangles(fewest) > (1 - LEAST_SAVED) * least:
             break
-        chosen, least = best, predicted.triangles(best)
+        chosen, least = fewest, predicted.triangles(fewest)
     return chosen
 
 

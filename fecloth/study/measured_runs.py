@@ -129,8 +129,8 @@ def measure(
         row["displacement"] = (end.x - setup.start.x).tolist()
         row["velocity"] = end.v.tolist()
         if modes:
-            found = natural_modes(setup.system, end, count=modes)
-            row["frequencies"] = [float(frequency) for frequency in found.frequencies]
+            shapes = natural_modes(setup.system, end, count=modes)
+            row["frequencies"] = [float(frequency) for frequency in shapes.frequencies]
         if function:
             row["function"] = float(function(result))
     cloth = setup.cloth

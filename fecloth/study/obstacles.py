@@ -22,41 +22,41 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
 
     `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the end.
     """
-    system, found = setup.system, []
+    system, remarks = setup.system, []
     for name, (_, nodes) in system.constraints.groups.items():
         if len(nodes) == 1:
-            found.append(
+            remarks.append(
                 f"the pin {name} holds a single point: a membrane has no finite stiffness there, "
                 "and gives way by about log(1/h); pin an area or an edge"
             )
     if any(isinstance(term, PointForce) for term in system.terms):
-        found.append(
+        remarks.append(
             "a PointForce acts on a point, under which the deflection of a membrane grows like "
             "log(1/h); spread it over an area"
         )
     least = ends.get("least_stretch", [1.0])[-1]
     bends = has_bending(setup)
     if least < FOLDED:
-        found.append(
+        remarks.append(
             f"a triangle is compressed to {least:.2f} of its length: folds and wrinkles differ "
             "from mesh to mesh" + ("" if bends else ", without bending down to the edge length")
         )
     if any(traits_of(term).by_pattern for term in system.terms):
-        found.append(
+        remarks.append(
             "the bending of hinges depends on the pattern of the mesh; PlateBending converges on "
             "every mesh"
         )
     if not bends and not setup.is_static:
-        found.append(
+        remarks.append(
             "without bending the cloth may have kinks, which limit the order in h to 1.5 in L2 "
             "and to 0.5 in H1"
         )
     if setup.cloth.element == "P2" and not bends and is_slack_across(setup.cloth, x):
-        found.append(
+        remarks.append(
             "most of the cloth has tension in one direction only, so that nothing holds it between "
             "the lines of tension: there point values of quadratic triangles have order 2"
         )
-    return found
+    return remarks
 
 
 def is_slack_across(cloth: Cloth, x: np.ndarray) -> bool:

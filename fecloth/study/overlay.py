@@ -83,8 +83,8 @@ def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path)
         If a node of A does not lie on the cloth of B.
     """
     a, b = Series.open(folder_a), Series.open(folder_b)
-    near = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
-    pairs = [(i, b.at(t)) for i, t in enumerate(a.times) if abs(b.times[b.at(t)] - t) <= near]
+    same = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
+    pairs = [(i, b.at(t)) for i, t in enumerate(a.times) if abs(b.times[b.at(t)] - t) <= same]
     if not pairs:
         remedy = "Give both scenes the same t_end and output.frames."
         raise InputError(f"{folder_a} and {folder_b}", "have no time in common", "", remedy)

@@ -33,11 +33,11 @@ def refine_problem(
     orders = opened.orders(quantity)
     cases = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
-    points = [Point(opened, one, str(one), opened.workload(one)) for one in cases]
+    points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
     check_points(points, runs)
     rows = run_points(points, [quantity], runs)
-    found = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
-    return found, rows[:levels]
+    study = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
+    return study, rows[:levels]
 
 
 def levels_to_run(
@@ -97,8 +97,8 @@ def summarise(
     converges, verdict = judge(estimate, sizes, sequence, obstacles)
     answer = describe_value(quantity.text, values[-1], uncertainty, shown["unit"])
     lines = [
-        _table_row(row) | {"value": value, "error": abs(one - estimate.limit)}
-        for row, value, one in zip(rows, values, sequence, strict=True)
+        _table_row(row) | {"value": value, "error": abs(difference - estimate.limit)}
+        for row, value, difference in zip(rows, values, sequence, strict=True)
     ]
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
@@ -164,22 +164,22 @@ def _other_shares(
     more: Sequence[Mapping],
 ) -> dict[str, float]:
     """Return the estimated errors that the levels do not show, from pairs of runs."""
-    found = {}
+    errors = {}
     base = record_at(first, quantity)
     for row in more:
         if row["status"] != OK:
             continue
         apart = difference_of(quantity, base, record_at(row, quantity))
         if (row["point"].level.sharper or 1.0) > 1:
-            found["solver"] = apart
+            errors["solver"] = apart
         elif row["point"].level.rtol > 1:
-            found["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
+            errors["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
-            found["time step"] = apart / (1 - 2.0 ** -orders[1])
+            errors["time step"] = apart / (1 - 2.0 ** -orders[1])
         else:
             ratio = first["edge"] / row["edge"]
-            found["mesh"] = apart / (1 - ratio ** -orders[0])
-    return found
+            errors["mesh"] = apart / (1 - ratio ** -orders[0])
+    return errors
 
 
 def _table_row(row: Mapping) -> dict:

@@ -157,7 +157,7 @@ def stability(
     refuse_huge(opened, runs)
     answers = make_variants(opened, combinations, build=bool(ranges))
     pairs = list(zip(combinations, answers, strict=True))
-    made = [(values, one) for values, one in pairs if not isinstance(one, InputError)]
+    made = [(values, variant) for values, variant in pairs if not isinstance(variant, InputError)]
     cells = run_all([run for pair in made for run in list_runs(*pair, chosen)], runs)
     rows = [_line(method, values, cells) for method in chosen for values, _ in made]
     rows += [
@@ -198,22 +198,22 @@ def known_methods(names: Sequence[str]) -> list[str]:
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
     wanted = {"method": method, **values}
-    return [cell for cell in cells if all(cell[key] == one for key, one in wanted.items())]
+    return [cell for cell in cells if all(cell[key] == value for key, value in wanted.items())]
 
 
 def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     """Return the row of the table for a method and a combination of values."""
     own = _cells_of(method, values, cells)
-    found, predicted = range_of(own), own[0]["predicted"]
-    first = [cell for cell in own if cell["dt"] == found[1] and cell["status"] in (WRONG, FAILED)]
+    longest, predicted = range_of(own), own[0]["predicted"]
+    first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]
     above = f"{first[0]['status']}: {shorten(first[0]['cause'])}" if first else ""
     return {
         "method": method,
         **values,
-        "longest step": describe_range(found),
+        "longest step": describe_range(longest),
         "does not fail up to": describe_range(range_of(own, (OK, WRONG))),
         "predicted limit": describe_limit(predicted),
-        "measured over predicted": describe_ratio(found, predicted),
+        "measured over predicted": describe_ratio(longest, predicted),
         "next step": above,
     }
 
@@ -225,6 +225,6 @@ def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Seq
         ranges = {method: range_of(_cells_of(method, values, cells)) for method in methods}
         words[describe_values(values)] = describe_best(ranges)
     if len(set(words.values())) == 1:
-        best = next(iter(words.values()))
-        return best if len(words) == 1 else f"at every value {best}"
-    return "\n".join(f"{name}: {best}" for name, best in words.items())
+        words_of_all = next(iter(words.values()))
+        return words_of_all if len(words) == 1 else f"at every value {words_of_all}"
+    return "\n".join(f"{name}: {words_of_all}" for name, words_of_all in words.items())

@@ -168,11 +168,11 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
 
 def _row(run: Run, row: Mapping) -> dict:
     """Return the row of a run: status "ok", "wrong", "failed", or as a stopped case has it."""
-    found = {"method": run.method, **run.values, "dt": run.dt, "steps": run.steps}
+    settings = {"method": run.method, **run.values, "dt": run.dt, "steps": run.steps}
     state, cause = row["status"], str(row["cause"]).partition("\n")[0]
     if state == OK and row["made"] > ENERGY:
         state, cause = WRONG, f"the method made {row['made']:.2g} of the energy that moved"
     elif state == OK and row["warning"]:
         state, cause = WRONG, row["warning"].partition("\n")[0]
     numbers = {"energy made": row.get("made"), "cpu_seconds": row.get("cpu_seconds")}
-    return found | {"status": state, "cause": cause} | numbers | {"predicted": run.predicted}
+    return settings | {"status": state, "cause": cause} | numbers | {"predicted": run.predicted}

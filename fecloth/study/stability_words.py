@@ -20,7 +20,7 @@ JUDGED = (OK, WRONG, FAILED)  # any other run, as one above the time limit, says
 Range = tuple[float, float]  # longest dt that holds, shortest longer one that does not [s]
 
 
-def range_of(cells: Iterable[Mapping[str, Any]], good: tuple[str, ...] = (OK,)) -> Range:
+def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
     """Return the longest dt at and below which all runs are good, and the next one, which is not.
 
     The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
@@ -38,13 +38,13 @@ def range_of(cells: Iterable[Mapping[str, Any]], good: tuple[str, ...] = (OK,)) 
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
         if cell["status"] not in JUDGED:
             continue
-        if cell["status"] not in good:
+        if cell["status"] not in held:
             return longest, cell["dt"]
         longest = cell["dt"]
     return longest, math.inf
 
 
-def describe_range(found: Range) -> str:
+def describe_range(longest: Range) -> str:
     """Return the words of a range of steps.
 
     Examples
@@ -54,7 +54,7 @@ def describe_range(found: Range) -> str:
     >>> describe_range((0.0008, 0.0016)), describe_range((0.0, math.inf))
     ('0.8–1.6 ms', 'not known')
     """
-    low, high = found
+    low, high = longest
     if low == 0.0:
         return "not known" if math.isinf(high) else f"< {in_seconds(high)}"
     if math.isinf(high):
@@ -63,7 +63,7 @@ def describe_range(found: Range) -> str:
     return f"{low * number / high:.3g}–{number:.3g} {unit}"
 
 
-def describe_ratio(found: Range, predicted: float | None) -> str:
+def describe_ratio(longest: Range, predicted: float | None) -> str:
     """Return the measured range over the predicted limit; "" without a limit above 0.
 
     Examples
@@ -73,7 +73,7 @@ def describe_ratio(found: Range, predicted: float | None) -> str:
     >>> describe_ratio((1e-3, math.inf), math.inf), describe_ratio((1e-3, math.inf), 2e-3)
     ('', '≥ 0.5')
     """
-    low, high = found
+    low, high = longest
     if not predicted or math.isinf(predicted) or (low == 0.0 and math.isinf(high)):
         return ""
     if low == 0.0:
@@ -114,16 +114,18 @@ def describe_best(ranges: Mapping[str, Range]) -> str:
     longest = max((low for low, _ in ranges.values()), default=0.0)
     if longest == 0.0:
         return "no method holds at a step that was tried"
-    best = {name: r for name, r in ranges.items() if r[0] > 0.0 and r[1] > longest * (1 + 1e-9)}
-    lows, highs = zip(*best.values(), strict=True)
-    if len(best) == 1:
-        (name,) = best
+    longest_ranges = {
+        name: r for name, r in ranges.items() if r[0] > 0.0 and r[1] > longest * (1 + 1e-9)
+    }
+    lows, highs = zip(*longest_ranges.values(), strict=True)
+    if len(longest_ranges) == 1:
+        (name,) = longest_ranges
         tried = ", the longest that was tried" if math.isinf(highs[0]) else ""
-        return f"{name} holds the longest step, {describe_range(best[name])}{tried}"
-    names = f"{', '.join(list(best)[:-1])} and {list(best)[-1]} tie"
+        return f"{name} holds the longest step, {describe_range(longest_ranges[name])}{tried}"
+    names = f"{', '.join(list(longest_ranges)[:-1])} and {list(longest_ranges)[-1]} tie"
     if min(lows) > longest * (1 - 1e-9) and len(set(highs)) == 1:
         tried = ", the longest step that was tried" if math.isinf(highs[0]) else ""
-        return f"{names} at {describe_range(next(iter(best.values())))}{tried}"
+        return f"{names} at {describe_range(next(iter(longest_ranges.values())))}{tried}"
     upper = "" if math.isinf(max(highs)) else f" and {in_seconds(max(highs))}"
     where = f"between {in_seconds(min(lows))}{upper}" if upper else f"above {in_seconds(min(lows))}"
     return f"{names}: their ranges overlap {where}"
@@ -180,42 +182,42 @@ LIMIT: dict[str, Any] = {"color": "black", "lw": 2}
 COLUMNS = 4
 
 
-def draw_map(found: Any) -> Figure:
+def draw_map(stability: Any) -> Figure:
     """Draw the runs of a `StabilityMap`; the line is the predicted limit of explicit methods."""
-    methods = found.methods[:MOST_PANELS]
+    methods = stability.methods[:MOST_PANELS]
     columns = min(COLUMNS, len(methods))
     rows = math.ceil(len(methods) / columns)
     drawing, axes = new_figure(rows, columns, (max(2.9 * columns, 6.0), 3.1 * rows + 1.1))
     panels = np.atleast_1d(axes).ravel()
-    places = _places(found)
-    steps = [cell["dt"] for cell in found.cells]
+    places = _places(stability)
+    steps = [cell["dt"] for cell in stability.cells]
     for i, (ax, method) in enumerate(zip(panels, methods, strict=False)):
-        own = [cell for cell in found.cells if cell["method"] == method]
-        _draw_runs(ax, own, [_place(cell, found.keys, places) for cell in own])
+        own = [cell for cell in stability.cells if cell["method"] == method]
+        _draw_runs(ax, own, [_place(cell, stability.keys, places) for cell in own])
         ax.set_title(method.replace("_", " "), fontsize=11)
         ax.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
-        _set_places(ax, found.keys, places, labelled=i + columns >= len(methods))
+        _set_places(ax, stability.keys, places, labelled=i + columns >= len(methods))
         if i % columns:
             ax.set_yticklabels([])
     for ax in panels[len(methods) :]:
         ax.set_axis_off()
     drawing.supylabel("time step [s]")
-    if found.keys:
-        drawing.supxlabel(", ".join(found.keys))
-    _draw_legend(drawing, [cell for cell in found.cells if cell["method"] in methods])
+    if stability.keys:
+        drawing.supxlabel(", ".join(stability.keys))
+    _draw_legend(drawing, [cell for cell in stability.cells if cell["method"] in methods])
     return drawing
 
 
-def _places(found: Any) -> list:
+def _places(stability: Any) -> list:
     """Return the values of the only key if they are numbers above 0, else the combinations."""
     values: list = []
-    for cell in found.cells:
-        one = tuple(cell[key] for key in found.keys)
-        values += [] if one in values else [one]
-    numbers = len(found.keys) == 1 and all(
-        isinstance(one, int | float) and one > 0 for (one,) in values
+    for cell in stability.cells:
+        value = tuple(cell[key] for key in stability.keys)
+        values += [] if value in values else [value]
+    numbers = len(stability.keys) == 1 and all(
+        isinstance(value, int | float) and value > 0 for (value,) in values
     )
-    return sorted(one for (one,) in values) if numbers else values
+    return sorted(value for (value,) in values) if numbers else values
 
 
 def _place(cell: Mapping, keys: Sequence[str], places: list) -> float:
@@ -252,7 +254,7 @@ def _set_places(ax, keys: Sequence[str], places: list, labelled: bool) -> None:
         if not labelled:
             ax.set_xticklabels([])
         return
-    names = [", ".join(str(one) for one in values) for values in places]
+    names = [", ".join(str(value) for value in values) for values in places]
     turned = {"rotation": 30, "ha": "right"} if max(map(len, names), default=0) > 6 else {}
     ax.set_xticks(range(len(places)), names if labelled and keys else [""] * len(places), **turned)
     ax.set_xlim(-0.6, len(places) - 0.4)

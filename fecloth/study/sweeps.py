@@ -63,10 +63,10 @@ class Sweep(StudyResult):
         panels = axes if len(self.quantities) > 1 else [axes]
         for ax, name, unit in zip(panels, self.quantities, self.units, strict=True):
             for i, (group, rows) in enumerate(groups.items()):
-                good = [(row[first], row[name]) for row in rows if row.get(name) is not None]
+                points = [(row[first], row[name]) for row in rows if row.get(name) is not None]
                 words = ", ".join(f"{k} {v}" for k, v in zip(others, group, strict=True))
                 ax.plot(
-                    *zip(*good, strict=True) if good else ((), ()), label=words, **line_style(i)
+                    *zip(*points, strict=True) if points else ((), ()), label=words, **line_style(i)
                 )
                 mark_failures(ax, rows, first, str(line_style(i)["color"]))
             ax.set(xlabel=first, ylabel=f"{name} [{unit}]" if unit else name)

@@ -176,17 +176,17 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
     weights = (np.ones(len(h)), len(h) / h / np.sum(1 / h))
     free = [_fit_order(h, values, w) for w in weights]
     reasonable = [fit for fit in free if is_reasonable(fit.order, theory)]
-    best = min(reasonable or free, key=lambda fit: fit.deviation)
+    closest = min(reasonable or free, key=lambda fit: fit.deviation)
     spread, behaviour = float(np.ptp(values)) / (len(h) - 1), _behaviour(values)
     if reasonable:
-        fit, uncertainty = best, _uncertainty(best, values[0], spread, SAFE)
+        fit, uncertainty = closest, _uncertainty(closest, values[0], spread, SAFE)
     else:
-        powers = _powers(best.order, theory)
+        powers = _powers(closest.order, theory)
         fits = [_fit_powers(h, values, w, p) for w in weights for p in powers]
         fit = min(fits, key=lambda fit: fit.deviation)
         uncertainty = _uncertainty(fit, values[0], spread, UNSAFE)
-        if best.order > theory:
-            fit, uncertainty = _take_smaller(fit, uncertainty, best, h, values, theory)
+        if closest.order > theory:
+            fit, uncertainty = _take_smaller(fit, uncertainty, closest, h, values, theory)
     limit = fit.limit
     if behaviour != "monotone":
         uncertainty, limit = max(uncertainty, UNSAFE * np.ptp(values[:3])), float(values[0])
@@ -194,10 +194,10 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
         value=float(values[0]),
         limit=limit,
         uncertainty=float(uncertainty),
-        order=best.order if behaviour == "monotone" else math.nan,
+        order=closest.order if behaviour == "monotone" else math.nan,
         theory=theory,
         behaviour=behaviour,
-        scatter=best.deviation,
+        scatter=closest.deviation,
         data_range=spread,
         procedure="least squares",
     )
@@ -244,10 +244,10 @@ def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
         return _fit_powers(h, values, weights, (p,)).deviation
 
     grid = np.geomspace(*SEARCHED, 60)
-    best = int(np.argmin([deviation(p) for p in grid]))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = minimize_scalar(deviation, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    return _fit_powers(h, values, weights, (float(found.x),))
+    least = int(np.argmin([deviation(p) for p in grid]))
+    bounds = grid[max(least - 1, 0)], grid[min(least + 1, len(grid) - 1)]
+    minimum = minimize_scalar(deviation, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+    return _fit_powers(h, values, weights, (float(minimum.x),))
 
 
 def _fit_powers(

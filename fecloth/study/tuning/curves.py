@@ -74,8 +74,10 @@ def clear_orders(
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
         at = np.flatnonzero(is_clear)
         if len(at) > 1:
-            first, last = at[0], at[-1]
-            orders[k] = math.log(errors[first, k] / errors[last, k]) / math.log(x[last] / x[first])
+            coarsest, finest = at[0], at[-1]
+            orders[k] = math.log(errors[coarsest, k] / errors[finest, k]) / math.log(
+                x[finest] / x[coarsest]
+            )
     return np.clip(orders, LOWEST, theory)
 
 
@@ -103,10 +105,10 @@ def grouped(
     runs: Sequence[Run], group: Callable[[Run], Hashable], size: Callable[[Run], float]
 ) -> list[list[Run]]:
     """Return the runs of each group, coarse to fine."""
-    found: dict[Hashable, list[Run]] = {}
-    for one in sorted(runs, key=size):
-        found.setdefault(group(one), []).append(one)
-    return list(found.values())
+    groups: dict[Hashable, list[Run]] = {}
+    for run in sorted(runs, key=size):
+        groups.setdefault(group(run), []).append(run)
+    return list(groups.values())
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:

@@ -68,7 +68,7 @@ class Prediction:
     # have shorter waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
 
-    def best(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
+    def in_order(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
         """Return the best candidate of each mesh and rule, the best of all first.
 
         `is_allowed` and `rank` take arrays of errors and seconds. Of candidates whose ranks differ
@@ -159,15 +159,17 @@ class Prediction:
 
 def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return sizes from below to above the measured ones, in equal ratios."""
-    first, last = low * measured[0], high * measured[-1]
-    return np.geomspace(first, last, math.ceil(math.log(last / first) / math.log(FINE)) + 1)
+    coarsest, finest = low * measured[0], high * measured[-1]
+    return np.geomspace(
+        coarsest, finest, math.ceil(math.log(finest / coarsest) / math.log(FINE)) + 1
+    )
 
 
 def cheapest(prediction: Prediction, tolerance: float) -> list[Candidate]:
     """Return the candidates that should meet a tolerance, the cheapest first."""
-    return prediction.best(lambda error, _: error <= tolerance, lambda _, seconds: seconds)
+    return prediction.in_order(lambda error, _: error <= tolerance, lambda _, seconds: seconds)
 
 
 def most_accurate(prediction: Prediction, budget: float) -> list[Candidate]:
     """Return the candidates that should take at most `budget` [s], the most accurate first."""
-    return prediction.best(lambda _, seconds: seconds <= budget, lambda error, _: error)
+    return prediction.in_order(lambda _, seconds: seconds <= budget, lambda error, _: error)

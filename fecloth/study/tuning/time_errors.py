@@ -95,8 +95,8 @@ def measure_methods(
         trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)
         return _single(trials[0])
-    explicit = [one for one in methods if one in EXPLICIT]
-    implicit = [one for one in methods if one not in EXPLICIT and one != "auto"]
+    explicit = [name for name in methods if name in EXPLICIT]
+    implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
     trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
     steps = [trial.steps for trial in trials if trial.is_ok]
     trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
@@ -126,9 +126,9 @@ def _require(trials: Sequence[Trial]) -> None:
 def _single(trial: Trial) -> TimeErrors:
     """Return the one rule of an equilibrium, or of a function that chooses its steps."""
     nothing = np.full(len(trial.records), NONE)
-    one = np.array([1.0])
-    errors = Curve(one, nothing[None], 0.0, 0.0)
-    rule = Rule("", "static", errors, Curve(one, np.array([[trial.seconds]]), 0.0, 0.0), (trial,))
+    ones = np.array([1.0])
+    errors = Curve(ones, nothing[None], 0.0, 0.0)
+    rule = Rule("", "static", errors, Curve(ones, np.array([[trial.seconds]]), 0.0, 0.0), (trial,))
     return TimeErrors((rule,), trial, nothing, (trial,))
 
 
@@ -137,7 +137,7 @@ def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: flo
 
     It is left out if it takes more than `most` steps.
     """
-    found: list[Trial] = []
+    trials: list[Trial] = []
     for method in methods[:1]:
         choice = replace(mesh, method=method)
         try:
@@ -147,27 +147,27 @@ def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: flo
             continue
         if steps > min(most, LONG):
             continue
-        found += bench.run([choice])
-        if found[-1].is_ok and found[-1].seconds < SHORT:
-            found += bench.run([replace(choice, steps=2 * found[-1].steps)])
-    return found
+        trials += bench.run([choice])
+        if trials[-1].is_ok and trials[-1].seconds < SHORT:
+            trials += bench.run([replace(choice, steps=2 * trials[-1].steps)])
+    return trials
 
 
 def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: float) -> list[Trial]:
     """Double the steps of a method until its error in time is known and about the tolerance."""
-    found: list[Trial] = []
+    trials: list[Trial] = []
     steps = first_steps(bench.opened)
-    while steps <= MOST and spent(found) < limit:
-        found += bench.run([replace(mesh, method=method, steps=steps)])
-        good = [one for one in found if one.is_ok]
-        if len(good) > 2:
-            changes = [bench.distance(good[-1], one) for one in good[-3:-1]]
+    while steps <= MOST and spent(trials) < limit:
+        trials += bench.run([replace(mesh, method=method, steps=steps)])
+        finished = [trial for trial in trials if trial.is_ok]
+        if len(finished) > 2:
+            changes = [bench.distance(finished[-1], trial) for trial in finished[-3:-1]]
             error, ratio = changes[1].max() / 3, changes[0].max() / changes[1].max()
             is_regular = 1 + REGULAR[0] < ratio < 1 + REGULAR[1]
             if error < tolerance or (is_regular and error < NEAR * tolerance):
                 break
         steps *= 2
-    return found
+    return trials
 
 
 def first_steps(opened: Problem) -> int:
@@ -190,30 +190,30 @@ def _other_methods(
     ladder = [run for run in known if run.choice.method in implicit and run.is_ok]
     if not ladder:
         return []
-    first, best = ladder[0].choice.steps or 1, ladder[-1]
-    most = best.choice.steps or 1
-    found: list[Trial] = []
+    first, finest = ladder[0].choice.steps or 1, ladder[-1]
+    most = finest.choice.steps or 1
+    trials: list[Trial] = []
     for method in implicit:
         steps = first // 2 if method == implicit[0] else most if order_of(method) > 1 else 2 * most
         choice = replace(mesh, method=method, steps=steps)
-        found += _fewer_steps(bench, choice, best, tolerance, limit - spent([*known, *found]))
-    if CONTROLLED in implicit and spent([*known, *found]) < limit:
-        found += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES])
-    return found
+        trials += _fewer_steps(bench, choice, finest, tolerance, limit - spent([*known, *trials]))
+    if CONTROLLED in implicit and spent([*known, *trials]) < limit:
+        trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES])
+    return trials
 
 
 def _fewer_steps(
-    bench: Bench, choice: Choice, best: Trial, tolerance: float, limit: float
+    bench: Bench, choice: Choice, finest: Trial, tolerance: float, limit: float
 ) -> list[Trial]:
     """Halve the steps until the error is far above the tolerance: fewer ones are not predicted."""
-    found: list[Trial] = []
+    trials: list[Trial] = []
     steps = choice.steps or 0
-    while steps >= LEAST_STEPS and spent(found) < limit:
-        found += bench.run([replace(choice, steps=steps)])
-        if not found[-1].is_ok or bench.distance(best, found[-1]).max() > FAR * tolerance:
+    while steps >= LEAST_STEPS and spent(trials) < limit:
+        trials += bench.run([replace(choice, steps=steps)])
+        if not trials[-1].is_ok or bench.distance(finest, trials[-1]).max() > FAR * tolerance:
             break
         steps //= 2
-    return found
+    return trials
 
 
 def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
@@ -222,7 +222,7 @@ def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
     The best run is the finest one of its rule whose own error is least.
     """
     able = [trial for trial in trials if trial.is_ok]
-    listed = grouped(able, lambda one: key_of(one.choice), lambda one: size_of(one.choice))
+    listed = grouped(able, lambda trial: key_of(trial.choice), lambda trial: size_of(trial.choice))
     finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]
     reference, error = min(finest, key=lambda pair: pair[1].max())
     rules = []
