@@ -78,6 +78,11 @@ class Equation(Protocol):
         """Whether a direction may be the iterate of a solve that met negative curvature."""
         ...
 
+    @property
+    def explores(self) -> bool:
+        """Whether whole steps are tried where a search shortens them; see `_Work.explore`."""
+        ...
+
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which the terms allow y + α step; see `largest_step`."""
         ...

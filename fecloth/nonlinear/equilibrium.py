@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import has_limits, largest_step
+from fecloth.nonlinear.error_left import PLACE, ErrorInPlace
 from fecloth.nonlinear.iteration import Progress, iterate
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
@@ -54,6 +55,7 @@ class Equilibrium(State):
     reason: str
     space_error: float = math.nan
     space_error_reason: str = ""
+    solver_error: float = math.nan
 
     def __repr__(self) -> str:
         return f"<Equilibrium of {len(self.x)} nodes at t = {self.t:g} s: {self.reason}>"
@@ -75,7 +77,7 @@ def equilibrium(
     state: State,
     *,
     load_steps: int = 1,
-    tolerance: float = 1e-9,
+    tolerance: float | Literal["auto"] = "auto",
     max_iterations: int = 200,
     solver: str = "direct",
     report: Callable[[Iteration], None] = lambda iteration: None,
@@ -151,18 +153,16 @@ def equilibrium(
     history = system.start_history(start)
     if load_steps == 1:
         over = over_increment(system, start.t, start.x, 1.0, history)
-        x, counts = solve_static(StaticEquation(over, start), start.x, context, report)
+        solved = solve_static(StaticEquation(over, start), start.x, context, report)
     else:
-        increase = increase_loads(
+        solved = increase_loads(
             system, start, context, 1 / load_steps, history=history, report=report
-        )
-        x, counts = increase.x, increase.counts
-    met = f"its residual, {counts.residual:.1e} of the forces, is below the tolerance {tolerance:g}"
-    reason = met if counts.residual else "no force exceeds its round-off"
-    work = counts.newton, counts.factorisations
+        ).solved
+    x, counts = solved.x, solved.counts
+    work = counts.newton, counts.factorisations, solved.reason(tolerance)
     error = space_error(system, State(start.t, x, np.zeros_like(x)))
     space = error.relative, error.reason
-    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, reason, *space)
+    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, *space, solved.error)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
@@ -171,8 +171,8 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"
     )
-    if not (is_number(tolerance) and 1e-13 <= tolerance < 1):
-        allowed = "must lie in [1e-13, 1)"
+    if tolerance != "auto" and not (is_number(tolerance) and 1e-13 <= tolerance < 1):
+        allowed = 'must lie in [1e-13, 1), or be "auto"'
         raise InputError(f"tolerance = {tolerance!r}", allowed, "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
         if not (isinstance(value, int) and value >= 1):
@@ -183,7 +183,7 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
 
 
 def static_context(
-    system: System, tolerance: float, max_iterations: int, solver: str
+    system: System, tolerance: float | Literal["auto"], max_iterations: int, solver: str
 ) -> SolverContext:
     """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
     for name, term in zip(system.names, system.bound, strict=True):
@@ -195,13 +195,37 @@ def static_context(
     return SolverContext(linear, matrix, options)
 
 
+class Solved(NamedTuple):
+    """Positions (n, 3) [m] in equilibrium, and how they were found."""
+
+    x: np.ndarray
+    counts: Counts
+    error: float = math.nan  # left in x [m]; NaN where it is not estimated
+    moved: float = math.nan  # the largest displacement [m] since the start
+
+    def reason(self, tolerance: float | str) -> str:
+        """A sentence: why the iteration ended."""
+        residual = self.counts.residual
+        if not residual:
+            return "no force exceeds its round-off"
+        if tolerance != "auto":
+            return f"its residual, {residual:.1e} of the forces, is below the tolerance {tolerance:g}"
+        if math.isnan(self.error):
+            return (
+                f"its residual, {residual:.1e} of the forces, is small; the error of its positions "
+                "is not known, as the tangent is not definite there"
+            )
+        error = f"about {self.error:.1e} m, {self.error / self.moved:.1e} of the largest displacement"
+        if self.error <= PLACE * self.moved:
+            return f"the error left in its positions is {error}"
+        return f"round-off of the forces leaves an error of {error}"
+
+
 class Increase(NamedTuple):
     """What `increase_loads` found."""
 
-    # Positions, and ∂x/∂(factor on the loads) (n, 3) [m].
-    x: np.ndarray
-    rate: np.ndarray | float
-    counts: Counts  # of all increments
+    solved: Solved  # the last one, with the counts of all increments
+    rate: np.ndarray | float  # ∂x/∂(factor on the loads) (n, 3) [m]
     # The system over the last increment, and what its terms remember after that.
     over: System
     history: History | None
@@ -233,7 +257,7 @@ def increase_loads(
         guess = _towards(system, x, (load - reached) * rate, start.t)
         over = over_increment(system, start.t, x, load - reached, history)
         try:
-            new, counts = solve_static(StaticEquation(over, start, load), guess, context, report)
+            solved = solve_static(StaticEquation(over, start, load), guess, context, report)
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
@@ -242,12 +266,12 @@ def increase_loads(
                 args = failure.residual, reached_state, failure.remedy, reached
                 raise EquilibriumFailed(reason, *args) from failure
             continue
-        rate = (new - x) / (load - reached)
-        x, reached, total = new, load, total.plus(counts)
+        rate = (solved.x - x) / (load - reached)
+        x, reached, total = solved.x, load, total.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
-        if counts.newton <= QUICK:
+        if solved.counts.newton <= QUICK:
             increment = min(2 * increment, largest)
-    return Increase(x, rate, total, over, history)
+    return Increase(solved._replace(counts=total), rate, over, history)
 
 
 def over_increment(
@@ -270,8 +294,8 @@ def solve_static(
     x: np.ndarray,
     context: SolverContext,
     report: Callable[[Iteration], None] = lambda iteration: None,
-) -> tuple[np.ndarray, Counts]:
-    """Return x in equilibrium with the loads of the equation, and the counts."""
+) -> Solved:
+    """Return x in equilibrium with the loads of the equation, the counts and the error left."""
 
     def tell(progress: Progress):
         point, shift = progress.point, progress.remedy.shift
@@ -279,7 +303,10 @@ def solve_static(
         report(Iteration(progress.number, relative, shift, progress.length, equation.load))
         _check_travel(equation, point, relative)
 
-    x, counts = iterate(equation, context, x, report=tell)
+    left = ErrorInPlace(start=equation.start.x) if context.options.tolerance == "auto" else None
+    x, counts = iterate(equation, context, x, report=tell, left=left)
+    if left:
+        return Solved(x, replace(counts, estimated=0, limited=0), left.left, left.moved)
     if counts.residual > context.options.residual:  # it is round-off
         reason = "the round-off of the forces is above the tolerance"
         remedy = (
@@ -287,7 +314,7 @@ def solve_static(
             "stiff and small, such as slivers among the triangles that no pin holds."
         )
         raise EquilibriumFailed(reason, counts.residual, equation.at(x), remedy)
-    return x, counts
+    return Solved(x, counts)
 
 
 def _check_travel(equation: StaticEquation, point: Point, residual: float) -> None:

@@ -1,9 +1,10 @@
-"""The error that Newton's iteration has left in a step, against the error in time of the step."""
+"""The error that Newton's iteration has left: in a step against the error in time, in an
+equilibrium against the displacement."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from fecloth.system.system import System
 
 ALLOWED = 0.1  # of a step's error in time: the error that Newton's iteration may leave
 SHARE = 0.5 * ALLOWED  # of the estimate, which may be too small by a factor of two
+PLACE = 1e-6  # of the largest displacement: the error that an equilibrium may have by default
+SHRINKS = 0.5  # of the correction before: one that is longer shows no convergence
 
 
 @dataclass(frozen=True)
@@ -67,3 +70,73 @@ class ErrorLeft:
     def is_small(self) -> bool:
         """Whether the error left is small against the error in time."""
         return self.in_time > 0.0 and self.error <= SHARE * self.in_time
+
+    def move(self, x: np.ndarray) -> None:
+        """Record positions (n, 3) [m], where they count."""
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether a small residual is not enough: the next correction may still count."""
+        return False
+
+    @property
+    def stands(self) -> bool:
+        """Whether the corrections no longer shrink, as at round-off."""
+        return False
+
+
+@dataclass
+class ErrorInPlace(ErrorLeft):
+    """The error that is left in the positions of an equilibrium, against the largest displacement.
+
+    A length is here the largest of all nodes. The iteration ends where the error left is below
+    1e-6 of the largest displacement since the start, or where the corrections no longer shrink and
+    the residual is round-off: `length` is then what round-off leaves.
+    """
+
+    start: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) positions [m]
+    moved: float = 0.0  # the largest displacement since then [m]
+    before: float = math.inf  # length of the correction before the last one [m]
+    whole: bool = True  # whether the last step was Newton's step as it is
+
+    def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:
+        """Record a correction (n, 3); the error is known after two that shrank in a row.
+
+        One alone may be short by chance where a stiff sheet turns.
+        """
+        shrank = self.whole and self.length < SHRINKS * self.before
+        self.before, self.whole = self.length or math.inf, whole
+        super().correct(system, correction, whole)
+        if not shrank:
+            self.error = math.inf
+
+    def measure(self, system: System, correction: np.ndarray) -> float:
+        return _longest(correction)
+
+    def move(self, x: np.ndarray) -> None:
+        """Record positions (n, 3) [m]."""
+        self.moved = _longest(x - self.start)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the error left is small against the largest displacement."""
+        return self.error <= PLACE * self.moved
+
+    @property
+    def is_needed(self) -> bool:
+        return self.whole and not self.stands
+
+    @property
+    def stands(self) -> bool:
+        return self.whole and self.length > SHRINKS * self.before
+
+    @property
+    def left(self) -> float:
+        """The error [m] at the end; what round-off leaves where that is more; NaN if not known."""
+        if self.stands:
+            return max(self.length, self.before)
+        return self.error if math.isfinite(self.error) else math.nan
+
+
+def _longest(way: np.ndarray) -> float:
+    return float(np.sqrt(np.einsum("ni,ni->n", way, way).max()))

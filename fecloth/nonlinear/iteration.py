@@ -24,6 +24,7 @@ NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no n
 LONGER = 2.0  # times the last way: the longest of a solve cut short, after a step of full length
 ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact one, with contact
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
+EXPLORED = 12  # whole steps within which the potential must fall below that of a search
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -71,9 +72,9 @@ def iterate(
     least_norm, remedies = point.norm, work.remedies
     ask, length = least == 0, 1.0  # whether to compare with round-off; α of the last step
     for number in range(most + 1):
-        if (number >= least or point.norm == 0) and point.norm <= work.goal(point):
+        if number >= least and point.norm <= work.goal(point) and not work.left.is_needed:
             return point.y, work.counts(number, point)
-        if work.left.is_small:
+        if work.left.is_small or point.norm == 0:
             return point.y, work.counts(number, point)
         if ask and point.norm <= (floor := ROUND_OFF * equation.round_off(point.y)):
             return point.y, work.counts(number, point, floor)
@@ -83,6 +84,7 @@ def iterate(
         work.correct(before, point, length)
         least_norm = min(least_norm, point.norm)
         ask = work.stands(before, point) or length == 0.0 or number + 1 == most
+        ask = ask or work.left.stands
         if length > 0.0:
             report(Progress(number + 1, point, remedies.order[remedies.last], length))
     reason = work.reason if length == 0.0 else f"Newton did not converge in {most} iterations"
@@ -134,6 +136,7 @@ class _Work:
         self.left = left or ErrorLeft()
         self.remedies = RemedySearch(equation.remedies)
         self.moves = False  # whether the last iteration moved the cloth
+        self.explored = self.pause = self.waited = 0  # see `explore`
         self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
 
@@ -157,6 +160,7 @@ class _Work:
         way = self.equation.wx * float(abs(point.y - before.y).max())
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
         self.left.correct(self.system, point.y - before.y, whole)
+        self.left.move(point.y)
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
@@ -174,7 +178,7 @@ class _Work:
             estimated=int(by_estimate),
             newton_error=left.error if by_estimate else 0.0,
             step_error=left.in_time if by_estimate else 0.0,
-            newton=iterations,
+            newton=iterations + self.explored,
             linear=self.linear,
             modified=self.modified,
             residual=self.relative(point) if point.scale > floor else 0.0,
@@ -204,7 +208,7 @@ class _Work:
                 continue
             if improved := self.search(point, step, least_norm):
                 remedies.take(number)
-                return improved
+                return self.explore(point, step, improved) if number == 0 else improved
             self.reason = "no step along Newton's direction is an improvement"
         return point, 0.0
 
@@ -222,6 +226,37 @@ class _Work:
             longest,
             TINY * self.extent / way,
         )
+
+    def explore(self, point: Point, step: np.ndarray, searched: tuple[Point, float]):
+        """Return the end of a few whole Newton steps where that is lower than `searched`.
+
+        A sheet that is stiff in its plane stretches where a step turns it, so that a line search
+        allows only short steps. The next steps take this stretch back (the watchdog technique of
+        Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
+        alone goes on for 1, 2, 4, … iterations.
+        """
+        potential, alpha = self.equation.potential, searched[1]
+        if alpha >= 1.0 or not potential or not self.equation.explores:
+            return searched
+        if self.pause > 0:
+            self.pause -= 1
+            return searched
+        goal, (first, *_) = potential(searched[0].y), self.remedies.order
+        for _ in range(EXPLORED):
+            way = self.equation.wx * float(abs(step).max())
+            point = self.at(point.y + min(1.0, self.equation.longest / way) * step, point.scale)
+            if not np.isfinite(point.norm):
+                break
+            if potential(point.y) <= goal:
+                self.waited = 0
+                return point, 1.0
+            try:
+                step = self.direction(point, first)
+            except SolveFailed:
+                break
+            self.explored += 1
+        self.pause = self.waited = 2 * self.waited or 1
+        return searched
 
     def advance_with_old_factor(self, point: Point, remedy: Remedy) -> Point | None:
         """Return the point after a whole step with an earlier factor; None if R does not fall."""

@@ -48,6 +48,7 @@ class StageEquation:
     definiteness: str
 
     longest = float("inf")
+    explores = False
 
     @property
     def wx(self) -> float:

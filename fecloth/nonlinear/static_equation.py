@@ -49,6 +49,7 @@ class StaticEquation:
 
     wx = 1.0
     takes_short_solves = False
+    explores = True
 
     @cached_property
     def longest(self) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class LoadSteps:
     """
 
     load_steps: int = 1
-    tolerance: float = 1e-9
+    tolerance: float | Literal["auto"] = "auto"
     max_iterations: int = 200
 
     traits: ClassVar[MethodTraits] = MethodTraits(
@@ -119,18 +119,19 @@ class LoadSteps:
         try:
             if self.load_steps == 1:
                 over, rate = over_increment(system, TERMS_TIME, start.x, horizon, history), still
-                x, counts = solve_static(StaticEquation(over, start, load), start.x, solver)
-                after = over.commit(State(TERMS_TIME, x, still), history)
+                solved = solve_static(StaticEquation(over, start, load), start.x, solver)
+                after = over.commit(State(TERMS_TIME, solved.x, still), history)
             else:
                 loads = state.t, load
-                x, rate, counts, over, after = increase_loads(
+                solved, rate, over, after = increase_loads(
                     system, start, solver, horizon, loads, rate, history
                 )
         except EquilibriumFailed as failure:
             reason = f"no equilibrium was found: {failure.reason}"
             raise NewtonFailed(reason, failure.residual, failure.remedy) from failure
-        new, over = State(load, x, still), over.with_bound(_scaled(over, load))
-        return Step(new, new, LoadRate(rate), counts, over=over, history=after, earlier=history)
+        new, over = State(load, solved.x, still), over.with_bound(_scaled(over, load))
+        counts, earlier = solved.counts, history
+        return Step(new, new, LoadRate(rate), counts, over=over, history=after, earlier=earlier)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
@@ -147,7 +148,7 @@ class LoadSteps:
 
     def __str__(self) -> str:
         steps = "1 load step" if self.load_steps == 1 else f"{self.load_steps} load steps"
-        return f"static equilibrium in {steps}, tolerance {self.tolerance:g}"
+        return f"static equilibrium in {steps}, tolerance {self.tolerance}"
 
 
 def _scaled(system: System, load: float) -> Iterator[Any]:
