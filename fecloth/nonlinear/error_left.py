@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from fecloth.system.system import System
 ALLOWED = 0.1  # of a step's error in time: the error that Newton's iteration may leave
 SHARE = 0.5 * ALLOWED  # of the estimate, which may be too small by a factor of two
 PLACE = 1e-6  # of the largest displacement: the error that an equilibrium may have by default
+FORCES = 1e-9  # of the forces: the residual with that error, unless round-off is more
 SHRINKS = 0.5  # of the correction before: one that is longer shows no convergence
 
 
@@ -45,6 +47,7 @@ class ErrorLeft:
     unit: float = 1.0  # dt wv
     in_time: float = 0.0  # the error in time of the step [m]; 0 where it is not known
     length: float = 0.0  # of the last correction [m]
+    goal: ClassVar[float | None] = None  # relative residual in place of the option's, or None
     # The error left [m]. It is infinite after fewer than two iterations, where the corrections
     # grow, after a shortened step, and where mass was added to the matrix: then the corrections are
     # short because they are held back.
@@ -71,8 +74,8 @@ class ErrorLeft:
         """Whether the error left is small against the error in time."""
         return self.in_time > 0.0 and self.error <= SHARE * self.in_time
 
-    def move(self, x: np.ndarray) -> None:
-        """Record positions (n, 3) [m], where they count."""
+    def move(self, x: np.ndarray, residual: float) -> None:
+        """Record positions (n, 3) [m] and the relative residual, where they count."""
 
     @property
     def is_needed(self) -> bool:
@@ -94,9 +97,11 @@ class ErrorInPlace(ErrorLeft):
     the residual is round-off: `length` is then what round-off leaves.
     """
 
+    goal: ClassVar[float] = FORCES
     start: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) positions [m]
     moved: float = 0.0  # the largest displacement since then [m]
     before: float = math.inf  # length of the correction before the last one [m]
+    residual: float = math.inf  # of the forces
     whole: bool = True  # whether the last step was Newton's step as it is
 
     def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:
@@ -113,14 +118,14 @@ class ErrorInPlace(ErrorLeft):
     def measure(self, system: System, correction: np.ndarray) -> float:
         return _longest(correction)
 
-    def move(self, x: np.ndarray) -> None:
-        """Record positions (n, 3) [m]."""
-        self.moved = _longest(x - self.start)
+    def move(self, x: np.ndarray, residual: float) -> None:
+        """Record positions (n, 3) [m] and the relative residual."""
+        self.moved, self.residual = _longest(x - self.start), residual
 
     @property
     def is_small(self) -> bool:
-        """Whether the error left is small against the largest displacement."""
-        return self.error <= PLACE * self.moved
+        """Whether the error left is small against the largest displacement, and the residual."""
+        return self.error <= PLACE * self.moved and self.residual <= FORCES
 
     @property
     def is_needed(self) -> bool:
@@ -135,7 +140,8 @@ class ErrorInPlace(ErrorLeft):
         """The error [m] at the end; what round-off leaves where that is more; NaN if not known."""
         if self.stands:
             return max(self.length, self.before)
-        return self.error if math.isfinite(self.error) else math.nan
+        rounded = float(np.finfo(float).eps) * _longest(self.start)
+        return max(self.error, rounded) if math.isfinite(self.error) else math.nan
 
 
 def _longest(way: np.ndarray) -> float:

@@ -136,7 +136,7 @@ class _Work:
         self.left = left or ErrorLeft()
         self.remedies = RemedySearch(equation.remedies)
         self.moves = False  # whether the last iteration moved the cloth
-        self.explored = self.pause = self.waited = 0  # see `explore`
+        self.pause = self.waited = 0  # iterations without `explore` after steps in vain
         self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
 
@@ -148,7 +148,7 @@ class _Work:
         return float(point.norm / point.scale) if point.scale else 0.0
 
     def goal(self, point: Point) -> float:
-        return self.context.options.residual * point.scale
+        return (self.left.goal or self.context.options.residual) * point.scale
 
     def correct(self, before: Point, point: Point, length: float) -> None:
         """Record an iteration for the estimate of the error left."""
@@ -160,7 +160,7 @@ class _Work:
         way = self.equation.wx * float(abs(point.y - before.y).max())
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
         self.left.correct(self.system, point.y - before.y, whole)
-        self.left.move(point.y)
+        self.left.move(point.y, self.relative(point))
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""
@@ -178,7 +178,7 @@ class _Work:
             estimated=int(by_estimate),
             newton_error=left.error if by_estimate else 0.0,
             step_error=left.in_time if by_estimate else 0.0,
-            newton=iterations + self.explored,
+            newton=iterations,
             linear=self.linear,
             modified=self.modified,
             residual=self.relative(point) if point.scale > floor else 0.0,
@@ -254,7 +254,6 @@ class _Work:
                 step = self.direction(point, first)
             except SolveFailed:
                 break
-            self.explored += 1
         self.pause = self.waited = 2 * self.waited or 1
         return searched
 

@@ -34,7 +34,7 @@ class Script:
         diagonal_mass=None,
         constraints=SimpleNamespace(project=lambda y: y),
     )
-    wx, longest, takes_short_solves = 1.0, np.inf, False
+    wx, longest, takes_short_solves, explores = 1.0, np.inf, False, False
     remedies = Remedies(REMEDIES["on_failure"], clamped=len(MULTIPLES))
     name, prepared, scale, noise, potential = "scripted", 0, 1.0, 0.0, None
 
@@ -310,7 +310,7 @@ def test_an_increment_grows_again_after_a_solution_in_eight_iterations(
         solved.append(equation.load)
         if len(solved) == 1:
             raise statics.EquilibriumFailed("no", 1.0, None, "")
-        return x, Counts(newton=newton)
+        return statics.Solved(x, Counts(newton=newton))
 
     monkeypatch.setattr(statics, "solve_static", solve)
     cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
