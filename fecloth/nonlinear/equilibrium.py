@@ -153,7 +153,8 @@ def equilibrium(
     history = system.start_history(start)
     if load_steps == 1:
         over = over_increment(system, start.t, start.x, 1.0, history)
-        solved = solve_static(StaticEquation(over, start), start.x, context, report)
+        equation = StaticEquation(over, start, t=start.t)
+        solved = solve_static(equation, start.x, context, report)
     else:
         solved = increase_loads(
             system, start, context, 1 / load_steps, history=history, report=report
@@ -209,13 +210,15 @@ class Solved(NamedTuple):
         if not residual:
             return "no force exceeds its round-off"
         if tolerance != "auto":
-            return f"its residual, {residual:.1e} of the forces, is below the tolerance {tolerance:g}"
+            met = f"is below the tolerance {tolerance:g}"
+            return f"its residual, {residual:.1e} of the forces, {met}"
         if math.isnan(self.error):
             return (
                 f"its residual, {residual:.1e} of the forces, is small; the error of its positions "
                 "is not known, as the tangent is not definite there"
             )
-        error = f"about {self.error:.1e} m, {self.error / self.moved:.1e} of the largest displacement"
+        part = f"{self.error / self.moved:.1e} of the largest displacement"
+        error = f"about {self.error:.1e} m, {part}"
         if self.error <= PLACE * self.moved:
             return f"the error left in its positions is {error}"
         return f"round-off of the forces leaves an error of {error}"
@@ -254,10 +257,12 @@ def increase_loads(
     while reached < end:
         to = reached + increment
         load = to if to < end - 1e-9 else end
-        guess = _towards(system, x, (load - reached) * rate, start.t)
-        over = over_increment(system, start.t, x, load - reached, history)
+        over = over_increment(system, reached, x, load - reached, history)
+        equation = StaticEquation(over, start, load, load)
+        moved, _ = system.constraints.target(reached, load - reached, x)
+        guess = _towards(system, moved, (load - reached) * rate, load)
         try:
-            solved = solve_static(StaticEquation(over, start, load), guess, context, report)
+            solved = solve_static(equation, guess, context, report)
         except EquilibriumFailed as failure:
             increment /= 2
             if increment < SMALLEST * largest:
@@ -282,10 +287,10 @@ def over_increment(
 
 
 def _towards(system: System, x: np.ndarray, way: np.ndarray | float, t: float) -> np.ndarray:
-    """x (n, 3) plus the way, or as much of it as contact allows."""
+    """x (n, 3) plus the way of free directions, or as much of it as contact allows."""
+    way = system.constraints.project(np.broadcast_to(way, x.shape).copy())
     if not has_limits(system):
         return x + way
-    way = np.broadcast_to(way, x.shape)
     return x + min(1.0, largest_step(system, x, way, t)) * way
 
 

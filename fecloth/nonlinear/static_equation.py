@@ -44,8 +44,9 @@ class StaticEquation:
     """R = −f at positions x, with the loads times `load`; J = K + σ M."""
 
     system: System
-    start: State  # the state from which the solution is sought; its v is 0
+    start: State  # the state from which the solution is sought; its v is 0, its t that of the loads
     load: float = 1.0
+    t: float = 0.0  # time of all terms that are no loads: where clamps and obstacles are
 
     wx = 1.0
     takes_short_solves = False
@@ -76,31 +77,30 @@ class StaticEquation:
 
     def energy(self, x: np.ndarray) -> float:
         """Energy [J] of the terms that have one."""
-        t = self.start.t
-        return sum(k * term.energy(x, t) for term, k in self.terms() if term.has_energy)
+        return sum(k * term.energy(x, t) for term, k, t in self.terms() if term.has_energy)
 
     def terms(self) -> Iterator[tuple]:
-        """Each term and its load factor."""
+        """Each term, its factor and its time."""
         for term in self.system.bound:
-            yield term, self.load if term.load else 1.0
+            yield (term, self.load, self.start.t) if term.load else (term, 1.0, self.t)
 
     def at(self, x: np.ndarray) -> State:
         """The state at rest at x."""
-        return State(self.start.t, x, np.zeros_like(x))
+        return State(self.t, x, np.zeros_like(x))
 
     def forces(self, state: State) -> tuple[np.ndarray, float]:
         """f of the free directions (n, 3), and Σ ‖f_term‖ of all directions, as the pins hold."""
         total, scale = np.zeros_like(state.x), 0.0
-        for term, factor in self.terms():
+        for term, factor, t in self.terms():
             f = np.zeros_like(state.x)
-            term.add_force(state.x, state.v, state.t, f)
+            term.add_force(state.x, state.v, t, f)
             total += factor * f
             scale += factor * self.system.force_size(f)
         return self.system.constraints.project(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which the terms allow x + α step."""
-        return largest_step(self.system, x, step, self.start.t)
+        return largest_step(self.system, x, step, self.t)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """−f, and the scale of the forces at x."""
@@ -116,8 +116,8 @@ class StaticEquation:
         """J = K + σ M."""
         still = np.zeros_like(x)
         self.system.assemble(J, self.at(x), wa=remedy.shift)
-        for term, factor in self.terms():
-            term.add_tangent(x, still, self.start.t, factor, 0.0, J, remedy.definite)
+        for term, factor, t in self.terms():
+            term.add_tangent(x, still, t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
 
     def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
@@ -126,7 +126,7 @@ class StaticEquation:
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """The dense parts of K."""
-        parts = [(k, term.dense(x, self.start.t)) for term, k in self.terms()]
+        parts = [(k, term.dense(x, t)) for term, k, t in self.terms()]
         dense = [(k, part) for k, part in parts if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
 

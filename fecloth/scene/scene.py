@@ -116,12 +116,7 @@ class Scene(Table):
 
     def _refuse_time(self) -> None:
         """Refuse the keys that have no meaning without time."""
-        static, remedy = "needs [time]: this scene has [equilibrium]", ""
-        for i, pin in enumerate(self.pins):
-            if pin.motion or pin.rotate:
-                remedy = "Pins hold their nodes where [start] has them; give their place there."
-                key = "motion" if pin.motion else "rotate"
-                raise InputError(f"pins.{i}.{key} is given", static, "", remedy)
+        static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
             raise InputError("start.velocity is given", static, "", "Leave it out.")
         for key, instead in (

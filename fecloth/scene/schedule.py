@@ -106,12 +106,14 @@ class EquilibriumTable(Table):
     """The equilibrium under the loads, which grow to their value in `load_steps` equal steps.
 
     Frames, tables and restart files are as for a run in time, with the part of the loads, from 0
-    to 1, as t. The last row and frame are the equilibrium; the first is the start. Whether it is
-    stable is reported: the least eigenvalue of K on the free directions.
+    to 1, as t; pins and obstacles that move are where their motion has them at that t. The last row
+    and frame are the equilibrium; the first is the start. Whether it is stable is reported: the
+    least eigenvalue of K on the free directions.
     """
 
-    tolerance: float = Field(1e-9, ge=1e-13, lt=1)
-    """On the sum of all forces, relative to them."""
+    tolerance: Annotated[float, Field(ge=1e-13, lt=1)] | Literal["auto"] = "auto"
+    """On the sum of all forces, relative to them. "auto": the error left in the positions is below
+    1e-6 of the largest displacement, or as small as round-off allows."""
     load_steps: int = Field(1, ge=1)
     """Equal steps in which the loads grow to their value."""
     max_iterations: int = Field(200, ge=1)

@@ -16,14 +16,9 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equilibrium import (
-    increase_loads,
-    over_increment,
-    solve_static,
-    static_context,
-)
+from fecloth.nonlinear.equilibrium import increase_loads, static_context
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
+from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.simulation.step_times import step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -117,15 +112,9 @@ class LoadSteps:
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon
         rate: Any = 0.0 if memory is None else memory.rate
         try:
-            if self.load_steps == 1:
-                over, rate = over_increment(system, TERMS_TIME, start.x, horizon, history), still
-                solved = solve_static(StaticEquation(over, start, load), start.x, solver)
-                after = over.commit(State(TERMS_TIME, solved.x, still), history)
-            else:
-                loads = state.t, load
-                solved, rate, over, after = increase_loads(
-                    system, start, solver, horizon, loads, rate, history
-                )
+            solved, rate, over, after = increase_loads(
+                system, start, solver, horizon, (state.t, load), rate, history
+            )
         except EquilibriumFailed as failure:
             reason = f"no equilibrium was found: {failure.reason}"
             raise NewtonFailed(reason, failure.residual, failure.remedy) from failure
@@ -136,14 +125,17 @@ class LoadSteps:
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
 
-        The energies and the work in the ledger are for the full loads. Of a step that was
-        halved, what terms with a history dissipated before the last part is in it.
+        The energies and the work in the ledger are for the full loads. The work of moved pins is
+        their force at the end times the way. Of a step that was halved, what terms with a history
+        dissipated before the last part is in it.
         """
         start, end = step.around(system)
         before, after = start.energies(old), end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
         for term in (step.over or system).bound:
             work -= term.dissipation(step.state.x)
+        held, at = system.constraints.held_part, system.constraints.nodes
+        work -= system.sums.dot(step.mean_force(system)[at], held(step.state.x - old.x))
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:

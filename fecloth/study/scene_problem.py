@@ -150,7 +150,8 @@ class SceneProblem(CommonProblem):
         if level.rtol != 1:
             values["time.rtol"] = self.rtol / level.rtol
         if level.sharper is not None and scene.equilibrium:
-            values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
+            if scene.equilibrium.tolerance != "auto":  # which is as exact as the answer needs
+                values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
         elif level.sharper is not None:  # "auto" may leave more than levels differ by
             values["solver.tolerance"] = scene.solver.make().residual / level.sharper
         return self.changed(Change(values=values)) if values else self
