@@ -47,6 +47,8 @@ class Equilibrium(State):
         A sentence: why the iteration ended.
     space_error, space_error_reason
         The estimated relative error in space, or NaN and why there is none: see `space_error`.
+    solver_error
+        The estimated error [m] that the iteration left in x; NaN where it is not estimated.
     """
 
     residual: float
@@ -93,8 +95,11 @@ def equilibrium(
     moves the cloth by about a tenth of its extent under its load. Of s, s/2, s/4, … the longest is
     taken that halves the residual, or reduces the potential sufficiently (their eq. 3.6a), or,
     where a force has no potential, at whose end the residual does not push back hard (after
-    Matthies and Strang 1979); it is doubled while the potential is concave along it. No node moves
-    by more than the extent of the cloth in one iteration.
+    Matthies and Strang 1979); it is doubled while the potential is concave along it. Where it is
+    shorter than s, up to twelve whole steps in a row are tried, and taken if the potential is then
+    lower (the watchdog technique, Chamberlain et al. 1982): a sheet that is stiff in its plane
+    stretches where a step turns it, and the next steps take that back. No node moves by more than
+    the extent of the cloth in one iteration.
 
     A compressed cloth has many equilibria, and which one is found depends on the start; a flat
     start without any load across stays flat. If the last `Iteration` had a shift, the tangent is
@@ -103,19 +108,25 @@ def equilibrium(
     Parameters
     ----------
     system, state
-        What is to be balanced and where to start; pins hold their nodes where `state` has them,
-        slides their held directions, and its velocity is not used.
+        What is to be balanced and where to start; its velocity is not used. With one load step
+        pins hold their nodes where `state` has them, slides their held directions.
     load_steps
         1: all loads at once. More: the forces of the loads, which are `Gravity`, `Pressure`,
         `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`,
         are multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
-        solutions leads. Where that fails the increment of λ is halved, down to 1/64 of the first;
-        after a solution in at most 8 iterations it doubles again, up to 1/n. For loads that turn
-        the cloth far: a strip under a follower pressure that turned it by 140° took 191 iterations
-        at once and 144 in ten steps, and one turned by 237° was found in steps only.
+        solutions leads. λ is also the time t at which motions of pins and obstacles are evaluated,
+        so that a specimen is drawn from t = 0 to 1. Where that fails the increment of λ is halved,
+        down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
+        1/n. For loads that turn the cloth far: a strip under a follower pressure that turned it by
+        140° took 191 iterations at once and 144 in ten steps, and one turned by 237° was found in
+        steps only.
     tolerance
-        On ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same positions; the
-        forces on what the pins hold are the reactions.
+        A number: on ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same
+        positions; the forces on what the pins hold are the reactions. "auto": the iteration ends
+        where the error left in the positions is below 1e-6 of the largest displacement since the
+        start and the residual below 1e-9, or where both are as small as round-off allows. The
+        error is estimated from the last two corrections, if Newton's steps were whole and shrank.
+        Where the tangent is not definite the residual alone decides.
     max_iterations
         Of each load step; beyond it the step has failed.
     solver
@@ -126,16 +137,17 @@ def equilibrium(
     Returns
     -------
     Equilibrium
-        A `State` at the same time, with v = 0, and the residual, iterations, factorisations and
-        reason.
+        A `State` at the same time, with v = 0, and the residual, iterations, factorisations,
+        reason, and the estimated `solver_error` [m] that is left in x.
 
     Raises
     ------
     EquilibriumFailed
         If the tolerance is not met: the cloth moves away as nothing holds it, the iteration ends
         before (the message says how many triangles are slack, the usual cause), or the round-off
-        of the forces is greater (the message says which tolerance can be met). Its `state` is the
-        best one. A cloth on which no force exceeds its round-off is in equilibrium.
+        of the forces is greater than a number that was given (the message says which tolerance can
+        be met). Its `state` is the best one. A cloth on which no force exceeds its round-off is in
+        equilibrium.
 
     Examples
     --------

@@ -109,7 +109,7 @@ class ErrorInPlace(ErrorLeft):
 
         One alone may be short by chance where a stiff sheet turns.
         """
-        shrank = self.whole and self.length < SHRINKS * self.before
+        shrank = self.whole and self.length < SHRINKS * self.before < math.inf
         self.before, self.whole = self.length or math.inf, whole
         super().correct(system, correction, whole)
         if not shrank:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.nonlinear.error_left import ErrorLeft
+from fecloth.nonlinear import iteration
+from fecloth.nonlinear.error_left import ErrorInPlace, ErrorLeft
 from fecloth.simulation.step_history import StepHistory
 
 SHARP = fc.Newton(tolerance=1e-11)
@@ -139,3 +140,79 @@ def test_a_run_says_how_large_the_error_of_newton_is(hanging):
     assert words.endswith("of 12 steps")
     fixed = fc.run(hanging, fc.BDF2(), hanging.rest(), 1 / 60, 0.2, newton=fc.Newton(1e-6))
     assert fixed.newton_error_in_words == ""
+
+
+# --- the error left in the positions of an equilibrium --------------------------------------------
+
+
+def in_place(system, lengths, whole=True, moved=1.0, residual=1e-10):
+    """The estimate after corrections of these lengths, each of one node."""
+    n = len(system.cloth.X)
+    left, shape = ErrorInPlace(start=np.zeros((n, 3))), np.zeros((n, 3))
+    shape[n // 2, 1] = 1.0
+    for length in lengths:
+        left.correct(system, length * shape, whole)
+        left.move(moved * shape, residual)
+    return left
+
+
+def test_the_error_in_place_is_known_after_two_corrections_that_shrink(hanging):
+    assert in_place(hanging, [1e-2, 1e-4]).error == np.inf
+    assert in_place(hanging, [1e-2, 1e-4, 1e-6]).error == pytest.approx(1e-8 / 0.99)
+    assert in_place(hanging, [1e-2, 2e-2, 1e-6]).error == np.inf  # short by chance
+    assert in_place(hanging, [1e-2, 1e-4, 1e-6], whole=False).error == np.inf
+
+
+@pytest.mark.parametrize(("part", "small"), [(0.8, True), (1.25, False)])
+def test_a_millionth_of_the_largest_displacement_may_be_left(hanging, part, small):
+    moved = 1e-8 / 0.99 / (part * 1e-6)
+    assert in_place(hanging, [1e-2, 1e-4, 1e-6], moved=moved).is_small is small
+
+
+@pytest.mark.parametrize(("residual", "small"), [(0.8e-9, True), (1.25e-9, False)])
+def test_the_residual_is_below_1e_9_too(hanging, residual, small):
+    assert in_place(hanging, [1e-2, 1e-4, 1e-6], residual=residual).is_small is small
+
+
+@pytest.mark.parametrize(("part", "stands"), [(0.8, False), (1.25, True)])
+def test_a_correction_longer_than_half_of_the_one_before_stands(hanging, part, stands):
+    left = in_place(hanging, [1e-4, part * 0.5e-4])
+    assert left.stands is stands
+    assert left.is_needed is not stands
+    if stands:
+        assert left.left == 1e-4
+
+
+def test_the_error_is_at_least_the_round_off_of_the_positions(hanging):
+    left = in_place(hanging, [1e-2, 1e-6, 1e-12])
+    assert left.left == left.error > 0.0
+    left.start = np.full_like(left.start, 1e6)
+    assert left.left == pytest.approx(np.sqrt(3) * 1e6 * 2**-52)
+
+
+def stiff_strip(bending=1e-4):
+    """A clamped strip that its weight turns by more than a right angle: Y L²/B = 2e6."""
+    cloth = fc.Cloth.rectangle(0.1, 0.025, h=0.0125, pattern="right")
+    fabric = fc.Fabric(0.2, 2e4, 0.3, bending_rigidity=bending)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    return fc.System(cloth, fabric, terms, pins=[fc.Pin("left", clamp=True)])
+
+
+def test_whole_steps_in_a_row_spare_most_iterations(monkeypatch):
+    system = stiff_strip()
+    short = fc.equilibrium(system, system.rest())
+    monkeypatch.setattr(iteration, "EXPLORED", 0)
+    long = fc.equilibrium(system, system.rest())
+    assert short.iterations < 0.3 * long.iterations
+    assert short.factorisations < 0.6 * long.factorisations
+    np.testing.assert_allclose(short.x, long.x, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("bending", [1e-4, 1e-6])
+def test_the_default_is_a_hundred_thousandth_from_a_sharper_solution(bending):
+    system = stiff_strip(bending)
+    end = fc.equilibrium(system, system.rest())
+    again = fc.equilibrium(system, system.state(end.x))
+    moved = abs(end.x - system.rest().x).max()
+    assert abs(again.x - end.x).max() < 1e-5 * moved
+    assert end.solver_error < 1e-6 * moved
