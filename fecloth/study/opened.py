@@ -123,6 +123,7 @@ def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:
     if not isinstance(problem, Opened):
         return Opened.of(problem, **shared)
     if shared:
-        remedy = "Write fc.study.of(problem, …) with it."
-        raise InputError(f"{next(iter(shared))} = …", "is an argument of of", "study", remedy)
+        name = next(iter(shared))
+        remedy = f"What all studies share, and your function takes: fc.study.of(problem, {name}=…)."
+        raise InputError(name, "is no argument of this study", "study", remedy)
     return problem

@@ -329,8 +329,15 @@ def is_running(pid: int) -> bool:
 
 
 def stopped(command: list[str], number: int) -> int:
-    """Send a signal once the child meshes; neither process may live on for long."""
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    """Send a signal once the child meshes; neither process may live on for long.
+
+    A test run that ignores the signal, as under nohup, must not hand that on.
+    """
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
     while not (found := children(process.pid)):
         assert process.poll() is None
         time.sleep(0.02)

@@ -160,7 +160,7 @@ def test_shared_arguments_are_checked_when_the_problem_is_opened(name, wrong, me
         STUDIES[name](scene, *needed, **wrong)
     with pytest.raises(InputError, match=message):
         fc.study.of(scene, **wrong)
-    with pytest.raises(InputError, match="is an argument of of"):
+    with pytest.raises(InputError, match="is no argument of this study"):
         getattr(fc.study.of(scene), name)(*needed, **wrong)
 
 
