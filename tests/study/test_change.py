@@ -59,7 +59,9 @@ def test_the_same_problem_is_the_same_case_however_it_was_changed(scene):
     assert key_of(finer.changed(Change.of({"cloth.h": h}))) == key_of(scene)
     assert key_of(scene.changed(Change.of({"title": "another"}))) == key_of(scene)
     assert key_of(scene.refined(AS_IS)) == key_of(scene)
-    assert key_of(scene.refined(Level(sharper=100.0))) != key_of(scene)
+    number = scene.changed(Change.of({"equilibrium.tolerance": 1e-8}))
+    assert key_of(number.refined(Level(sharper=100.0))) != key_of(number)
+    assert key_of(scene.refined(Level(sharper=100.0))) == key_of(scene)  # "auto": sharp enough
 
 
 def test_a_type_of_a_term_comes_without_the_defaults_of_the_old_type(scene):
