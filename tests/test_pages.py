@@ -185,7 +185,7 @@ def test_no_block_is_left_out():
 
 
 def distinct(commands):
-    """One command of those that are the same once they are filled in."""
+    """One command of each group of commands that are the same once they are filled in."""
     found = {}
     for command in commands:
         with contextlib.suppress(AssertionError):  # told by the test of that command

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
 
-ROUND_OFF = 1e-14  # of the coordinates, in differences of which the signs are products
+ROUND_OFF = 1e-14  # of the coordinates: the rounding error of their differences
 MOST_NEIGHBOURS, SAMPLE = 500, 500
 
 

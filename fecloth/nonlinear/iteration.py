@@ -24,7 +24,7 @@ NO_FORCE = 1e-6  # of the forces: where more of them is round-off, it moves no n
 LONGER = 2.0  # times the last way: the longest of a solve cut short, after a step of full length
 ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact one, with contact
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
-EXPLORED = 12  # whole steps within which the potential must fall below that of a search
+EXPLORED = 12  # whole steps within which the potential must fall below the end of a search
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -242,7 +242,12 @@ class _Work:
             self.pause -= 1
             return searched
         goal, (first, *_) = potential(searched[0].y), self.remedies.order
-        for _ in range(EXPLORED):
+        for number in range(EXPLORED):
+            if number:
+                try:
+                    step = self.direction(point, first)
+                except SolveFailed:
+                    break
             way = self.equation.wx * float(abs(step).max())
             point = self.at(point.y + min(1.0, self.equation.longest / way) * step, point.scale)
             if not np.isfinite(point.norm):
@@ -250,10 +255,6 @@ class _Work:
             if potential(point.y) <= goal:
                 self.waited = 0
                 return point, 1.0
-            try:
-                step = self.direction(point, first)
-            except SolveFailed:
-                break
         self.pause = self.waited = 2 * self.waited or 1
         return searched
 

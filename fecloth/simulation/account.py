@@ -39,7 +39,7 @@ class End:
 
     state: State
     step: int  # number of the last step
-    is_whole: bool = True  # whether this is the end that was asked for
+    is_whole: bool = True  # whether the run has reached its `t_end`
 
 
 class Account:

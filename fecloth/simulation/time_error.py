@@ -192,7 +192,7 @@ def derivative(samples: Sequence[Sample]) -> np.ndarray:
         scale / math.prod(one.t - other.t for other in samples if other is not one)
         for one in samples
     ]  # they add up to 0: differences keep the digits of a cloth that is far away
-    return weighted_sum([one.x for one in samples], weights)
+    return weighted_sum([sample.x for sample in samples], weights)
 
 
 def _sample(state: State, step: int, others: Accounts) -> Sample:

@@ -50,7 +50,7 @@ def test_every_row_has_its_function(name):
 @pytest.mark.parametrize("name", STUDIES)
 def test_own_options_are_arguments_of_the_study(name):
     """So a row needs no code of its own, and every default of the command is given."""
-    own = {one.key for one in COMMANDS[name].options} - SHARED
+    own = {option.key for option in COMMANDS[name].options} - SHARED
     parameters = inspect.signature(COMMANDS[name].load()).parameters
     assert own <= parameters.keys()
     required = {

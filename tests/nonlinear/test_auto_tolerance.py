@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import fecloth as fc
 from fecloth.nonlinear import iteration
 from fecloth.nonlinear.error_left import ErrorInPlace, ErrorLeft
+from fecloth.nonlinear.line_search import Point
 from fecloth.simulation.step_history import StepHistory
 
 SHARP = fc.Newton(tolerance=1e-11)
@@ -216,3 +218,57 @@ def test_the_default_is_a_hundred_thousandth_from_a_sharper_solution(bending):
     moved = abs(end.x - system.rest().x).max()
     assert abs(again.x - end.x).max() < 1e-5 * moved
     assert end.solver_error < 1e-6 * moved
+
+
+# --- whole steps in a row -------------------------------------------------------------------------
+
+
+def explorer(falls_at, explores=True):
+    """What `explore` needs of an iteration: the potential falls after so many whole steps."""
+    equation = SimpleNamespace(
+        potential=lambda y: -1.0 if y[0, 0] >= falls_at else float(y[0, 0] > 0.0),
+        explores=explores,
+        wx=1.0,
+        longest=10.0,
+    )
+    return SimpleNamespace(
+        equation=equation,
+        pause=0,
+        waited=0,
+        remedies=SimpleNamespace(order=("exact",)),
+        at=lambda y, scale: Point(y, y, 1.0, scale),
+        direction=lambda point, remedy: np.ones((1, 3)),
+    )
+
+
+def explored(work, alpha=0.5):
+    """The way of `explore` from 0, and 0 where the end of the search is taken."""
+    start = Point(np.zeros((1, 3)), np.zeros((1, 3)), 1.0, 1.0)
+    point, _ = iteration._Work.explore(work, start, np.ones((1, 3)), (start, alpha))
+    return float(point.y[0, 0])
+
+
+@pytest.mark.parametrize(("falls_at", "way"), [(1, 1), (10, 10), (12, 12), (13, 0), (15, 0)])
+def test_up_to_twelve_whole_steps_are_tried(falls_at, way):
+    assert explored(explorer(falls_at)) == way
+
+
+def test_whole_steps_are_tried_only_after_a_shortened_step_of_a_static_equation():
+    assert explored(explorer(1), alpha=1.0) == 0
+    assert explored(explorer(1, explores=False)) == 0
+
+
+def test_after_steps_in_vain_the_search_goes_on_alone_for_1_2_and_4_iterations():
+    work, pauses = explorer(99), []
+    for _ in range(3):
+        explored(work)
+        pauses.append(work.pause)
+        while work.pause:
+            explored(work)
+    assert pauses == [1, 2, 4]
+
+
+def test_no_step_is_longer_than_the_cloth():
+    work = explorer(0.5)
+    work.equation.longest = 0.5
+    assert explored(work) == 0.5

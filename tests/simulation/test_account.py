@@ -1,4 +1,4 @@
-"""A figure of one's own in the list of accounts appears wherever a run says something."""
+"""A user's own account appears in the result, the tables, the log, the warnings and the restart."""
 
 import json
 import os

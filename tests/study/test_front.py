@@ -200,4 +200,4 @@ def test_the_modes_are_those_about_the_start_or_the_equilibrium(scene):
 def test_a_tolerance_may_have_a_space(scene):
     study = fc.study.of(scene, cache=scene.parent)
     found = [study.simplify(tolerance, "tip.x", repeats=1) for tolerance in ("20 %", "20%", 0.2)]
-    assert [one.tolerance for one in found] == [0.2] * 3
+    assert [result.tolerance for result in found] == [0.2] * 3

@@ -179,7 +179,8 @@ def test_long_damped_steps_have_no_time_error_at_rest():
     numbers = Numbers.of(load_scene(STUDIES / "scenes" / "hanging_strip.toml"))
     assert numbers.time_error(100.0) < 1e-9
     kinds = {
-        one.name: one for one in list_variants(numbers.scene.to_tables(), Interest(path=("tip",)))
+        variant.name: variant
+        for variant in list_variants(numbers.scene.to_tables(), Interest(path=("tip",)))
     }
     assert predict_change(kinds["dt × 2"], numbers) < 1e-3
     assert predict_change(kinds["explicit"], numbers) == 1.0  # without damping it swings forever

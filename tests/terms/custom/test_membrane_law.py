@@ -140,7 +140,7 @@ def law_of(function, constants=(0.0,)):
 
 
 def test_a_law_may_have_no_stiffness_in_shear(cloth, isotropic):
-    """Two families of yarns: the bound is that of ℂ as it is, for ℂ = 1000 diag(1, 1, 0)."""
+    """Two families of yarns: the bound for ℂ itself, with ℂ = 1000 diag(1, 1, 0)."""
 
     def yarns(E, c):
         W = 500 * (E[0] ** 2 + E[1] ** 2)
