@@ -1,7 +1,5 @@
 """Homogenised stiffness of spring networks and hinge models on periodic mesh patterns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The one "Did you mean ...?" of all error messages."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

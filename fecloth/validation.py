@@ -1,7 +1,5 @@
 """Checks of the arguments of public functions: numbers, lengths, functions, objects of a class."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

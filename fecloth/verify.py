@@ -1,7 +1,5 @@
 """Checks of derivatives and of orders of accuracy, for tests, studies and user-defined terms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -6,8 +6,6 @@ triangles took 1.2 times as long so, the one of linear triangles 1.3 times. With
 what it would be if it were written out for each case.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import inspect

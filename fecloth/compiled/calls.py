@@ -10,8 +10,6 @@ in which an array is seven or more words: two pointers for the memory's owner (n
 number of entries, bytes of an entry, address, shape, strides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count

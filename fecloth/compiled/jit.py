@@ -6,8 +6,6 @@ package that holds kernels, and a kernel with functions from outside the package
 name with their `fingerprint`.
 """
 
-from __future__ import annotations
-
 import builtins
 import dis
 import gc

@@ -12,8 +12,6 @@ Loops that iterate, as conjugate gradients and explicit steps do, keep their thr
 end, and these wait for each other: see `threads`.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -5,8 +5,6 @@ end. The threads wait for each other by `wait`: a thread that waits gives its co
 a microsecond, so that on a busy machine it does not keep the core from the thread it waits for.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """The linear solver of a cloth in parts, as the first process sees it."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The `System` of a whole cloth whose terms and matrix are shared among processes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import ClassVar

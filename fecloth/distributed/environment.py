@@ -1,7 +1,5 @@
 """Whether mpiexec has started this process, by its environment; loads no library."""
 
-from __future__ import annotations
-
 import os
 
 SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")

@@ -1,7 +1,5 @@
 """`mpiexec -n P fecloth run SCENE`: the first process runs the scene, the others work for it."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import time

@@ -7,8 +7,6 @@ compressed here and there, Jacobi's with Chebyshev's polynomial takes up to twen
 iterations. It keeps its interpolation when the matrix changes.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

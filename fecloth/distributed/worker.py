@@ -1,7 +1,5 @@
 """What each process does for its part of the cloth, when the first one asks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -20,8 +20,6 @@ as the others, where the laboratory has one, and else is Huber's estimate. Neith
 Poisson's ratio of bending. Shear and its hysteresis belong to the plane, and say nothing of either.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -47,8 +47,6 @@ strips in several directions, and bent them, with their own apparatus.
 - The authors ask to be cited. Ask for their terms before you redistribute their data files.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """BDF2, the two-step backward differentiation formula."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Energy–momentum: the midpoint rule with forces that depend on both ends of the step."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

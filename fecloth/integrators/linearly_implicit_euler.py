@@ -1,7 +1,5 @@
 """The linearly implicit Euler method: one linear solve a step."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Many steps of central differences in one call, without any record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from threading import Lock

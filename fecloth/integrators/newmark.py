@@ -1,7 +1,5 @@
 """Implicit methods with a memory: the base of all, and the family of Newmark with generalised α."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

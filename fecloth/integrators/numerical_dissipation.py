@@ -1,7 +1,5 @@
 """Numerical dissipation of a step, and the forces that it depends on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

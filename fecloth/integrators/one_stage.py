@@ -1,7 +1,5 @@
 """Implicit methods with one stage: their base class, backward Euler and the midpoint rule."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

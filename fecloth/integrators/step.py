@@ -6,8 +6,6 @@ history. Each part is a function of its own, so that others can evaluate the res
 of the step, at a q that they have.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

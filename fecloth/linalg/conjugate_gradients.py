@@ -4,8 +4,6 @@ Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, a
 and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `BlockMatrix`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

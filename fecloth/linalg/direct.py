@@ -1,7 +1,5 @@
 """Direct solvers for a `BlockMatrix`: PARDISO of the Intel MKL, and SciPy's SuperLU."""
 
-from __future__ import annotations
-
 import time
 import weakref
 

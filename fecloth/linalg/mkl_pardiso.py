@@ -1,7 +1,5 @@
 """Calls of PARDISO in the Intel MKL, through the library that pypardiso finds."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Callable

@@ -20,8 +20,6 @@ left to the first thread.
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, section 13.4.
 """
 
-from __future__ import annotations
-
 import math
 import time
 

@@ -1,7 +1,5 @@
 """Conjugate gradients with a 3×3 block-Jacobi preconditioner."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

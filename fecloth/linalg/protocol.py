@@ -1,7 +1,5 @@
 """What a linear solver offers, what a solve reports, and the checks that all solvers share."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -4,8 +4,6 @@ BLAS is not used because it starts its own threads even for such short sums. On 
 threads wait for each other, and a run of 8,000 triangles took ten times as long.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -17,8 +17,6 @@ constants were measured on one thread, with and without hinges, on 300 to 51,000
 within 30 %. `studies.benchmarks.auto_solver` compares whole runs with the best solver's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -14,8 +14,6 @@ efficient symmetrical Gaussian quadrature rules for the triangle, Int. J. Numer.
 1129–1148, as implemented in scikit-fem.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property

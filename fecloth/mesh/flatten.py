@@ -1,7 +1,5 @@
 """In-plane coordinates of a mesh whose nodes have three coordinates."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.errors import MeshError

@@ -1,7 +1,5 @@
 """Flat triangle meshes of simple shapes: rectangles and disks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial

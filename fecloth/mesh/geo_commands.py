@@ -6,8 +6,6 @@ has read, without comments, as a new text, so that Gmsh reads exactly what was c
 zero byte ends a comment, and a text ends by itself after 1023 characters.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field

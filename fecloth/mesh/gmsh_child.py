@@ -4,8 +4,6 @@
 arrays of the mesh from its standard output, as an .npz file. A start takes about 0.4 s.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

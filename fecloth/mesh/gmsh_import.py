@@ -1,7 +1,5 @@
 """Import of geometry and mesh files through Gmsh as plain arrays."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """A Gmsh session that is loaded on demand and leaves no state behind."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

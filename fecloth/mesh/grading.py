@@ -1,7 +1,5 @@
 """Local edge lengths: smaller triangles towards points, corners and sets, as Gmsh size fields."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated

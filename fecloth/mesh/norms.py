@@ -1,7 +1,5 @@
 """Nodal fields: their values at material points, norms of their differences, loads and masses."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sparse
 import skfem

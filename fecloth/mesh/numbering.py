@@ -1,7 +1,5 @@
 """Numbers of nodes and triangles: neighbours close together in memory, pieces as one mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

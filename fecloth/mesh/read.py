@@ -1,7 +1,5 @@
 """Reading of mesh files of any format into validated flat meshes."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import shutil

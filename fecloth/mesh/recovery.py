@@ -10,8 +10,6 @@ engineering analysis, for the estimate, and (1992), The superconvergent patch re
 posteriori error estimates, for the fits. The blending and the widening of patches are our own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

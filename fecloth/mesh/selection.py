@@ -1,7 +1,5 @@
 """Selection of nodes and triangles by the name of a set, a predicate, or indices."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.errors import InputError, brief

@@ -6,8 +6,6 @@ that a run repeats bit for bit. (Kelley 1995, Iterative Methods for Linear and N
 algorithm 5.3.2, the chord method.)
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """What Newton's iteration needs of an equation, and what the equations of cloths share."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple, Protocol

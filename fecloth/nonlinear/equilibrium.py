@@ -1,7 +1,5 @@
 """Static equilibrium: positions at which the forces of all terms balance, f(x, v = 0, t) = 0."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,8 +1,6 @@
 """The error that Newton's iteration has left: in a step against the error in time, in an
 equilibrium against the displacement."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar

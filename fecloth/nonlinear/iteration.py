@@ -1,7 +1,5 @@
 """Newton's iteration with a line search: one loop for time steps and for static equilibrium."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from functools import partial

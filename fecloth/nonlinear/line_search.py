@@ -1,7 +1,5 @@
 """Line search along Newton's direction, for time steps and equilibrium."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """The equation of an implicit step, M a(q) = f(x(q), v(q), t), and its solution."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@
 so that Newton's matrix is J = wa M + wv D + wx K for every method.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The equation of static equilibrium, f(x) = 0, for Newton's iteration."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property

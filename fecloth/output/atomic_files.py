@@ -1,7 +1,5 @@
 """Files written whole or not at all, and folders locked for one process."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Iterator

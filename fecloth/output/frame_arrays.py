@@ -24,8 +24,6 @@ magnitude in ParaView is its Frobenius norm. Triangles of the element P2 are VTK
 `Cloth.cells`; ParaView draws them curved from a "Nonlinear Subdivision Level" of 1 on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ of `frame_arrays`. The time is in the field data as TimeValue, where VTK looks f
 float64, compressed without loss: a frame read back is the state itself.
 """
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

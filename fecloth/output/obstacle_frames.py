@@ -4,8 +4,6 @@ Obstacles that do not move are written once, with the first frame; otherwise eac
 An endless one, as a plane, is drawn as far as the cloth is long.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -19,8 +19,6 @@ journal, so `write_ahead_log` adds one: a process killed while the bytes of a fr
 written may leave a file that does not open, but a resumed run completes it.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

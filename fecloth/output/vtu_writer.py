@@ -1,7 +1,5 @@
 """Encoding of a frame as VTK XML, and of the lists of frames and times."""
 
-from __future__ import annotations
-
 import base64
 import json
 import sys

@@ -6,8 +6,6 @@ process that finds a .redo makes its changes again. This is the write-ahead log 
 and others 1992, ACM Transactions on Database Systems 17, 94-162) with one record.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import json

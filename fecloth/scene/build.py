@@ -1,7 +1,5 @@
 """The objects of a scene, each made once: system, start, method, what is recorded."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """The tables [cloth] of one piece, and [cloths.NAME] of pieces that share no node."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Messages for mistakes in a scene: pydantic's errors and refusals of objects, with their keys."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from collections.abc import Iterator

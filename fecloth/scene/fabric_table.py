@@ -1,7 +1,5 @@
 """The table [fabric] of a scene file: constants, a preset, or readings of an instrument."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """Types of the keys of several tables: formulas, names, files, vectors."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -5,8 +5,6 @@ with a unit, a method or a fabric by its name, and a single expectation without 
 allows these, too.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from typing import Any

@@ -5,8 +5,6 @@
 writes both anew, between their marks, from the tables and the docstrings; a test compares them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Replacement of single values of a scene, as by ``--set time.dt=0.005``."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """The tables [start] and [[pins]] of a scene: where nodes start, and which are held or moved."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

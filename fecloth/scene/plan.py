@@ -1,7 +1,5 @@
 """What a run is about to do, in words, before its first step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The tables [[probes]], [expect] and [interest] of a scene; the values expected of a run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any

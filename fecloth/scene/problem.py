@@ -1,7 +1,5 @@
 """A problem: the objects of a scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator
 from dataclasses import dataclass

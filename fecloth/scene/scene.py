@@ -7,8 +7,6 @@ formulas are in SI; a text may be a number with another unit of the same dimensi
 `fabric_table`, `pin_table`, `start_table`, `time_table`, `output_table` and `probe_tables`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The tables [time] or [equilibrium], and [output], of a scene: its steps, and what it writes."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, ClassVar, Literal
 

@@ -5,8 +5,6 @@ A number may be text with a unit if the type of its key names a dimension, as in
 below its field; the page of scenes, the JSON schema and messages take it from there.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

@@ -1,7 +1,5 @@
 """The tables [cloth], [[terms]] and [solver] of a scene file."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 from collections.abc import Mapping

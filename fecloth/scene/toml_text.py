@@ -1,7 +1,5 @@
 """Reading and writing of TOML files."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

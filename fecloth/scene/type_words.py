@@ -1,7 +1,5 @@
 """The type of a key: what a file can hold, in which units, and a description in words."""
 
-from __future__ import annotations
-
 import types
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin

@@ -1,7 +1,5 @@
 """Amplification of a damped oscillator by one step of a method, computed from that step."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 

@@ -9,8 +9,6 @@ Rayleigh quotients of z, and the first one to grow has μ = −1. Hence the limi
 the largest eigenvalue of M⁻¹ (a dt² K + b dt D) is 1, for positive semi-definite K and D.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

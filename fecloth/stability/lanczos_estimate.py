@@ -1,7 +1,5 @@
 """Estimate of the largest stable explicit step from a few force evaluations."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks of the two arguments that many public functions share: a system and a state of it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.errors import InputError, brief, is_number

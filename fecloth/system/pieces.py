@@ -1,7 +1,5 @@
 """The connected pieces of a cloth that can move as a whole, and their rigid motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 Where a cloth folds at the size of its triangles there is no estimate.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The state of a cloth at one time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -25,8 +25,6 @@ iteration may fail. So springs and membranes do not use −∂U/∂x for f, but 
 which N is zero, or small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Deformation gradients, stretches and strains of triangles, and the error of recovered strains."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The records that restart files can hold, marked where they are defined."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 from fecloth.errors import InputError

@@ -1,7 +1,5 @@
 """What a term is, said on the class of its description."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Checker pattern along warp and weft, which shows stretch and shear (`--field checks`)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

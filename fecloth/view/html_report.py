@@ -5,8 +5,6 @@ step sizes, iterations, where the seconds went, warnings, and the scene. Made at
 from its tables by page/report.html; needs NumPy alone.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

@@ -5,8 +5,6 @@ its shadow, and the camera is placed so that the whole motion fits. No display i
 extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import math

@@ -6,8 +6,6 @@ that no peak is lost.
 `observed_charts` draws the columns of observed.csv, `result_figures` a result in a notebook.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

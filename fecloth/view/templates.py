@@ -1,7 +1,5 @@
 """Pages and charts from the templates of page/, filled in by Jinja, which escapes every text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 from typing import Any

@@ -5,8 +5,6 @@ The page contains positions and field values of the frames as 16-bit numbers bet
 the file of a long run would exceed `MOST_BYTES`, it contains every k-th frame and says so.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -17,8 +17,6 @@ with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a or
     ∂²θ/∂e²   = Σ [s² A + s (g êᵀ + ê gᵀ)/|e| − n̂ mᵀ/|e|²]
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -29,8 +29,6 @@ zero. μ has errors that fall with h², is exact for a cylinder on `right`, and 
 rest shape as about a flat one. Therefore it was chosen, at the cost of a fifth more iterations.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

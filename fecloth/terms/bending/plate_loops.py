@@ -14,8 +14,6 @@ The node of a hinge is −1 where it is held in space: the hinges from `first` o
 whose fourth node is `ghosts[e − first]`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.compiled.jit import inner, kernel

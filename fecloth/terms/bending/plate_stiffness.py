@@ -1,7 +1,5 @@
 """The stiffness Q of a plate between the angles of its hinges."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sparse
 

@@ -7,8 +7,6 @@ converges quadratically). For other shapes the way s is safe where the distance 
 with the slope L of the distance there, and half of it in reserve.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.terms.contact.shape import Shape

@@ -10,8 +10,6 @@ clamped barrier −(d − d̂)² ln(d/d̂), here divided by gap² and weighted w
 "physical barrier" of the IPC Toolkit: then it converges under refinement of the mesh.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An obstacle bound to a cloth: energy, force, tangent, and how far the cloth may move."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

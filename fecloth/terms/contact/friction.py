@@ -12,8 +12,6 @@ Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4)
 friction; f₀ and f₁ as the IPC Toolkit has them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

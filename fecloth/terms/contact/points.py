@@ -5,8 +5,6 @@ R, by l²/(6R) at its centre. Where that is more than a quarter of the gap, each
 into k² parts, and the corners of the parts are points too.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

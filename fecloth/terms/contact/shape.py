@@ -1,7 +1,5 @@
 """What all shapes of obstacles have in common, and the shape whose distance is a formula."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 The distance d of a point outside has |∇d| = 1. Lengths are in m, or texts such as "10 cm".
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated

@@ -6,8 +6,6 @@ cube of a grid has six tetrahedra, and each of these is cut in a triangle or in 
 1991, IEICE Trans. E74(1)).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

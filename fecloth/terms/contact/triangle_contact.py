@@ -1,7 +1,5 @@
 """Contact between triangles, by the IPC Toolkit: of the cloth with itself or with a mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Derivatives ∂C and ∂²C of a user's condition: the user's functions, or finite differences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

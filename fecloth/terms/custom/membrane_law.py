@@ -4,8 +4,6 @@ The templates in `fecloth.terms.loops.membrane` are compiled with the law at its
 stored on disk. They are compiled anew when the law, or a function that it calls, changes.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Sequence

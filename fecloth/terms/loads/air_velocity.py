@@ -1,7 +1,5 @@
 """Velocity of the air around a cloth: uniform, a field of x and t, or gusts."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass

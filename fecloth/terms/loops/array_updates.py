@@ -3,8 +3,6 @@
 Each product and sum is rounded by itself, as NumPy and SciPy do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from fecloth.compiled.jit import Array, rounded_kernel

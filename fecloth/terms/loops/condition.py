@@ -34,8 +34,6 @@ if it is not: the compiler knows their length. A term whose constants change wit
 others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.compiled.jit import Array, Zeros, inner

@@ -18,8 +18,6 @@ u is shorter than 1e-8 of the stencil N is left out. Its work is of the order of
 turns by φ, but the force jumps there, by the order of φ² k_s C̄.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Upper bounds of the eigenvalues of M⁻¹A, where A is a sum of matrices of stencils."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.fabric.panel import Panel

@@ -4,8 +4,6 @@ In the notation of `membrane`: E and S in the order (11, 22, 12), ℂ as (C11, C
 C26), F as its columns (F11, F21, F31, F12, F22, F32), and B_a with δE = Σ B_a δx_a.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

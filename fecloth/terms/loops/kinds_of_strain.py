@@ -7,8 +7,6 @@ point, as rows B of the nodes' positions u, take the place of F (`regge_strain`)
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -24,8 +24,6 @@ For W quadratic in E β is zero. Below |e| = 1e-6, β e is of the order of round
 K is not symmetric, as B is taken at two places.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

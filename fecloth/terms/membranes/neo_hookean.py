@@ -1,7 +1,5 @@
 """Neo-Hookean membranes: energies that grow without bound as a triangle collapses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The St. Venant–Kirchhoff membrane: energy quadratic in the Green strain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tension field: a membrane that folds finely instead of bearing compression."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

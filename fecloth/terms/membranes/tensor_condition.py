@@ -1,7 +1,5 @@
 """The deformation tensor as a condition: C(x) = FᵀF − I with the energy k/2 C:C."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -4,8 +4,6 @@ The formulas are in `Springs`. The condition of a triangle is C_i = l_i² − L_
 side i opposite node i.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

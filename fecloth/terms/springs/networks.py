@@ -1,7 +1,5 @@
 """Networks of springs on a cloth: which nodes they join, and their stiffness."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
