@@ -19,33 +19,15 @@ from fecloth.terms.step_difference import StepDifference
 
 
 class Link(Protocol):
-    """How calls reach the workers: by MPI, or within one process for tests."""
+    """How calls reach the workers."""
 
     size: int
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
         """Make one worker of each description, and return the worker of this process."""
-        ...
 
     def each(self, name: str, arguments: Sequence[tuple]) -> list:
         """What the function `name` of each worker returns for its own arguments."""
-        ...
-
-
-class LocalLink:
-    """All workers in this process; for tests."""
-
-    def __init__(self, size: int):
-        self.size = size
-        self.workers: list[Worker] = []
-
-    def begin(self, descriptions: Sequence[PartDescription]) -> Worker:
-        self.workers = [Worker(description) for description in descriptions]
-        return self.workers[0]
-
-    def each(self, name: str, arguments: Sequence[tuple]) -> list:
-        pairs = zip(self.workers, arguments, strict=True)
-        return [getattr(worker, name)(*own) for worker, own in pairs]
 
 
 @dataclass(eq=False)

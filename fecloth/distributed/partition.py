@@ -136,15 +136,8 @@ def make_part(cloth: Cloth, owner: np.ndarray, rank: int, rings: int) -> Part:
     triangle[chosen] = np.arange(len(chosen))
     regions = {name: triangle[which] for name, which in cloth.triangle_sets.items()}
     regions = {name: which[which >= 0] for name, which in regions.items() if (which >= 0).any()}
-    part = Part(
-        cloth.X[numbers],
-        place[cloth.triangles[chosen]],
-        numbers,
-        chosen,
-        inside,
-        regions,
-        cloth.element,
-    )
+    mesh = cloth.X[numbers], place[cloth.triangles[chosen]]
+    part = Part(*mesh, numbers, chosen, inside, regions, cloth.element)
     if cloth.element == "P2":
         there = part.cloth()
         numbers = np.empty(len(there.X), np.int64)

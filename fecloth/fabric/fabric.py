@@ -89,19 +89,14 @@ class Fabric:
         warp, weft = self.tensile
         limit = math.sqrt(warp / weft)
         if not abs(self.poisson_ratio) < limit:
-            raise InputError(
-                f"poisson_ratio = {self.poisson_ratio!r}",
-                f"must lie between -{limit:.4g} and {limit:.4g} (ν₁₂² < Y₁/Y₂)",
-                "Fabric",
-                "Outside these limits stretching would release energy.",
-            )
+            what = f"poisson_ratio = {self.poisson_ratio!r}"
+            allowed = f"must lie between -{limit:.4g} and {limit:.4g} (ν₁₂² < Y₁/Y₂)"
+            remedy = "Outside these limits stretching would release energy."
+            raise InputError(what, allowed, "Fabric", remedy)
         if self.shear_stiffness is None and warp != weft:
-            raise InputError(
-                "shear_stiffness is missing",
-                "an orthotropic fabric needs it [N/m]",
-                "Fabric",
-                "Give shear_stiffness, or one tensile stiffness for an isotropic fabric.",
-            )
+            what, allowed = "shear_stiffness is missing", "an orthotropic fabric needs it [N/m]"
+            remedy = "Give shear_stiffness, or one tensile stiffness for an isotropic fabric."
+            raise InputError(what, allowed, "Fabric", remedy)
         _check_positive("shear_stiffness", self.shear, "N/m")
         for value in self.bending or ():
             _check_positive("bending_rigidity", value, "N m")

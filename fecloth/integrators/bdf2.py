@@ -111,16 +111,8 @@ class BDF2(WithMemory):
         _, v, a = stage.at(q)
         new = State(end.t, stage.x_end + stage.w_end * q, v)
         new = set_prescribed(opening.system, new, end)
-        return Step(
-            state=new,
-            balanced_at=new,
-            memory=_change(begin, new),
-            counts=counts,
-            ends=(opening.system, begin),
-            a=a,
-            share=1.0,
-            **ending(opening, new),
-        )
+        forces = ending(opening, new) | {"ends": (opening.system, begin), "a": a, "share": 1.0}
+        return Step(new, new, _change(begin, new), counts, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
         """The first step, by the method that opened it; its memory and reactions are of this."""

@@ -77,12 +77,10 @@ class Explicit:
     def check(self, system: System) -> None:
         """Raise `InputError` for a mass that needs a linear solve."""
         if system.mass_kind != "lumped":
-            raise InputError(
-                f"mass = {system.mass_kind!r}",
-                "must be 'lumped': an explicit step divides by the mass, and solves nothing",
-                type(self).__name__,
-                'Write mass = "lumped", or take an implicit method.',
-            )
+            what = f"mass = {system.mass_kind!r}"
+            allowed = "must be 'lumped': an explicit step divides by the mass, and solves nothing"
+            remedy = 'Write mass = "lumped", or take an implicit method.'
+            raise InputError(what, allowed, type(self).__name__, remedy)
 
     def open(
         self,

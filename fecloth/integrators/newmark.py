@@ -113,16 +113,10 @@ class AccelerationMethod(WithMemory):
         new = set_prescribed(opening.system, replace(new, v=new.v + dt * gamma * q), end)
         a_new = opening.system.constraints.hold(q, self._moved(begin, end, dt, a))
         x, v, a_stage = stage.at(q)
-        return Step(
-            state=new,
-            balanced_at=State(stage.t, x, v),
-            memory=Acceleration(a_new),
-            counts=counts,
-            ends=(opening.system, begin),
-            a=a_stage if self.share is None else (new.v - begin.v) / dt,
-            share=self.share,
-            **ending(opening, new),
-        )
+        a_mean = a_stage if self.share is None else (new.v - begin.v) / dt
+        own = {"ends": (opening.system, begin), "a": a_mean, "share": self.share}
+        forces = ending(opening, new) | own
+        return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **forces)
 
     def _moved(self, begin: State, end: State, dt: float, a: np.ndarray) -> np.ndarray:
         """a₁ (n, 3) of what the pins hold."""

@@ -128,7 +128,6 @@ class Integrator(Protocol):
     @property
     def traits(self) -> MethodTraits:
         """The constants of the method: a class attribute, or a property if they vary."""
-        ...
 
     def step(
         self,
@@ -177,14 +176,12 @@ class Integrator(Protocol):
         NewtonFailed, SolveFailed
             If the step cannot be solved. `march` reports it; `Adaptive` tries a shorter step.
         """
-        ...
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the method itself dissipated in a step from `old`; negative for a gain.
 
         `run` sums it in the column "numerical" of the energy ledger.
         """
-        ...
 
 
 class ExplicitIntegrator(Integrator, Protocol):
@@ -195,7 +192,6 @@ class ExplicitIntegrator(Integrator, Protocol):
 
         It is called before the first step.
         """
-        ...
 
 
 class ChoosesMethod(Protocol):
@@ -204,7 +200,6 @@ class ChoosesMethod(Protocol):
     @property
     def traits(self) -> MethodTraits:
         """The constants that every method it may choose has."""
-        ...
 
 
 class StepChoice(Integrator, Protocol):
@@ -222,27 +217,22 @@ class StepChoice(Integrator, Protocol):
     @property
     def method(self) -> Integrator:
         """The method that takes the steps."""
-        ...
 
     @property
     def dt(self) -> float | None:
         """The step [s] if it is fixed, else None."""
-        ...
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
         """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them."""
-        ...
 
     def check(self, system: System) -> None:
         """Raise `InputError` for a system that the method cannot step, as by its mass."""
-        ...
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
         """Raise `InputError` for steps that the method cannot take from `state`.
 
         `insist` is the sentence that says how to take them anyway.
         """
-        ...
 
 
 def check_method(method: object, where: str = "march") -> None:
@@ -325,12 +315,10 @@ def check_history(system: System, method: Any, history: History | None) -> None:
         if function is not None and "history" not in signature(function).parameters:
             pairs = zip(system.names, history, strict=True)
             names = ", ".join(name for name, record in pairs if record is not None)
-            raise InputError(
-                f"{type(each).__name__}.{name}(...)",
-                f"must take an argument `history`: {names} remembers earlier steps",
-                "march",
-                "help(fecloth.integrators.protocol.Integrator.step) says what it is.",
-            )
+            what = f"{type(each).__name__}.{name}(...)"
+            allowed = f"must take an argument `history`: {names} remembers earlier steps"
+            remedy = "help(fecloth.integrators.protocol.Integrator.step) says what it is."
+            raise InputError(what, allowed, "march", remedy)
 
 
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
@@ -351,12 +339,10 @@ def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) 
             raise InputError(what, f"{allowed}: {term.needs_end}", where, remedy)
     for term in system.bound:
         if term.needs_difference:
-            raise InputError(
-                f'{term.name} with rate = "step"',
-                f"needs a method with a difference over the step, which {chosen!r} has not",
-                where,
-                'Leave rate out, or take BackwardEuler or BDF2 ("backward_euler", "bdf2").',
-            )
+            what = f'{term.name} with rate = "step"'
+            allowed = f"needs a method with a difference over the step, which {chosen!r} has not"
+            remedy = 'Leave rate out, or take BackwardEuler or BDF2 ("backward_euler", "bdf2").'
+            raise InputError(what, allowed, where, remedy)
 
 
 def has_symmetric_matrix(system: System, method: Integrator | ChoosesMethod) -> bool:

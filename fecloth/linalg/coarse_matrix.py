@@ -102,20 +102,9 @@ def _sorted(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
 
 @kernel
 def _smooth(
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    inverse: Array,
-    damping: float,
-    of_node: Array,
-    T: Array,
-    p_indptr: Array,
-    p_indices: Array,
-    aggregates: int,
-    P: Array,
-    begin: int,
-    end: int,
-) -> None:
+    indptr: Array, indices: Array, values: Array, inverse: Array, damping: float, of_node: Array,
+    T: Array, p_indptr: Array, p_indices: Array, aggregates: int, P: Array, begin: int, end: int,
+) -> None:  # fmt: skip
     """P = T − damping D⁻¹ A T, in rows begin … end − 1."""
     places = np.zeros(aggregates, np.int32)
     for i in range(begin, end):
@@ -139,19 +128,9 @@ def _smooth(
 
 @kernel
 def _multiply(
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    p_indptr: Array,
-    p_indices: Array,
-    P: Array,
-    q_indptr: Array,
-    q_indices: Array,
-    aggregates: int,
-    product: Array,
-    begin: int,
-    end: int,
-) -> None:
+    indptr: Array, indices: Array, values: Array, p_indptr: Array, p_indices: Array, P: Array,
+    q_indptr: Array, q_indices: Array, aggregates: int, product: Array, begin: int, end: int,
+) -> None:  # fmt: skip
     """Add rows begin … end − 1 of A P to `product`."""
     places = np.zeros(aggregates, np.int32)
     for i in range(begin, end):
@@ -181,19 +160,9 @@ def _add_product(A: Array, s: int, B: Array, e: int, C: Array, t: int) -> None:
 
 @kernel
 def _project(
-    starts: Array,
-    rows: Array,
-    entries: Array,
-    P: Array,
-    q_indptr: Array,
-    q_indices: Array,
-    product: Array,
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    begin: int,
-    end: int,
-) -> None:
+    starts: Array, rows: Array, entries: Array, P: Array, q_indptr: Array, q_indices: Array,
+    product: Array, indptr: Array, indices: Array, values: Array, begin: int, end: int,
+) -> None:  # fmt: skip
     """Pᵀ (A P) in the rows of aggregates begin … end − 1."""
     places = np.zeros(len(starts) - 1, np.int32)
     sums = np.empty((np.diff(indptr).max() // 2, 6, 6))  # a row of blocks, one after the other
@@ -233,14 +202,9 @@ def _fill_empty(block: Array) -> None:
 
 @inner
 def restrict(
-    starts: Array,
-    rows: Array,
-    places: Array,
-    columns: Array,
-    r: Array,
-    coarse: Array,
+    starts: Array, rows: Array, places: Array, columns: Array, r: Array, coarse: Array,
     member: Member,
-) -> None:
+) -> None:  # fmt: skip
     """coarse (m, 6) = Pᵀ r, by aggregates.
 
     `columns` (p, 3, 6) are the blocks of P by columns; r has the row of node i at places[i].

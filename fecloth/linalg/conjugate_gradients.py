@@ -17,21 +17,9 @@ CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
 @kernel
 def conjugate_gradients(
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    inverse: Array,
-    x: Array,
-    r: Array,
-    z: Array,
-    p: Array,
-    q: Array,
-    sums: Array,
-    carry: Array,
-    threshold: float,
-    limit: int,
-    member: Member,
-) -> tuple[int, int]:
+    indptr: Array, indices: Array, values: Array, inverse: Array, x: Array, r: Array, z: Array,
+    p: Array, q: Array, sums: Array, carry: Array, threshold: float, limit: int, member: Member,
+) -> tuple[int, int]:  # fmt: skip
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
     Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n, 6)
@@ -76,19 +64,9 @@ def conjugate_gradients(
 
 @kernel
 def step(
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    x: Array,
-    r: Array,
-    z: Array,
-    p: Array,
-    q: Array,
-    sums: Array,
-    old: float,
-    threshold: float,
-    member: Member,
-) -> tuple[float, int]:
+    indptr: Array, indices: Array, values: Array, x: Array, r: Array, z: Array, p: Array, q: Array,
+    sums: Array, old: float, threshold: float, member: Member,
+) -> tuple[float, int]:  # fmt: skip
     """One iteration for z = M⁻¹ r with any M, on all threads.
 
     Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
@@ -119,18 +97,9 @@ def step(
 
 @inner
 def _search(
-    begin: int,
-    end: int,
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    z: Array,
-    beta: float,
-    p: Array,
-    q: Array,
-    sums: Array,
-    member: Member,
-) -> float:
+    begin: int, end: int, indptr: Array, indices: Array, values: Array, z: Array, beta: float,
+    p: Array, q: Array, sums: Array, member: Member,
+) -> float:  # fmt: skip
     """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀ q of all threads."""
     _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, beta, p)
     wait(member)
@@ -199,16 +168,9 @@ def _move(begin: int, end: int, alpha: float, p: Array, q: Array, x: Array, r: A
 
 @inner
 def _advance(
-    begin: int,
-    end: int,
-    alpha: float,
-    p: Array,
-    q: Array,
-    inverse: Array,
-    x: Array,
-    r: Array,
+    begin: int, end: int, alpha: float, p: Array, q: Array, inverse: Array, x: Array, r: Array,
     z: Array,
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # fmt: skip
     """x += α p, r −= α q, z = M⁻¹ r of nodes begin … end − 1; returns rᵀ z and rᵀ r."""
     rz = rr = 0.0
     for node in range(begin, end):

@@ -127,15 +127,9 @@ def permute_back(at: Array, permuted: Array, rows: Array, member: Member) -> Non
 
 @inner
 def sweep_forward(
-    starts: Array,
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    inverse: Array,
-    b: Array,
-    x: Array,
+    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
     member: Member,
-) -> None:
+) -> None:  # fmt: skip
     """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours of a `SweepOrder`.
 
     `values` are the blocks from `gather`, `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`, and b
@@ -168,15 +162,9 @@ def sweep_residual(
 
 @inner
 def sweep_backward(
-    starts: Array,
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    inverse: Array,
-    b: Array,
-    x: Array,
+    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
     member: Member,
-) -> None:
+) -> None:  # fmt: skip
     """x ← (D + U)⁻¹ (b − L x), in place.
 
     The colours come from the last one. Ascending places in a colour are four times as fast as

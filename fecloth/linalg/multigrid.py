@@ -157,20 +157,10 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
 
 @kernel
 def descend(
-    order: tuple[Array, Array, Array, Array],
-    places: Array,
-    values: Array,
-    inverse: Array,
-    b: Array,
-    x: Array,
-    r: Array,
-    sorted_b: Array,
-    p_starts: Array,
-    p_rows: Array,
-    columns: Array,
-    coarse: Array,
-    member: Member,
-) -> None:
+    order: tuple[Array, Array, Array, Array], places: Array, values: Array, inverse: Array,
+    b: Array, x: Array, r: Array, sorted_b: Array, p_starts: Array, p_rows: Array, columns: Array,
+    coarse: Array, member: Member,
+) -> None:  # fmt: skip
     """Sweep forward from x = 0, and write Pᵀ (b − A x) to `coarse` (m, 6)."""
     nodes, starts, indptr, indices = order
     permute(nodes, b, sorted_b, member)
@@ -182,19 +172,10 @@ def descend(
 
 @kernel
 def ascend(
-    order: tuple[Array, Array, Array, Array],
-    places: Array,
-    values: Array,
-    inverse: Array,
-    x: Array,
-    result: Array,
-    sorted_b: Array,
-    p_indptr: Array,
-    p_indices: Array,
-    P: Array,
-    correction: Array,
-    member: Member,
-) -> None:
+    order: tuple[Array, Array, Array, Array], places: Array, values: Array, inverse: Array,
+    x: Array, result: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, P: Array,
+    correction: Array, member: Member,
+) -> None:  # fmt: skip
     """Add P times the correction (m, 6) to x, sweep backward, and write x by nodes to `result`."""
     nodes, starts, indptr, indices = order
     add_prolonged(p_indptr, p_indices, places, P, correction, x, member)

@@ -36,7 +36,6 @@ class LinearSolver(Protocol):
     @property
     def name(self) -> str:
         """For reports, and the key of its prices in `nonlinear.context`."""
-        ...
 
     def prepare(self, A: BlockMatrix) -> None:
         """Analyse the pattern if it is new, and factorise A or build the preconditioner.
@@ -48,7 +47,6 @@ class LinearSolver(Protocol):
         IndefiniteMatrix, SolveFailed
             For a matrix that is not positive definite, if the solver needs that, or singular.
         """
-        ...
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
@@ -62,15 +60,12 @@ class LinearSolver(Protocol):
         IndefiniteMatrix, SolveFailed
             If no such x was found.
         """
-        ...
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         """Note that a step begins near x (n, 3) with J = wa M + wv D + wx K, before `prepare`."""
-        ...
 
     def drop(self) -> None:
         """Forget the steps before, so that later steps do not depend on them."""
-        ...
 
 
 def check_arguments(
@@ -115,16 +110,9 @@ def relative_residual(
 
 @kernel
 def residual(
-    indptr: Array,
-    indices: Array,
-    values: Array,
-    b: Array,
-    x: Array,
-    r: Array,
-    sums: Array,
-    begin: int,
-    end: int,
-) -> None:
+    indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array, sums: Array,
+    begin: int, end: int,
+) -> None:  # fmt: skip
     """r = b − A x in rows begin … end − 1; writes ‖r‖² of each block of them to `sums`."""
     for block in range(begin // BLOCK, -(-end // BLOCK)):
         first, last = nodes_of(block, end)

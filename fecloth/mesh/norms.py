@@ -62,12 +62,10 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     outside = np.flatnonzero(depth < -edges[cells])
     if outside.size:
-        raise MeshError(
-            f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m",
-            "must lie on the cloth",
-            "Cloth.interpolate",
-            f"The cloth spans {X.min(axis=0)} to {X.max(axis=0)} m.",
-        )
+        what = f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m"
+        allowed = "must lie on the cloth"
+        remedy = f"The cloth spans {X.min(axis=0)} to {X.max(axis=0)} m."
+        raise MeshError(what, allowed, "Cloth.interpolate", remedy)
     return cells
 
 

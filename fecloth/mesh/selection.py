@@ -10,12 +10,9 @@ def nodes(cloth, where) -> np.ndarray:
     """Indices of the selected nodes; see `Cloth.nodes`."""
     if isinstance(where, str):
         if where not in cloth.node_sets:
-            raise InputError(
-                f"node set {where!r}",
-                f"must be one of {', '.join(sorted(cloth.node_sets)) or '(none)'}",
-                "Cloth.nodes",
-                did_you_mean(where, cloth.node_sets),
-            )
+            what = f"node set {where!r}"
+            allowed = f"must be one of {', '.join(sorted(cloth.node_sets)) or '(none)'}"
+            raise InputError(what, allowed, "Cloth.nodes", did_you_mean(where, cloth.node_sets))
         return cloth.node_sets[where]
     selected = np.atleast_1d(where(cloth.X) if callable(where) else where)
     if not selected.size:
@@ -23,19 +20,15 @@ def nodes(cloth, where) -> np.ndarray:
     if selected.dtype == bool and selected.shape == (len(cloth.X),):
         selected = np.flatnonzero(selected)
     if selected.ndim != 1 or not np.issubdtype(selected.dtype, np.integer):
-        raise InputError(
-            f"nodes of type {selected.dtype} and shape {selected.shape}",
-            f"must be the name of a set, indices, or {len(cloth.X)} booleans",
-            "Cloth.nodes",
-        )
+        what = f"nodes of type {selected.dtype} and shape {selected.shape}"
+        allowed = f"must be the name of a set, indices, or {len(cloth.X)} booleans"
+        raise InputError(what, allowed, "Cloth.nodes")
     if not selected.size:
         raise _empty_selection(cloth, where)
     if selected.min() < 0 or selected.max() >= len(cloth.X):
-        raise InputError(
-            f"node indices {selected.min()} … {selected.max()}",
-            f"must be in 0 … {len(cloth.X) - 1}",
-            "Cloth.nodes",
-        )
+        what = f"node indices {selected.min()} … {selected.max()}"
+        allowed = f"must be in 0 … {len(cloth.X) - 1}"
+        raise InputError(what, allowed, "Cloth.nodes")
     _, first = np.unique(selected, return_index=True)
     return selected[np.sort(first)]
 

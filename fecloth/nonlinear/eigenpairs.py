@@ -162,17 +162,8 @@ def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
     """Return the eigenvalues and vectors that Lanczos' iteration finds, at least one."""
     most, size = len(start), min(len(start), 2 * wanted + 20)
     try:  # with `OPinv` the first argument gives the size only
-        return eigsh(
-            operator,
-            min(wanted, most - 1),
-            M,
-            -shift,
-            OPinv=operator,
-            v0=start,
-            ncv=size,
-            maxiter=RESTARTS,
-            tol=TOLERANCE,
-        )
+        search = {"v0": start, "ncv": size, "maxiter": RESTARTS, "tol": TOLERANCE}
+        return eigsh(operator, min(wanted, most - 1), M, -shift, OPinv=operator, **search)
     except ArpackNoConvergence as failure:  # such as for many vectors of one eigenvalue
         if not len(failure.eigenvalues):
             raise SolveFailed(f"no mode was found in {RESTARTS} restarts of ARPACK") from failure

@@ -214,16 +214,9 @@ class _Work:
         """Return the `Point` of an improvement along the step, and α; None without one."""
         way = self.equation.wx * float(abs(step).max()) or 1.0
         longest = min(self.equation.longest / way, self.equation.largest_step(point.y, step))
-        return find_step(
-            self.system.sums,
-            partial(self.at, scale=point.scale),
-            point,
-            step,
-            max(self.goal(point), 0.5 * least_norm),
-            self.equation.potential,
-            longest,
-            TINY * self.extent / way,
-        )
+        at, enough = partial(self.at, scale=point.scale), max(self.goal(point), 0.5 * least_norm)
+        rules = enough, self.equation.potential, longest, TINY * self.extent / way
+        return find_step(self.system.sums, at, point, step, *rules)
 
     def explore(self, point: Point, step: np.ndarray, searched: tuple[Point, float]):
         """Return the end of a few whole Newton steps where that is lower than `searched`.

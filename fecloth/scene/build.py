@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -41,36 +41,8 @@ MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evalua
 At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
 
 
-class SceneData(Protocol):
-    """The tables of a `Scene`, and where they were read from."""
-
-    cloth: Any
-    fabric: Any
-    fabrics: Any
-    grain_degrees: Any
-    mass: Any
-    terms: Any
-    pins: Any
-    start: Any
-    solver: Any
-    time: Any
-    output: Any
-    probes: Any
-    expect: Any
-    interest: Any
-
-    @property
-    def schedule(self) -> Time | EquilibriumTable: ...
-
-    @property
-    def source(self) -> str: ...
-
-    @property
-    def text(self) -> str: ...
-
-
-def build(scene: SceneData, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
-    """Bind the terms and pins to the cloth, place the start, check the method.
+def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
+    """Bind the terms and pins of a `Scene` to the cloth, place the start, check the method.
 
     `make_system` takes the arguments of `System`.
     """
@@ -111,7 +83,7 @@ def build(scene: SceneData, cloth: Cloth, make_system: Callable[..., System] = S
 # --- the system -----------------------------------------------------------------------------------
 
 
-def _system(scene: SceneData, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
+def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
@@ -172,7 +144,7 @@ def _motion_times(time: Time | EquilibriumTable) -> np.ndarray:
 # --- the start ------------------------------------------------------------------------------------
 
 
-def _start(scene: SceneData, cloth: Cloth, at: At) -> State:
+def _start(scene: Any, cloth: Cloth, at: At) -> State:
     start = scene.start
     if start.frame:
         with at("start.frame"):
@@ -192,7 +164,7 @@ def _start(scene: SceneData, cloth: Cloth, at: At) -> State:
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
-def _check_start(scene: SceneData, system: System, state: State, at: At) -> None:
+def _check_start(scene: Any, system: System, state: State, at: At) -> None:
     """Refuse a term whose force at the start is not finite, or beyond all measure."""
     for name, term in zip(system.names, system.bound, strict=True):
         f = np.zeros_like(state.x)
@@ -215,7 +187,7 @@ def _check_start(scene: SceneData, system: System, state: State, at: At) -> None
 
 
 def _check_method(
-    scene: SceneData, system: System, state: State, steps: StepChoice | Auto, at: At
+    scene: Any, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
     """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
     with at("terms"):
@@ -238,7 +210,7 @@ def _check_method(
         steps.check_start(system, state, insist)
 
 
-def _refuse_loads_in_time(scene: SceneData, system: System, state: State) -> None:
+def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
     x, still = state.x, np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
@@ -262,7 +234,7 @@ def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -
         raise
 
 
-def _note(scene: SceneData) -> str:
+def _note(scene: Any) -> str:
     """Return how the mesh affects the values in [expect], or ""."""
     pattern = getattr(scene.cloth, "pattern", "")
     return bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else ""

@@ -161,18 +161,22 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
     """Return the text before the first section, and what Parameters says of each name.
 
+    Names of a base stand in the docstring of the base.
+
     Examples
     --------
     >>> from fecloth import Gravity
     >>> parts_of_docstring(Gravity)[1]
     {'acceleration': 'g, three components [m/s²].'}
     """
-    text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(cls) or "")
-    parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
-    items = re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.MULTILINE)
-    return text.strip(), {
-        name: " ".join(words.split()) for names, words in items for name in names.split(", ")
-    }
+    text, meanings = "", dict[str, str]()
+    for each in reversed(cls.__mro__[:-1]):
+        text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(each) or "")
+        parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
+        items = re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.MULTILINE)
+        for names, words in items:
+            meanings |= dict.fromkeys(names.split(", "), " ".join(words.split()))
+    return text.strip(), meanings
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:

@@ -42,12 +42,10 @@ class Constraints:
             np.concatenate(everything), return_index=True, return_counts=True
         )
         if (times > 1).any():
-            raise InputError(
-                f"node {nodes[times > 1][0]} is held by more than one pin",
-                "each node may belong to one pin",
-                "System(pins=...)",
-                _remedy_for_two_pins(int(nodes[times > 1][0]), groups, cloth),
-            )
+            what = f"node {nodes[times > 1][0]} is held by more than one pin"
+            allowed = "each node may belong to one pin"
+            remedy = _remedy_for_two_pins(int(nodes[times > 1][0]), groups, cloth)
+            raise InputError(what, allowed, "System(pins=...)", remedy)
         each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
         return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
 

@@ -28,14 +28,13 @@ which N is zero, or small.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from fecloth.compiled.jit import Array
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.reductions import dot, mean
-from fecloth.terms.protocol import At, BoundTerm
+from fecloth.terms.protocol import At, BoundTerm, taken_from
 
 SHORT = 1e-16  # of u·d, relative to d·M d: at or below it the motion is rigid
 ROUND_OFF = 1e-15  # of N, relative to the energies
@@ -53,22 +52,11 @@ class DiscreteGradient(BoundTerm):
     t: float  # time of the mean [s]; both energies are of this time
 
     has_energy = False  # at x alone
-
-    @property
-    def name(self) -> str:
-        return self.term.name
-
-    @property
-    def symmetric(self) -> bool:
-        return self.acting.symmetric
-
-    @property
-    def dissipative(self) -> bool:
-        return self.term.dissipative
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.term.velocity_dependent
+    name, dissipative = taken_from("term.name"), taken_from("term.dissipative")
+    velocity_dependent, power = taken_from("term.velocity_dependent"), taken_from("term.power")
+    symmetric, dense = taken_from("acting.symmetric"), taken_from("acting.dense")
+    dissipates_over_step = taken_from("acting.dissipates_over_step")
+    dissipation, commit = taken_from("acting.dissipation"), taken_from("acting.commit")
 
     @cached_property
     def energy_before(self) -> float:
@@ -101,26 +89,6 @@ class DiscreteGradient(BoundTerm):
     ) -> None:
         """J += wx K + wv D of f."""
         self.acting.add_tangent(x, v, t, wx, wv, J, definite)
-
-    def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
-        """The dense part of K."""
-        return self.acting.dense(x, t)
-
-    def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
-        """Dissipated power [W]."""
-        return self.term.power(x, v, t)
-
-    @property
-    def dissipates_over_step(self) -> bool:
-        return self.acting.dissipates_over_step
-
-    def dissipation(self, x: np.ndarray) -> float:
-        """Energy [J] dissipated in the step that ends at x."""
-        return self.acting.dissipation(x)
-
-    def commit(self, x: np.ndarray, t: float) -> Any:
-        """The record of the term after the step."""
-        return self.acting.commit(x, t)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.

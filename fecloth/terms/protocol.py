@@ -20,7 +20,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from operator import attrgetter
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sparse
@@ -32,16 +33,8 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.step_difference import StepDifference
 
-ALWAYS = (
-    "name",
-    "symmetric",
-    "has_energy",
-    "dissipative",
-    "velocity_dependent",
-    "add_force",
-    "add_tangent",
-    "rate_bounds",
-)
+FLAGS = ("symmetric", "has_energy", "dissipative", "velocity_dependent")
+ALWAYS = ("name", *FLAGS, "add_force", "add_tangent", "rate_bounds")
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
@@ -57,7 +50,6 @@ class Term(Protocol):
 
         Their blocks become part of the pattern of the matrix. The diagonal always is.
         """
-        ...
 
     def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> BoundTerm:
         """Make the bound term for a mesh.
@@ -77,7 +69,6 @@ class Term(Protocol):
         InputError
             For parameters that do not fit the mesh.
         """
-        ...
 
 
 class BoundTerm:
@@ -123,46 +114,19 @@ class BoundTerm:
 
     __slots__ = ()
 
-    if TYPE_CHECKING:  # each may be an attribute, a field or a property
-
-        @property
-        def name(self) -> str: ...
-        @property
-        def symmetric(self) -> bool: ...
-        @property
-        def has_energy(self) -> bool: ...
-        @property
-        def dissipative(self) -> bool: ...
-        @property
-        def velocity_dependent(self) -> bool: ...
-        @property
-        def load(self) -> bool: ...
-        @property
-        def stores_strain(self) -> bool: ...
-        @property
-        def no_equilibrium(self) -> str: ...
-        @property
-        def needs_end(self) -> str: ...
-        @property
-        def needs_difference(self) -> bool: ...
-        @property
-        def conserves(self) -> bool: ...
-        @property
-        def objective(self) -> bool: ...
-        @property
-        def steady_air(self) -> np.ndarray | None: ...
-
-    else:
-        dissipative = False
-        velocity_dependent = False
-        load = False
-        stores_strain = True
-        no_equilibrium = ""
-        needs_end = ""
-        needs_difference = False
-        conserves = False
-        objective = False
-        steady_air = None
+    name: Any  # each may be an attribute, a field or a property
+    symmetric: Any
+    has_energy: Any
+    dissipative: Any = False
+    velocity_dependent: Any = False
+    load: Any = False
+    stores_strain: Any = True
+    no_equilibrium: Any = ""
+    needs_end: Any = ""
+    needs_difference: Any = False
+    conserves: Any = False
+    objective: Any = False
+    steady_air: Any = None
 
     # --- force and tangent ------------------------------------------------------------------------
 
@@ -405,6 +369,20 @@ def has_own(term: BoundTerm, name: str) -> bool:
     """Whether a bound term has its own function in place of the function of `BoundTerm`."""
     own = getattr(term, name)
     return getattr(own, "__func__", own) is not vars(BoundTerm)[name]
+
+
+def taken_from(path: str) -> Any:
+    """The property or function ``self.<path>`` of an object within a bound term, as its own."""
+    return property(attrgetter(path))
+
+
+def element_nodes(term: Any, cloth: Cloth) -> np.ndarray:
+    """The `stencil` of a term that couples the nodes of each element of the mesh."""
+    return cloth.stencil
+
+
+def uncoupled(term: Any, cloth: Cloth) -> None:
+    """The `stencil` of a term that couples no nodes."""
 
 
 def is_description(value: object) -> bool:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from scipy import sparse
+from support.local_link import LocalLink
 from support.sliders import Sliders
 
 import fecloth as fc
 from fecloth.distributed import distributed_system
-from fecloth.distributed.crew import LocalLink
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from support.local_link import LocalLink
 from support.own_terms import OWN, Breeze, Ribs, Rubber, Syrup
 from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.distributed.crew import LocalLink
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.probe_tables import Interest

@@ -18,7 +18,7 @@ from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.kinematics import plate_error
 from fecloth.terms.loops.array_updates import subtract
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.traits import BENDING, BOTH
 
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
@@ -145,6 +145,7 @@ class BoundPlate(BoundTerm):
     panel: Panel
 
     name = "PlateBending"
+    nbytes = taken_from("plate.nbytes")
     symmetric = True
     has_energy = True
 
@@ -178,9 +179,6 @@ class BoundPlate(BoundTerm):
         self.plate.add_products(g, g, wx, J)
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
-
-    def nbytes(self, explicit: bool) -> int:
-        return self.plate.nbytes(explicit)
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(m,) energy [J] of what recovery changes of the curvature in each triangle."""

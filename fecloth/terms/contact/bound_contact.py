@@ -17,7 +17,7 @@ import scipy.sparse as sparse
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
 from fecloth.terms.contact.shape import Shape
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
@@ -155,14 +155,9 @@ class ContactOverStep(BoundTerm):
     symmetric = True
     has_energy = True
     stores_strain = False
-
-    @property
-    def name(self) -> str:
-        return self.contact.name
-
-    @property
-    def couples_nodes(self) -> bool:
-        return self.contact.couples_nodes
+    name, couples_nodes = taken_from("contact.name"), taken_from("contact.couples_nodes")
+    rate_bounds, limit = taken_from("contact.rate_bounds"), taken_from("contact.limit")
+    commit = taken_from("contact.start_history")
 
     @property
     def dissipates_over_step(self) -> bool:
@@ -212,15 +207,6 @@ class ContactOverStep(BoundTerm):
         for each in self.sliding:
             power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
         return dt * power
-
-    def commit(self, x: np.ndarray, t: float) -> Touched | None:
-        return self.contact.start_history(x, t)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        return self.contact.rate_bounds(mass)
-
-    def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
-        return self.contact.limit(x, s, t)
 
     def admit(self, x: np.ndarray, t: float) -> np.ndarray:
         return self.contact.admit_from(self.step, x, t)

@@ -56,19 +56,15 @@ class Sliding(Protocol):
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
         """(m, 3) values at its points, from values at the nodes (n, 3)."""
-        ...
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         """w of the velocities v."""
-        ...
 
     def rate(self, w: np.ndarray) -> float:
         """Σ μ λ f₀(y) [W]; minus its derivative by w is the force."""
-        ...
 
     def power(self, w: np.ndarray) -> float:
         """Σ μ λ f₁(y) y [W], which is dissipated."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

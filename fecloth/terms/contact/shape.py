@@ -50,13 +50,12 @@ class Shape:
     """A rigid body that stands as it is written at t = 0, and may move and turn from there.
 
     A point y of the body is at p + u(t) − u(0) + R(t) R(0)ᵀ (y − p) at the time t, with the point p
-    of the axis, the motion u and the rotation R.
+    of the axis, the rotation R, and the motion u, which may be a function ``motion(t) -> (3,)``.
 
     Parameters
     ----------
     motion
-        Displacement u [m]: three formulas of t [s], or a function ``motion(t) -> (3,)``. Only its
-        changes count.
+        Displacement [m], three formulas of t; only its changes count.
     rotate
         `Rotation` about an axis that moves along; only the changes of its angle count.
     """
@@ -175,10 +174,6 @@ class Sdf(Shape):
     radius
         Least radius of curvature where the shape curves outwards [m]. It decides how many points
         inside triangles are needed. None for a shape with edges.
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
 
     Examples
     --------

@@ -1,6 +1,7 @@
 """The shapes of obstacles, `fc.shapes`: their distance in closed form, with two derivatives.
 
 The distance d of a point outside has |∇d| = 1. Lengths are in m, or texts such as "10 cm".
+Every shape may move and turn: `Shape` says how.
 """
 
 from dataclasses import dataclass
@@ -33,10 +34,6 @@ class Plane(Shape):
         A point of the plane [m].
     normal
         Its normal n, of any length, towards the side on which the cloth is.
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
 
     Examples
     --------
@@ -76,10 +73,6 @@ class Sphere(Shape):
     ----------
     center, radius
         [m].
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
     """
 
     center: Place
@@ -116,10 +109,6 @@ class Cylinder(Shape):
         The direction of the axis, of any length.
     radius
         [m].
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
     """
 
     point: Place
@@ -160,10 +149,6 @@ class Capsule(Shape):
         The ends of the segment [m].
     radius
         [m].
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
     """
 
     a: Place
@@ -214,10 +199,6 @@ class Box(Shape):
         Its centre [m].
     size
         The lengths of its edges [m].
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
     """
 
     center: Place
@@ -258,10 +239,6 @@ class Disk(Shape):
         The direction of its axis, of any length.
     radius, thickness
         [m].
-    motion
-        Displacement [m], three formulas of t; only its changes count.
-    rotate
-        `Rotation` about an axis that moves along; only the changes of its angle count.
     """
 
     center: Place

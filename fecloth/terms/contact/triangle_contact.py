@@ -10,7 +10,6 @@ import scipy.sparse as sparse
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
@@ -18,6 +17,7 @@ from fecloth.terms.contact.bound_contact import BoundContact, ContactOverStep, R
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
+from fecloth.terms.protocol import uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
 
@@ -237,8 +237,7 @@ class SelfContact:
         validation.positive("thickness", self.thickness, "m", "SelfContact", or_zero=True)
         barrier.check_numbers("SelfContact", self.gap, self.friction, self.stiffness)
 
-    def stencil(self, cloth: Cloth) -> None:
-        return None
+    stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)

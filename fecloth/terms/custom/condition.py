@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -137,21 +138,13 @@ class Condition:
         r = self._components(rest)
         functions = Derivatives(self.value, self.gradient, self.hessian, size, r, self.name)
         functions.check(rest)
+        own = self.name, KERNELS, (int(self.convex),) * r
+        data: Any = self.nodes, np.zeros(1), self.stiffness, self.damping
+        more: dict[str, Any] = {"tangent": self.tangent, "functions": functions}
+        if self.gauss_newton:
+            more["hessian"] = "gauss_newton"
         try:
-            return BoundUserCondition.bind(
-                self.name,
-                KERNELS,
-                (int(self.convex),) * r,
-                panel,
-                slots,
-                self.nodes,
-                np.zeros(1),
-                self.stiffness,
-                self.damping,
-                hessian="gauss_newton" if self.gauss_newton else "exact",
-                tangent=self.tangent,
-                functions=functions,
-            )
+            return BoundUserCondition.bind(*own, panel, slots, *data, **more)
         except ValueError as error:
             if isinstance(error, InputError):
                 raise

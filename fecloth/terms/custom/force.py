@@ -14,11 +14,10 @@ from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import ACCELERATION, FORCE, PRESSURE
 from fecloth.terms.loops.array_updates import add
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.traits import LOAD
 
 STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
@@ -80,9 +79,7 @@ class UserForce:
             _validated_parts(self.force)
 
     traits = replace(LOAD, shared=False)
-
-    def stencil(self, cloth: Cloth) -> None:
-        return None
+    stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundUserForce:
         cloth = panel.cloth

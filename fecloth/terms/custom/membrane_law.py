@@ -18,9 +18,9 @@ from fecloth.compiled.jit import inner, insert
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.terms.custom.finite_differences import WEIGHTS
 from fecloth.terms.loops import membrane, membrane_loops
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -92,8 +92,7 @@ class MembraneLaw:
         """(6,) ℂ at E = 0 [N/m]."""
         return check_law(self.law, self._row(fabric), type(self).__name__)[2]
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         name, constants = type(self).__name__, panel.each(self._row)
@@ -243,9 +242,7 @@ def _raise_if_different(symbol, given, expected, name, order=(0, 1, 3), scale=No
     at = int(np.argmax(wrong))
     if wrong[at] > TOLERANCE * (np.abs(expected).max() if scale is None else scale):
         of = "W" if symbol == "S" else "S"
-        raise InputError(
-            f"{symbol}{NAMES[order[at]]} = {found[at]:.9g} at E = {NEAR}",
-            f"differences of {of} give {expected[at]:.9g}",
-            name,
-            "S12 is half of ∂W/∂E12; the C are on E11, E22 and 2 E12.",
-        )
+        what = f"{symbol}{NAMES[order[at]]} = {found[at]:.9g} at E = {NEAR}"
+        allowed = f"differences of {of} give {expected[at]:.9g}"
+        remedy = "S12 is half of ∂W/∂E12; the C are on E11, E22 and 2 E12."
+        raise InputError(what, allowed, name, remedy)

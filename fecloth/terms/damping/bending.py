@@ -19,7 +19,7 @@ from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops.array_updates import clear, scale
 from fecloth.terms.loops.bound_condition import RigidCondition
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.traits import DAMPING
 
 
@@ -90,6 +90,7 @@ class BoundPlateDamping(BoundTerm):
     symmetric: bool
 
     name = "BendingDamping"
+    nbytes = taken_from("plate.nbytes")
     has_energy = False
     dissipative = True
     velocity_dependent = True
@@ -131,9 +132,6 @@ class BoundPlateDamping(BoundTerm):
         self.plate.add_products(g, right, 1.0, J)
         if not definite:
             self.plate.add_curvatures(x, t, moment, wx, J)
-
-    def nbytes(self, explicit: bool) -> int:
-        return self.plate.nbytes(explicit)
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Upper bound of the eigenvalues of M⁻¹D [1/s] at flat."""

@@ -14,7 +14,6 @@ from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import TIME
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane import BoundMembrane, PointwiseStrain, strain_of
@@ -22,7 +21,7 @@ from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.membranes import stvk
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, element_nodes
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import DAMPING
 
@@ -106,9 +105,7 @@ class StrainRateDamping:
             raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
 
     traits = replace(DAMPING, damps="strain")
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundStrainRate:
         law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`

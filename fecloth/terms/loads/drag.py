@@ -13,13 +13,12 @@ from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
 from fecloth.terms.loads.pressure import cross, edge
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.shared_loop import SharedLoop
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
 from fecloth.terms.traits import DRAG
 
 Coefficient = Annotated[float, DENSITY.where(law="quadratic"), RESISTANCE.where(law="linear")]
@@ -76,8 +75,7 @@ class Drag:
     def __post_init__(self):
         check_drag(self)
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
         return bind_drag(self, STILL_AIR, panel, slots, BoundDrag)
@@ -115,14 +113,11 @@ class BoundDrag(BoundTerm):
     law: tuple[float, float, bool]  # (k_n, k_t, whether the law is quadratic)
     symmetric: bool  # whether the tangent has only the symmetric part D
 
+    nodes = taken_from("loop.nodes")  # (m, 3)
     name = "Drag"
     has_energy = False
     dissipative = True
     velocity_dependent = True
-
-    @property
-    def nodes(self) -> np.ndarray:
-        return self.loop.nodes
 
     def _centroids(self, x) -> np.ndarray:
         if isinstance(self.wind, Uniform):

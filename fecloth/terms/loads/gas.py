@@ -14,10 +14,9 @@ from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
 from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, element_nodes
 from fecloth.terms.traits import LOAD
 
 
@@ -73,8 +72,7 @@ class Gas:
         if np.shape(self.origin) != (3,) or not np.isfinite(self.origin).all():
             raise InputError(f"origin = {self.origin!r}", "must be three finite numbers", "Gas")
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundGas:
         cloth = panel.cloth

@@ -12,11 +12,10 @@ from fecloth.compiled.calls import Calls
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.reductions import dot
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import ACCELERATION, FORCE, LENGTH
 from fecloth.terms.loops.array_updates import add, add_rows
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.traits import LOAD
 
 
@@ -48,9 +47,7 @@ class Gravity:
             raise InputError(f"acceleration = {self.acceleration!r}", allowed, "Gravity")
 
     traits = replace(LOAD, several_places=False)
-
-    def stencil(self, cloth: Cloth) -> None:
-        return None
+    stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundGravity:
         return BoundGravity(np.outer(panel.nodal_mass, self.acceleration))
@@ -124,9 +121,7 @@ class PointForce:
         vector(self.force, "force", "PointForce")
 
     traits = LOAD
-
-    def stencil(self, cloth: Cloth) -> None:
-        return None
+    stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundPointForce:
         cloth, force = panel.cloth, vector(self.force, "force", "PointForce")

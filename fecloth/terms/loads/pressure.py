@@ -19,7 +19,7 @@ from fecloth.quantities.units import PRESSURE
 from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
 from fecloth.terms.traits import LOAD
 
 
@@ -82,9 +82,7 @@ class Pressure:
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "Pressure")
 
     traits = LOAD
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundPressure:
         cloth = panel.cloth
@@ -114,14 +112,10 @@ class BoundPressure(BoundTerm):
     rest: np.ndarray  # (n, 3) positions of the flat cloth [m]
     panel: Panel  # the cloth with its fabrics
 
+    nodes = taken_from("loop.nodes")  # (m, k) of the triangles
     name = "Pressure"
     load = True
     has_energy = False
-
-    @property
-    def nodes(self) -> np.ndarray:
-        """(m, k) nodes of the triangles."""
-        return self.loop.nodes
 
     def supply(self, x, v, t) -> float:
         """Power f · v of the pressure on the cloth [W]."""

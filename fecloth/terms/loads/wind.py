@@ -11,11 +11,11 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
 from fecloth.terms.loads.air_velocity import Uniform
 from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_drag
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import DRAG
 
 
@@ -94,8 +94,7 @@ class Wind:
             remedy = "Add fecloth.terms.loads.air_velocity.Gusts to your own function."
             raise InputError("gusts of a wind that is not uniform", allowed, "Wind", remedy)
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundWind:
         if self.gusts:

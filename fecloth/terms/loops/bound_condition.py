@@ -18,7 +18,7 @@ from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -37,13 +37,10 @@ def kernels(family: Callable[..., Any]) -> ConditionKernels:
 
     `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
     """
-    return ConditionKernels(
-        specialise(condition.energy, condition=family),
-        specialise(condition.power, condition=family),
-        specialise(condition.add_force, condition=family),
-        specialise(condition.add_tangent, condition=family),
-        condition_discrete_gradient.kernels(family),
-    )
+    templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
+    made = [specialise(template, condition=family) for template in templates]
+    over_step = condition_discrete_gradient.kernels(family)
+    return ConditionKernels._make([*made, over_step])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,44 +76,21 @@ class BoundCondition(BoundTerm):
         tangent: str = "symmetric",
         **own: Any,
     ) -> Self:
-        """Bind a family of conditions to the stencils `nodes` of a panel.
+        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel.
 
-        Parameters
-        ----------
-        name
-            The term's name in the ledger.
-        convex
-            For each of the r components, 1 if its ∂²C is positive semi-definite everywhere, else 0.
-        panel, slots
-            As a term's ``bind`` gets them.
-        nodes
-            (m, k) int32; the very array that the term's ``stencil`` gives, or an equal one.
-        constants
-            (m, p), the rows that the condition gets as `c`.
-        stiffness, damping
-            k_s and k_d: a number, (m,) one for each stencil, (m, r) also for each component, or
-            (m, r, r).
-        hessian, tangent
-            See the fields.
-        own
-            The fields of a subclass.
+        `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
+        everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
+        are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
+        `own` are the fields of a subclass.
         """
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
         (m, k), r, X = nodes.shape, len(convex), panel.cloth.X
-        rows = np.broadcast_to(constants, (m, np.shape(constants)[-1]))
-        return cls(
-            name,
-            kernels,
-            ((0,) * k, tuple(int(flag) for flag in convex)),
-            SharedLoop.over_elements(panel, nodes, slots),
-            np.ascontiguousarray(rows, dtype=float),
-            _matrices(stiffness, m, r),
-            _matrices(damping, m, r),
-            np.column_stack([X, np.zeros(len(X))]),
-            hessian,
-            tangent,
-            **own,
-        )
+        rows = np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), float)
+        shape = (0,) * k, tuple(int(flag) for flag in convex)
+        loop = SharedLoop.over_elements(panel, nodes, slots)
+        ks, kd = _matrices(stiffness, m, r), _matrices(damping, m, r)
+        rest = np.column_stack([X, np.zeros(len(X))])
+        return cls(name, kernels, shape, loop, rows, ks, kd, rest, hessian, tangent, **own)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -199,10 +173,8 @@ class BoundCondition(BoundTerm):
             values = np.zeros((s * k * k, 3, 3))
             data = constants[part], self.stiffness[part], self.damping[part]
             weights = wx, wv, EXACT if self.hessian == "exact" else GAUSS_NEWTON, False
-            nodes = self.nodes[part]
-            self.kernels.add_tangent(
-                *self.shape, nodes, slots, *data, self.rest, zero, *weights, values
-            )
+            arrays = *self.shape, self.nodes[part], slots, *data
+            self.kernels.add_tangent(*arrays, self.rest, zero, *weights, values)
             yield values.reshape(s, k, k, 3, 3)
 
 
@@ -229,22 +201,12 @@ class OverStep(BoundTerm):
 
     has_energy = False  # at x alone
     conserves = True
-
-    @property
-    def name(self) -> str:
-        return self.condition.name
+    name = taken_from("condition.name")
+    dissipative = velocity_dependent = taken_from("condition.dissipative")
 
     @property
     def symmetric(self) -> bool:
         return self.symmetric_elastic and self.condition.symmetric
-
-    @property
-    def dissipative(self) -> bool:
-        return self.condition.dissipative
-
-    @property
-    def velocity_dependent(self) -> bool:
-        return self.condition.velocity_dependent
 
     @property
     def _damping(self) -> BoundCondition:

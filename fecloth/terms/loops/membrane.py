@@ -46,7 +46,7 @@ from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
-from fecloth.terms.protocol import BoundTerm
+from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -197,10 +197,7 @@ class OverStep(BoundTerm):
 
     has_energy = False  # at x alone
     conserves = True
-
-    @property
-    def name(self) -> str:
-        return self.membrane.name
+    name = taken_from("membrane.name")
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w F S̄ G_a [N]."""
@@ -238,14 +235,8 @@ class OverMeanStrain(BoundTerm):
     symmetric: bool
 
     has_energy = False  # at x alone
-
-    @property
-    def name(self) -> str:
-        return self.membrane.name
-
-    @property
-    def conserves(self) -> bool:
-        return self.membrane.kernels.is_quadratic
+    name = taken_from("membrane.name")
+    conserves = taken_from("membrane.kernels.is_quadratic")
 
     def at(self, x: Array) -> BoundMembrane:
         """The membrane whose strain at x is Ē."""

@@ -206,6 +206,11 @@ def add_strain(
 # --- entry points ---------------------------------------------------------------------------------
 
 
+def entry_point(template: Callable[..., Any], law: str = "law") -> cached_property[Any]:
+    """A template made with the law of `Kernels` in this field."""
+    return cached_property(lambda kernels: kernels.make(template, getattr(kernels, law)))
+
+
 @dataclass(frozen=True, eq=False)
 class Kernels:
     """The entry points of a law with a kind of strain.
@@ -222,36 +227,19 @@ class Kernels:
     is_quadratic: bool
     kind: Kind = field(default_factory=lambda: POINTWISE)  # the kind of strain
 
-    @cached_property
-    def energy(self) -> Callable[..., float]:
-        return self._make(energy)
-
-    @cached_property
-    def add_force(self) -> Callable[..., None]:
-        return self._make(add_force)
-
-    @cached_property
-    def add_tangent(self) -> Callable[..., None]:
-        return self._make(add_tangent)
+    energy = entry_point(energy)
+    add_force = entry_point(add_force)
+    add_tangent = entry_point(add_tangent)
+    add_mixed_tangent = entry_point(add_mixed_tangent)
+    add_stress = entry_point(add_stress)
+    add_moduli = entry_point(add_moduli, "definite_law")
 
     @cached_property
     def add_definite_tangent(self) -> Callable[..., None]:
         """Of a pointwise strain the tangent of the definite law."""
         if self.kind is REGGE or self.kind is REGGE_RATE:
-            return self._make(add_definite_tangent, self.definite_law)
-        return self._make(add_tangent, self.definite_law)
-
-    @cached_property
-    def add_mixed_tangent(self) -> Callable[..., None]:
-        return self._make(add_mixed_tangent)
-
-    @cached_property
-    def add_stress(self) -> Callable[..., None]:
-        return self._make(add_stress)
-
-    @cached_property
-    def add_moduli(self) -> Callable[..., None]:
-        return self._make(add_moduli, self.definite_law)
+            return self.make(add_definite_tangent, self.definite_law)
+        return self.make(add_tangent, self.definite_law)
 
     @cached_property
     def add_strain(self) -> Callable[..., None]:
@@ -283,9 +271,10 @@ class Kernels:
         """The loops of pointwise strains over a step of energy–momentum."""
         return membrane_discrete_gradient.kernels(self.law, self.definite_law, self.is_quadratic)
 
-    def _make(self, template: Callable[..., T], law: Any = None) -> Callable[..., T]:
+    def make(self, template: Callable[..., T], law: Any) -> Callable[..., T]:
+        """A template with a law and the kind of strain."""
         made: Callable[..., T] = insert_bodies(template, self.kind)
-        return specialise(made, law=law or self.law)
+        return specialise(made, law=law)
 
 
 def kernels(

@@ -13,10 +13,10 @@ from fecloth.compiled.jit import inner
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.loops.bound_condition import RigidCondition
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -105,12 +105,10 @@ class BaraffWitkin:
                 allowed = f"must be {'two numbers' if size == 2 else 'a number'} >= 0"
                 raise InputError(f"{name} = {values!r}", allowed, where)
         if p != 0.5 and (self.stretch is None or self.shear is None):
-            raise InputError(
-                f"area_exponent = {p!r} without stretch and shear",
-                "needs both: the fabric's are per width",
-                where,
-                "Give them in J/m^(4p), or take area_exponent = 0.5.",
-            )
+            what = f"area_exponent = {p!r} without stretch and shear"
+            allowed = "needs both: the fabric's are per width"
+            remedy = "Give them in J/m^(4p), or take area_exponent = 0.5."
+            raise InputError(what, allowed, where, remedy)
 
     def stiffness(self, fabric: Fabric) -> np.ndarray:
         """(3,) k_u, k_v, k_s."""
@@ -125,8 +123,7 @@ class BaraffWitkin:
             raise InputError(what, allowed, "BaraffWitkin", "Use area_exponent = 0.5.")
         return np.array([*self.stiffness(fabric), 0.0, 0.0, 0.0])
 
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundBaraffWitkin:
         cloth = panel.cloth
@@ -138,18 +135,9 @@ class BaraffWitkin:
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
         stiffness = np.array(panel.each(self.stiffness))
-        return BoundBaraffWitkin.bind(
-            "BaraffWitkin",
-            KERNELS,
-            (1, 1, 0),
-            panel,
-            slots,
-            cloth.stencil,
-            constants,
-            stiffness,
-            self.damping * stiffness,
-            tangent=self.tangent,
-        )
+        data = cloth.stencil, constants, stiffness, self.damping * stiffness
+        own = "BaraffWitkin", KERNELS, (1, 1, 0)
+        return BoundBaraffWitkin.bind(*own, panel, slots, *data, tangent=self.tangent)
 
 
 @dataclass(frozen=True, eq=False)

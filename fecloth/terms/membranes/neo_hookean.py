@@ -11,10 +11,10 @@ from fecloth.compiled.jit import inner
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import OF_FABRIC
 
 KINDS = ("incompressible", "compressible")
@@ -116,9 +116,7 @@ class NeoHookean:
         return np.array([lam + 2 * mu, lam + 2 * mu, mu, lam, 0.0, 0.0])
 
     traits = OF_FABRIC
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)

@@ -7,10 +7,10 @@ import numpy as np
 from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import OF_FABRIC
 
 
@@ -55,9 +55,7 @@ class StVK:
         return fabric.moduli()
 
     traits = OF_FABRIC
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         C = panel.each(self.moduli)

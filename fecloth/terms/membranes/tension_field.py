@@ -8,10 +8,10 @@ import numpy as np
 from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.green_strain import contract
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import OF_FABRIC
 
 
@@ -69,9 +69,7 @@ class TensionField:
         return fabric.moduli()
 
     traits = replace(OF_FABRIC, space_error="leaves the strain across its wrinkles open")
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         constants, moduli = panel.each(self.constants), panel.each(self.moduli)

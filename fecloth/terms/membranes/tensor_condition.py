@@ -9,10 +9,10 @@ from fecloth import validation
 from fecloth.compiled.jit import inner
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.units import PER_WIDTH
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 
@@ -52,9 +52,7 @@ class TensorCondition:
         return np.array([4 * self.k, 4 * self.k, 2 * self.k, 0.0, 0.0, 0.0])
 
     traits = MEMBRANE
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.stencil
+    stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         k, moduli = panel.each(lambda fabric: np.array([self.k])), panel.each(self.moduli)

@@ -27,18 +27,8 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
     lam, mu = panel.each(_lame).T[..., None, None]
     k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
     k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-    return RigidCondition.bind(
-        "Springs",
-        KERNELS,
-        (1, 1, 1),
-        panel,
-        slots,
-        cloth.stencil,
-        square,
-        k,
-        damping * k,
-        tangent=tangent,
-    )
+    data = cloth.stencil, square, k, damping * k
+    return RigidCondition.bind("Springs", KERNELS, (1, 1, 1), panel, slots, *data, tangent=tangent)
 
 
 def _lame(fabric: Fabric) -> np.ndarray:

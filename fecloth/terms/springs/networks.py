@@ -161,10 +161,8 @@ def _isotropic(fabric) -> np.ndarray:
     """(1,) Y of a fabric; one whose warp and weft differ is an error."""
     warp, weft = fabric.tensile
     if warp != weft:
-        raise InputError(
-            f"tensile_stiffness = {fabric.tensile}",
-            "must be one number: these springs do not know warp and weft",
-            "Springs",
-            'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.',
-        )
+        what = f"tensile_stiffness = {fabric.tensile}"
+        allowed = "must be one number: these springs do not know warp and weft"
+        remedy = 'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.'
+        raise InputError(what, allowed, "Springs", remedy)
     return np.array([warp])

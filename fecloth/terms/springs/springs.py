@@ -171,17 +171,9 @@ class KnownSprings:
         return self.nodes
 
     def bind(self, panel: Panel, slots) -> RigidCondition:
+        data = self.nodes, self.length[:, None], self.k, self.damping * self.k
         return RigidCondition.bind(
-            "Springs",
-            KERNELS,
-            (1,),
-            panel,
-            slots,
-            self.nodes,
-            self.length[:, None],
-            self.k,
-            self.damping * self.k,
-            tangent=self.tangent,
+            "Springs", KERNELS, (1,), panel, slots, *data, tangent=self.tangent
         )
 
 

@@ -70,18 +70,8 @@ class Tether:
     def bind(self, panel: Panel, slots) -> BoundTether:
         point = vector(self.point, "point", "Tether")
         point(0.0)  # an error in a function of time is raised here, not in a step
-        return BoundTether.bind(
-            "Tether",
-            KERNELS,
-            (1, 1, 1),
-            panel,
-            slots,
-            self.stencil(panel.cloth),
-            np.zeros(3),
-            self.stiffness,
-            self.damping,
-            point=point,
-        )
+        data = self.stencil(panel.cloth), np.zeros(3), self.stiffness, self.damping
+        return BoundTether.bind("Tether", KERNELS, (1, 1, 1), panel, slots, *data, point=point)
 
 
 @dataclass(frozen=True, eq=False)
