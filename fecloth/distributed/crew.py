@@ -1,13 +1,11 @@
 """The processes that hold the parts of one cloth, and its terms, as the first of them sees them."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from types import FunctionType
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -42,7 +40,7 @@ class Crew:
     forgotten: list = field(default_factory=list)
 
     @classmethod
-    def begin(cls, link: Link, descriptions: Sequence[PartDescription]) -> Crew:
+    def begin(cls, link: Link, descriptions: Sequence[PartDescription]) -> Self:
         """Let each process make its part."""
         return cls(
             link, [description.part for description in descriptions], link.begin(descriptions)

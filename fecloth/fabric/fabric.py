@@ -1,11 +1,9 @@
 """The measured constants of a fabric."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 
@@ -123,7 +121,7 @@ class Fabric:
             raise InputError(f"bias_rigidity = {bias!r}", allowed, "Fabric", remedy)
 
     @classmethod
-    def preset(cls, name: str) -> Fabric:
+    def preset(cls, name: str) -> Self:
         """Create a published fabric; `presets` returns the names.
 
         The sources of the numbers are in the module `fecloth.fabric.presets`.
@@ -154,7 +152,7 @@ class Fabric:
         tensile: str = "secant",
         source: str = "KES-F",
         bending_poisson_ratio: float = 0.0,
-    ) -> Fabric:
+    ) -> Self:
         """Create a fabric from the results of Kawabata's instruments (KES-F), in their units.
 
         Parameters
@@ -214,7 +212,7 @@ class Fabric:
         load: int = 100,
         source: str = "FAST",
         bending_poisson_ratio: float = 0.0,
-    ) -> Fabric:
+    ) -> Self:
         """Create a fabric from the results of the FAST instruments, in their units.
 
         Parameters
@@ -262,7 +260,7 @@ class Fabric:
         )
 
     @classmethod
-    def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Fabric:
+    def sheet(cls, E: float, nu: float, thickness: float, rho: float) -> Self:
         """Create the fabric of a homogeneous isotropic sheet of thickness h.
 
         Its constants are Y = E h, B = E h³ / (12 (1 − ν²)), ν_b = ν and the areal density ρ h.

@@ -1,11 +1,9 @@
 """A cloth with the fabric and the warp direction of each triangle."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,7 +52,7 @@ class Panel:
         cloth: Cloth,
         fabric: Fabric | Mapping[str, Fabric],
         grain: float | Mapping[str, float] = 0.0,
-    ) -> Panel:
+    ) -> Self:
         """Assign fabrics and warp directions to the triangles of a cloth.
 
         The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one for

@@ -1,9 +1,7 @@
 """The compiled calls of fused steps: all forces, and what the energy ledger has of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -197,7 +195,7 @@ class SharedForces:
     members: list[Member]
 
     @classmethod
-    def divide(cls, calls: Calls, threads: int) -> SharedForces:
+    def divide(cls, calls: Calls, threads: int) -> Self:
         """Divide calls among threads; what cannot be divided is for the first thread."""
         all_ = members(threads)
         lists: list[list[Call]] = [[] for _ in all_]

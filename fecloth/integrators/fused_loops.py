@@ -3,9 +3,7 @@
 Each rounds its operations one by one, as the loops of `explicit` do.
 """
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -44,7 +42,7 @@ class Held(NamedTuple):
     target: np.ndarray
     work: np.ndarray  # (1,) done on the cloth so far [J]
 
-    def over(self, steps: slice) -> Held:
+    def over(self, steps: slice) -> Self:
         """The same over some of the steps."""
         if len(self.path) == 1:
             return self

@@ -5,11 +5,10 @@ to one force in the same order, and the loops over the nodes round each operatio
 dissipation and the numerical dissipation of every step are added up, for the energy ledger.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -72,9 +71,7 @@ class FusedSteps:
     look: JoinedCalls
 
     @classmethod
-    def bind(
-        cls, system: System, ledger: bool = True, team: Team | None = None
-    ) -> FusedSteps | None:
+    def bind(cls, system: System, ledger: bool = True, team: Team | None = None) -> Self | None:
         """Return the fused steps of a system, or None where a term or a pin needs Python.
 
         With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.

@@ -7,13 +7,11 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 `fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from inspect import signature
 from numbers import Integral
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -96,7 +94,7 @@ class MethodTraits:
     gains: bool = False
     studied: tuple[str, ...] = ()
 
-    def __new__(cls, *values: object, **named: object) -> MethodTraits:
+    def __new__(cls, *values: object, **named: object) -> Self:
         """Refuse a misspelt trait before the constructor of the dataclass runs."""
         names = [field.name for field in fields(cls)]
         for name in named:

@@ -4,9 +4,8 @@ Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggre
 and fourth order elliptic problems, sections 4.1 (aggregates) and 3 (tentative prolongator).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -27,7 +26,7 @@ class Aggregates:
     members: np.ndarray
 
     @classmethod
-    def from_pattern(cls, pattern: BlockPattern) -> Aggregates:
+    def from_pattern(cls, pattern: BlockPattern) -> Self:
         """Group the nodes by the pattern alone."""
         of_node = np.full(len(pattern), -1, np.int32)
         count = _aggregate(pattern.indptr, pattern.indices, of_node)

@@ -4,11 +4,9 @@ Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggre
 and fourth order elliptic problems, section 3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -42,7 +40,7 @@ class Transfer:
     coarse: BlockPattern  # pattern of Pᵀ A P
 
     @classmethod
-    def from_aggregates(cls, pattern: BlockPattern, aggregates: Aggregates) -> Transfer:
+    def from_aggregates(cls, pattern: BlockPattern, aggregates: Aggregates) -> Self:
         n, m = len(pattern), len(aggregates)
         A = _ones(pattern.indptr, pattern.indices, (n, n))
         T = _ones(np.arange(n + 1, dtype=np.int32), aggregates.of_node, (n, m))

@@ -9,9 +9,8 @@ Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, s
 relaxation) and 12.4.3 (multicolouring).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -40,7 +39,7 @@ class SweepOrder:
     slots: np.ndarray
 
     @classmethod
-    def from_pattern(cls, pattern: BlockPattern) -> SweepOrder:
+    def from_pattern(cls, pattern: BlockPattern) -> Self:
         """Colour the nodes greedily, each with the first colour that no neighbour has."""
         n, colours = len(pattern), np.full(len(pattern), -1, np.int32)
         _colour(pattern.indptr, pattern.indices, colours)

@@ -7,9 +7,8 @@ Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggre
 and fourth order elliptic problems.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -58,7 +57,7 @@ class Level:
     @classmethod
     def allocate(
         cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, P: np.ndarray, columns: np.ndarray
-    ) -> Level:
+    ) -> Self:
         """The level of a matrix; its blocks have the precision of P."""
         n, b = len(A.pattern), len(grid.order.slots)
         values: np.ndarray = np.empty((b, 3, 3), P.dtype)

@@ -1,8 +1,7 @@
 """Solution of a linear system whose matrix is a sparse one plus a matrix of low rank."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class LowRankUpdate:
     infos: tuple[SolveInfo, ...]  # the `SolveInfo` of each of these solves
 
     @classmethod
-    def prepare(cls, solver: LinearSolver, updates: Updates, rtol: float) -> LowRankUpdate:
+    def prepare(cls, solver: LinearSolver, updates: Updates, rtol: float) -> Self:
         """Solve for Z with the matrix A that `solver` has prepared; `updates` are not empty."""
         columns = [solver.solve(u, rtol=rtol) for _, u in updates]
         Z = np.stack([z.ravel() for z, _ in columns], axis=1)

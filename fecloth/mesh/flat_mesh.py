@@ -1,8 +1,7 @@
 """A flat triangle mesh with named sets, and the validation of plain arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -38,7 +37,7 @@ class FlatMesh:
         node_ids=None,
         triangle_ids=None,
         triangle_sets=None,
-    ) -> FlatMesh:
+    ) -> Self:
         """Validate plain arrays and create a mesh whose triangles are all counter-clockwise.
 
         Errors in the arrays are reported and not repaired. Exception: if all triangles are

@@ -1,9 +1,8 @@
 """The edges of a triangle mesh: hinges, which are the interior ones, and half-edges."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -25,7 +24,7 @@ class Hinges:
     feet: np.ndarray
 
     @classmethod
-    def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Hinges:
+    def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
         """Find the hinges of triangles (m, 3) between nodes X (n, 2), by their left triangles.
 
         Examples
@@ -49,7 +48,7 @@ class Hinges:
         return cls._from_nodes(X, nodes.astype(np.int32), sides)
 
     @classmethod
-    def _from_nodes(cls, X, nodes, sides) -> Hinges:
+    def _from_nodes(cls, X, nodes, sides) -> Self:
         e, *apexes = (X[nodes[:, a]] - X[nodes[:, 0]] for a in (1, 2, 3))
         square = np.sum(e * e, axis=1)
         areas = [0.5 * np.abs(e[:, 0] * a[:, 1] - e[:, 1] * a[:, 0]) for a in apexes]
@@ -88,7 +87,7 @@ class HalfEdges:
     hinges: Hinges  # the interior edges of the same triangles
 
     @classmethod
-    def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> HalfEdges:
+    def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
         """Find the half-edges of a mesh from node coordinates (n, 2) and corners (m, 3)."""
         return cls(X, triangles, Hinges.from_triangles(X, triangles))
 

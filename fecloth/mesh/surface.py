@@ -1,8 +1,7 @@
 """A deformed cloth as flat triangles: what is turned over, what intersects, what is enclosed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -143,7 +142,7 @@ class Surface:
     sides: np.ndarray  # (h, 2) the two triangles at each interior edge
 
     @classmethod
-    def from_cloth(cls, cloth: Cloth) -> Surface:
+    def from_cloth(cls, cloth: Cloth) -> Self:
         """Return the surface of a cloth."""
         if cloth.element == "P1":
             return cls(cloth.triangles, cloth.hinges.sides)
@@ -198,7 +197,7 @@ class Enclosure:
     part: np.ndarray  # (r,) rim of each edge
 
     @classmethod
-    def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Enclosure:
+    def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Self:
         """Find the rims of triangles (m, 3) over so many nodes."""
         corners = triangles.astype(np.int64)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)

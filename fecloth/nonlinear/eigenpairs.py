@@ -1,8 +1,7 @@
 """The least eigenvalues of K, or of M⁻¹K, on the free directions, by a sparse factor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -77,7 +76,7 @@ class _Pencil:
     asymmetry: float  # as for `Eigenpairs`
 
     @classmethod
-    def at(cls, system: System, state: State, unit_mass: bool) -> _Pencil:
+    def at(cls, system: System, state: State, unit_mass: bool) -> Self:
         K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
         asymmetry = 0.0 if system.symmetric else _symmetrise(system, K)
         project, Z = system.constraints.project, system.admissible

@@ -13,13 +13,12 @@ Users choose a field by one word (`fecloth view`, `fecloth render`):
 The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -121,7 +120,7 @@ class Series:
     read: Callable[[int], Frame]  # function from i to frame i, a `Frame`
 
     @classmethod
-    def open(cls, folder: str | Path) -> Series:
+    def open(cls, folder: str | Path) -> Self:
         """Open the series of a folder that `fecloth run` wrote."""
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"

@@ -1,8 +1,7 @@
 """The edges at which pins hold the normal of the cloth, and how these pins move them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class _ClampedGroup:
     start: float
 
     @classmethod
-    def find(cls, pin: Pin, nodes: np.ndarray, cloth: Cloth, start: float) -> _ClampedGroup:
+    def find(cls, pin: Pin, nodes: np.ndarray, cloth: Cloth, start: float) -> Self:
         edges = cloth.edge_slopes.edges
         triangles = edges.triangles
         ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)

@@ -1,14 +1,12 @@
 """Pins and slides as a user writes them: which nodes, their free directions, and their motion."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,7 +39,7 @@ class Motion:
     X: np.ndarray | None = field(default=None, compare=False)
 
     @classmethod
-    def read(cls, parts: Sequence[str | float], name: str = "motion") -> Motion:
+    def read(cls, parts: Sequence[str | float], name: str = "motion") -> Self:
         """The motion of three formulas or numbers; `name` is what errors call it."""
         if isinstance(parts, str) or not isinstance(parts, Sequence) or len(parts) != 3:
             raise _refused(parts, name)
@@ -181,7 +179,7 @@ class Pin:
         """(3, 3) projector onto the free directions: there are none."""
         return np.zeros((3, 3))
 
-    def at(self, X: np.ndarray) -> Pin:
+    def at(self, X: np.ndarray) -> Self:
         """The pin on nodes with the material points X (k, 2) [m], which its formulas may need."""
         given = {"motion": self.motion, "velocity": self.velocity}
         by_place = {k: v for k, v in given.items() if isinstance(v, Motion) and v.by_place}

@@ -1,9 +1,8 @@
 """How much of the forces on pinned nodes can come from the cloth that moves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -28,7 +27,7 @@ class ReactionLimits:
     @classmethod
     def find(
         cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
-    ) -> ReactionLimits:
+    ) -> Self:
         """Find the triangles that are held whole, and the stiffness of what moves beside them.
 
         `stiffness` makes K of the flat cloth at rest; it is called only if there are any.

@@ -1,12 +1,10 @@
 """Cloth + fabric + terms + pins: the assembled operators, without any notion of a time step."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -230,7 +228,7 @@ class System(Arguments):
     def _mass_slots(self) -> np.ndarray:
         return find_entries(self.scalar_mass, self.pattern.slots)
 
-    def with_bound(self, bound: Iterable) -> System:
+    def with_bound(self, bound: Iterable) -> Self:
         """A copy with other bound terms, such as terms over a step; all else is shared."""
         _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
@@ -239,7 +237,7 @@ class System(Arguments):
 
     def over_step(
         self, step: StepDifference, history: History | None = None, rates: bool = True
-    ) -> System:
+    ) -> Self:
         """The system over a step, with the terms as their `over_step` gives them.
 
         It is the system itself if no term depends on the step. Without `rates`, as for a method
@@ -263,7 +261,7 @@ class System(Arguments):
         records = tuple(term.start_history(state.x, state.t) for term in self.bound)
         return None if all(record is None for record in records) else records
 
-    def with_history(self, history: History | None) -> System:
+    def with_history(self, history: History | None) -> Self:
         """The system between two steps, whose terms act with their records.
 
         It is the system itself without a history, or if no term depends on its record there.
@@ -297,7 +295,7 @@ class System(Arguments):
                 raise InputError(what, "must be the record of the term after the step", "System")
         return records
 
-    def _with_changed(self, bound: Iterable) -> System:
+    def _with_changed(self, bound: Iterable) -> Self:
         """A copy with these terms, or the system itself if they are its own."""
         bound = tuple(protocol.complete(term) for term in bound)
         if all(new is old for new, old in zip(bound, self.bound, strict=True)):

@@ -1,9 +1,7 @@
 """A step as the terms see it that act over it, with the method's difference for rates."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,6 +39,6 @@ class StepDifference:
     history: Any = None
 
     @classmethod
-    def between(cls, start: np.ndarray, dt: float, t: float) -> StepDifference:
+    def between(cls, start: np.ndarray, dt: float, t: float) -> Self:
         """The mean rate over a step of `dt` [s] from x₀ (n, 3) at t: ẏ = (y(x) − y(x₀))/dt."""
         return cls(start, dt, dt, ((1.0, start),), t=t)

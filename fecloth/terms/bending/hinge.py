@@ -1,7 +1,5 @@
 """Bending at the hinges of the mesh: the condition is the dihedral angle of an interior edge."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -201,7 +199,7 @@ class QuadraticBending:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> BoundQuadratic:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         hinges, n = panel.cloth.hinges, len(panel.cloth.X)
         g = hinges.flat_gradient
         k = hinge_stiffness(panel, "QuadraticBending")[:, None, None]

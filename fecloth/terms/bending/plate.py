@@ -1,7 +1,5 @@
 """Bending as a plate: Morley's triangle, its edge slopes reconstructed from the hinge angles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -99,7 +97,7 @@ class PlateBending:
         """(p, 2) pairs of nodes whose positions the curvature of one triangle depends on."""
         return cloth.edge_slopes.pairs
 
-    def bind(self, panel: Panel, slots: FindSlots) -> BoundPlate:
+    def bind(self, panel: Panel, slots: FindSlots) -> BoundTerm:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
         return BoundPlate(plate, np.append(rest, np.zeros(len(plate.held))), panel)

@@ -1,10 +1,8 @@
 """The IPC Toolkit: which parts of a surface are in contact, and the barrier between them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -59,7 +57,7 @@ class ContactSets:
         thickness: float,
         stiffness: float,
         fixed: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> ContactSets:
+    ) -> Self:
         """Return the pairs of a cloth, with `fixed`: nodes (k, 3) and triangles of a mesh.
 
         With a fixed mesh only pairs of the cloth and that mesh count, otherwise pairs of the cloth.

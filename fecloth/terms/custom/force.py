@@ -1,7 +1,5 @@
 """A force on each node that the user gives as formulas or as a function of x, v and t."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -81,7 +79,7 @@ class UserForce:
     traits = replace(LOAD, shared=False)
     stencil = uncoupled
 
-    def bind(self, panel: Panel, slots) -> BoundUserForce:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
         amount = {
             "area": cloth.load,

@@ -1,7 +1,5 @@
 """Damping of the angles of hinges: moments proportional to the rates of the angles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -18,7 +16,6 @@ from fecloth.terms.bending.hinge import HingeBending, bind, hinge_stiffness
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.loops.array_updates import clear, scale
-from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.traits import DAMPING
 
@@ -73,7 +70,7 @@ class BendingDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.edge_slopes.pairs if self._is_plate(cloth) else cloth.hinges.nodes
 
-    def bind(self, panel: Panel, slots) -> RigidCondition | BoundPlateDamping:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         if self._is_plate(panel.cloth):
             angles = bind_angles(panel, slots, "BendingDamping")
             return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")

@@ -1,7 +1,5 @@
 """Damping proportional to mass and velocity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -57,7 +55,7 @@ class MassDamping:
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         return None if cloth.element == "P1" else cloth.stencil
 
-    def bind(self, panel: Panel, slots) -> BoundMassDamping | BoundConsistentMassDamping:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         if panel.cloth.element != "P1" and panel.mass == "consistent":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
             return BoundConsistentMassDamping(self.rate, matrix, slots, panel)

@@ -1,7 +1,5 @@
 """Normal and tangential drag of the air on each triangle."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, TypeVar
@@ -77,7 +75,7 @@ class Drag:
 
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundDrag:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         return bind_drag(self, STILL_AIR, panel, slots, BoundDrag)
 
 

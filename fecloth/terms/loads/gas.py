@@ -1,7 +1,5 @@
 """An ideal gas between the cloth and the plane of its rim, with a pressure from its volume."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -74,7 +72,7 @@ class Gas:
 
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundGas:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
         if cloth.stencil.shape[1] != 3:
             raise InputError(f"element {cloth.element}", "must be P1", "Gas")

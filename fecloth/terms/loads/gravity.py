@@ -1,7 +1,5 @@
 """Loads that do not depend on where the cloth is: gravity, and forces on points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -49,7 +47,7 @@ class Gravity:
     traits = replace(LOAD, several_places=False)
     stencil = uncoupled
 
-    def bind(self, panel: Panel, slots) -> BoundGravity:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         return BoundGravity(np.outer(panel.nodal_mass, self.acceleration))
 
 
@@ -123,7 +121,7 @@ class PointForce:
     traits = LOAD
     stencil = uncoupled
 
-    def bind(self, panel: Panel, slots) -> BoundPointForce:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth, force = panel.cloth, vector(self.force, "force", "PointForce")
         if isinstance(self.where, tuple):
             if len(self.where) != 2 or not np.isfinite(self.where).all():

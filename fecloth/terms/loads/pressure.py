@@ -1,7 +1,5 @@
 """Follower pressure, normal to the deformed cloth and proportional to its area."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
@@ -84,7 +82,7 @@ class Pressure:
     traits = LOAD
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundPressure:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
         p = scalar(self.p, "p", "Pressure")
         symmetric = self.tangent == "symmetric"

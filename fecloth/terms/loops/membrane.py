@@ -26,13 +26,11 @@ TensionField has no ℂ at rest itself: from E = 0 a strain e > 0 along one dire
 Y e/(1 − ν²) if ν > 0, e < 0 nothing, and the shear E12 = e the stress Y e/2 in place of 2 G e.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -61,7 +59,7 @@ class PointwiseStrain:
     definite_arrays: ClassVar[tuple[Array, ...]] = ()  # that the definite tangent takes besides
 
     @classmethod
-    def of_panel(cls, panel: Panel) -> PointwiseStrain:
+    def of_panel(cls, panel: Panel) -> Self:
         """The strain without rest."""
         return cls(panel, np.broadcast_to(0.0, (*panel.cloth.weights.shape, 3)))
 
@@ -165,7 +163,7 @@ class BoundMembrane(BoundTerm):
         """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
         return membrane_bound(self.panel, self.moduli, mass), 0.0
 
-    def less(self, strains: Iterable[tuple[float, Array]]) -> BoundMembrane:
+    def less(self, strains: Iterable[tuple[float, Array]]) -> Self:
         """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
         rest, shape, kernels = self.strain.rest.copy(), self.strain.shape, self.kernels
         nodes, A, *_, old = self.elements

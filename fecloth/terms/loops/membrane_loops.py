@@ -34,12 +34,10 @@ compiler knows their number and unrolls the loops (three times faster than a cou
 array).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -247,22 +245,22 @@ class Kernels:
         return specialise(insert_bodies(add_strain, self.kind))
 
     @cached_property
-    def rested(self) -> Kernels:
+    def rested(self) -> Self:
         """With a rest strain, which E_h has anyway."""
         return self if self.kind is REGGE else replace(self, kind=RESTED)
 
     @cached_property
-    def rate(self) -> Kernels:
+    def rate(self) -> Self:
         """With the rate of the pointwise strain."""
         return replace(self, kind=RATE)
 
     @cached_property
-    def regge(self) -> Kernels:
+    def regge(self) -> Self:
         """With the strain E_h."""
         return replace(self, kind=REGGE)
 
     @cached_property
-    def regge_rate(self) -> Kernels:
+    def regge_rate(self) -> Self:
         """With the rate of E_h."""
         return replace(self, kind=REGGE_RATE)
 

@@ -23,10 +23,8 @@ and with the stress S̃ = (S11, S22, 2 S12) and the moduli ℂ̃ = ∂S̃/∂E
     K_ab =  Σ_p w (Σ_kl B^k_a ℂ̃_kl B^l_bᵀ + Σ_k S̃_k A^k_ab I₃)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -100,7 +98,7 @@ class ReggeStrain:
         return sum(array.nbytes for array in arrays)
 
     @classmethod
-    def of_panel(cls, panel: Panel) -> ReggeStrain:
+    def of_panel(cls, panel: Panel) -> Self:
         """Make the forms of each triangle; of P2 only."""
         cloth = panel.cloth
         c, s = np.cos(panel.grain)[:, None], np.sin(panel.grain)[:, None]

@@ -7,12 +7,10 @@ along a narrow band, therefore only the few at both ends of a range, the seams, 
 other threads. Their sums go to an array of the thread, from which its own nodes are copied.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -71,7 +69,7 @@ class SharedLoop:
     @classmethod
     def over_elements(
         cls, panel: Panel, nodes: np.ndarray, find_slots: FindSlots | None = None
-    ) -> SharedLoop:
+    ) -> Self:
         """The loop over elements of a panel."""
         counted = panel.counted(nodes) if panel.counted else None
         return cls(panel.team, nodes, counted, find_slots)
