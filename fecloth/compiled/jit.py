@@ -10,12 +10,9 @@ import builtins
 import dis
 import gc
 import hashlib
-import os
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -24,6 +21,8 @@ import numpy as np
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import Type
+
+from fecloth.compiled.cache_folder import cache_folder
 
 Array = np.ndarray
 """An array as a kernel takes it; the docstring has its shape."""
@@ -61,37 +60,6 @@ class _RareCollection(event.Listener):
 
 
 event.register("numba:compile", _RareCollection())
-
-
-@cache
-def cache_folder() -> str:
-    """Folder for the machine code of these very kernels.
-
-    It lies in ``$NUMBA_CACHE_DIR``, else ``$XDG_CACHE_HOME``, else ``~/.cache``, else (where none
-    of them can be written) in the temporary directory.
-    """
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
-        text = source.read_bytes()
-        if b"fecloth.compiled.jit import" in text or source == Path(__file__):
-            digest.update(text)
-    name = f"fecloth-{digest.hexdigest()[:16]}"
-    for base in (
-        os.environ.get("NUMBA_CACHE_DIR"),
-        os.environ.get("XDG_CACHE_HOME"),
-        os.path.expanduser("~/.cache"),
-    ):
-        if base and _writable(Path(base) / name):
-            return str(Path(base) / name)
-    return str(Path(tempfile.gettempdir()) / f"{name}-{os.getuid() if os.name == 'posix' else ''}")
-
-
-def _writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
 
 
 def kernel(function: Callable[..., Result]) -> Callable[..., Result]:

@@ -248,56 +248,8 @@ def g(n):
 
 
 def test_a_template_without_the_name_is_refused():
-    with pytest.raises(TypeError, match="folder_for does not call law"):
-        jit.insert(folder_for, law=folder_for)
-
-
-def folder_for(package, monkeypatch):
-    monkeypatch.setattr(jit, "__file__", str(package / "compiled" / "jit.py"))
-    return jit.cache_folder.__wrapped__()
-
-
-def test_every_file_with_kernels_changes_the_folder(copy, tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    own = folder_for(copy, monkeypatch)
-    assert own == folder_for(PACKAGE, monkeypatch)  # by content, wherever it lies
-    decorated = [
-        source
-        for source in sorted(copy.rglob("*.py"))
-        if any(
-            word in source.read_text("utf-8") for word in ("\n@kernel", "\n@inner", "specialise(")
-        )
-    ]
-    assert {"block_matrix.py", "membrane_loops.py", "condition.py", "stvk.py"} <= {
-        p.name for p in decorated
-    }
-    for source in [*decorated, copy / "compiled" / "jit.py"]:
-        text = source.read_bytes()
-        source.write_bytes(text + b"\n")
-        assert folder_for(copy, monkeypatch) != own, source.name
-        source.write_bytes(text)
-    with (copy / "errors.py").open("ab") as other:  # no kernels: nothing to compile anew
-        other.write(b"\n")
-    assert folder_for(copy, monkeypatch) == own
-
-
-def test_the_folder_lies_where_it_can_be_written(tmp_path, monkeypatch):
-    blocked = tmp_path / "file"
-    blocked.write_text("not a folder")
-    for name, value in (
-        ("NUMBA_CACHE_DIR", tmp_path / "numba"),
-        ("XDG_CACHE_HOME", tmp_path / "xdg"),
-        ("HOME", tmp_path / "home"),
-        ("USERPROFILE", tmp_path / "home"),
-    ):
-        monkeypatch.setenv(name, str(value))
-    monkeypatch.setattr(jit.tempfile, "gettempdir", lambda: str(tmp_path / "temporary"))
-    wanted = [tmp_path / "numba", tmp_path / "xdg", tmp_path / "home" / ".cache"]
-    for name, folder in zip(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"), wanted, strict=True):
-        assert Path(jit.cache_folder.__wrapped__()).parent == folder
-        monkeypatch.setenv(name, str(blocked))
-        monkeypatch.setenv("USERPROFILE", os.environ["HOME"])
-    assert Path(jit.cache_folder.__wrapped__()).parent == tmp_path / "temporary"
+    with pytest.raises(TypeError, match="in_a_new_process does not call law"):
+        jit.insert(in_a_new_process, law=in_a_new_process)
 
 
 def test_kernels_keep_nan_infinity_and_the_users_own_cache_folder(tmp_path, monkeypatch):
