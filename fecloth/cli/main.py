@@ -12,7 +12,7 @@ from typing import NoReturn
 from fecloth import __version__
 from fecloth.cli.commands import COMMANDS
 from fecloth.cli.streams import lost_output, tolerant_streams
-from fecloth.errors import BAD_INPUT, FAILED, STOPPED, FeclothError, InputError
+from fecloth.errors import FAILED, STOPPED, FeclothError
 from fecloth.runs.interruption import set_handler, stop_at_once
 from fecloth.suggest import did_you_mean
 
@@ -68,29 +68,17 @@ def _run_command(arguments: list[str] | None) -> int:
 def _status(options: Namespace) -> int:
     """Run the command of the options; print its failure, if any."""
     from fecloth.cli.studies import run_study
-    from fecloth.output.atomic_files import DiskFull
+    from fecloth.output.atomic_files import ending_of
 
     try:
         command = COMMANDS[options.command]
         if command.is_study:
             return run_study(command, options)
         return command.load()(options)
-    except DiskFull as full:
-        print(f"failed: {full}", file=sys.stderr)
-        return FAILED
-    except InputError as mistake:
-        print(f"error: {mistake}", file=sys.stderr)
-        return BAD_INPUT
-    except FeclothError as failure:
-        print(f"failed: {failure}", file=sys.stderr)
-        return FAILED
-    except OSError as refusal:  # of the system, as where Numba keeps machine code
-        remedy = "If a disk is full, free space; NUMBA_CACHE_DIR is where machine code is stored."
-        print(f"error: {refusal}. {remedy}", file=sys.stderr)
-        return BAD_INPUT
-    except MemoryError as full:
-        print(f"failed: memory is full ({full}). Take a coarser mesh.", file=sys.stderr)
-        return FAILED
+    except (FeclothError, OSError, MemoryError) as error:
+        status, line = ending_of(error)
+        print(line, file=sys.stderr)
+        return status
 
 
 def _parser() -> ArgumentParser:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from fecloth.errors import InputError
+from fecloth.errors import BAD_INPUT, FAILED, InputError
 
 LOCK = ".lock"  # in the folder of a run while it runs
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
@@ -31,6 +31,22 @@ class DiskFull(WriteError):
     def errno_in(words: str) -> int | None:
         """Return the error number of a full disk in another program's message, or None."""
         return next((number for number in _REMEDIES if os.strerror(number) in words), None)
+
+
+def ending_of(error: Exception) -> tuple[int, str]:
+    """Exit status of a command that ends with this error, and the line that it prints.
+
+    `error` is a `FeclothError`, an OSError or a MemoryError. A full disk is no mistake of the user.
+    """
+    words, status = str(error), FAILED
+    if isinstance(error, OSError):  # of the system, as where Numba keeps machine code
+        status = FAILED if error.errno in _REMEDIES else BAD_INPUT
+        words += f". {_REMEDIES[error.errno]}" if error.errno in _REMEDIES else ""
+    elif isinstance(error, MemoryError):
+        words = f"memory is full ({error}). Take a coarser mesh."
+    elif isinstance(error, InputError) and not isinstance(error, DiskFull):
+        status = BAD_INPUT
+    return status, f"{'error' if status == BAD_INPUT else 'failed'}: {words}"
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -125,9 +125,13 @@ class Series:
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
         if listed.is_file():
-            entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
-            files = [folder / entry["name"] for entry in entries]
-            times = tuple(entry["time"] for entry in entries)
+            try:
+                entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
+                files = [folder / entry["name"] for entry in entries]
+                times = tuple(float(entry["time"]) for entry in entries)
+            except (ValueError, KeyError, TypeError) as error:
+                remedy = "Run the scene again."
+                raise InputError(f"{listed}", f"cannot be read ({error})", "", remedy) from error
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
         if single.is_file():
             return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))

@@ -71,7 +71,7 @@ def _read(redo: Path) -> tuple[int, list, memoryview] | None:
     head, _, data = redo.read_bytes().partition(b"\n")
     try:
         digest, size, places = json.loads(head)
-    except ValueError:
+    except (ValueError, TypeError):
         return None
     return (size, places, memoryview(data)) if digest == sha256(data).hexdigest() else None
 

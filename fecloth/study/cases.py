@@ -186,15 +186,25 @@ def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dic
     """Return the results that are on disk, by key."""
     results = {}
     for case in cases:
-        path = _path(case, out)
-        if not path.exists():
+        entry = _read_entry(_path(case, out))
+        if entry is None:
             continue
-        entry = json.loads(path.read_text(encoding="utf-8"))
         was_late = entry["result"]["status"] == status.LATE
         if was_late and (time_limit or math.inf) > (entry["time_limit"] or math.inf):
             continue  # the longer limit may be enough
         results[case.key] = entry["result"]
     return results
+
+
+def _read_entry(path: Path) -> dict | None:
+    """Return what `_write_result` wrote there, or None if it is not there or cannot be read."""
+    try:
+        entry = json.loads(path.read_text(encoding="utf-8"))
+        limit, result = entry["time_limit"], entry["result"]
+        is_whole = isinstance(limit, int | float | None) and isinstance(result["cause"], str)
+        return entry if is_whole and result["status"] in status.REPRODUCIBLE else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def _to_plain(value):

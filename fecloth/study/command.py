@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from fecloth.errors import BAD_INPUT, FAILED, STOPPED, FeclothError, InputError
-from fecloth.output.atomic_files import DiskFull
+from fecloth.errors import STOPPED, FeclothError, InputError
+from fecloth.output.atomic_files import ending_of
 
 EXTRAS = {  # package: extra of fecloth that installs it
     "matplotlib": "studies",
@@ -44,16 +44,13 @@ def exit_status(main: Callable[[], int | None]) -> int:
     """Call `main`; print its mistake or failure as one line and return the exit status."""
     try:
         return main() or 0
-    except FeclothError as error:
-        has_failed = isinstance(error, DiskFull) or not isinstance(error, InputError)
-        print(f"{'failed' if has_failed else 'error'}: {error}", file=sys.stderr)
-        return FAILED if has_failed else BAD_INPUT
+    except (FeclothError, OSError, MemoryError) as error:
+        status, line = ending_of(error)
+        print(line, file=sys.stderr)
+        return status
     except KeyboardInterrupt:
         print("interrupted; run it again to go on: finished cases are stored", file=sys.stderr)
         return STOPPED
-    except OSError as refusal:
-        print(f"error: {refusal}", file=sys.stderr)
-        return BAD_INPUT
 
 
 def require_packages(*names: str) -> None:

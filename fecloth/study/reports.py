@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fecloth.errors import FAILED, MISSED
-from fecloth.output.atomic_files import replace_file
+from fecloth.output.atomic_files import replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.study.cases import describe_settings
 from fecloth.study.command import StudyFailed
@@ -62,7 +62,7 @@ def write_csv(rows: Sequence[Row], path: str | Path) -> None:
     columns = list(dict.fromkeys(key for row in rows for key in row))
     columns = [c for c in columns if not any(isinstance(row.get(c), list | dict) for row in rows)]
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with Path(path).open("w", newline="", encoding="utf-8") as stream:
+    with writing(Path(path)), Path(path).open("w", newline="", encoding="utf-8") as stream:
         table = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
         table.writeheader()
         table.writerows(rows)

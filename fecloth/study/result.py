@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from fecloth import errors
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import replace_file
+from fecloth.output.atomic_files import replace_file, writing
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
 from fecloth.view.templates import render
@@ -118,11 +118,12 @@ class StudyResult:
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
         folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        self.table.to_csv(folder / "results.csv")
         drawing = self.figure()
-        for kind in ("png", "svg"):
-            drawing.savefig(folder / f"figure.{kind}", dpi=160)
+        with writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            self.table.to_csv(folder / "results.csv")
+            for kind in ("png", "svg"):
+                drawing.savefig(folder / f"figure.{kind}", dpi=160)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
 

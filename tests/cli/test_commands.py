@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from pathlib import Path
 
 import pytest
 from support.pages import read
@@ -10,6 +11,7 @@ import fecloth as fc
 from fecloth.cli.commands import COMMANDS
 from fecloth.cli.main import STATUS, main
 from fecloth.cli.studies import SHARED
+from fecloth.output.atomic_files import DiskFull, ending_of
 from fecloth.study.opened import Opened
 from fecloth.study.result import StudyResult, Table
 
@@ -129,6 +131,17 @@ def test_the_help_of_a_command_has_its_words_and_options(name, capsys):
         assert " ".join(words.split()) in shown
         for each in one.names:
             assert re.search(rf"(^|[\s\[]){re.escape(each)}\b", text), each
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_under_the_report_is_named_and_gives_status_3(tmp_path):
+    pytest.importorskip("matplotlib")
+    (tmp_path / "results.csv").symlink_to("/dev/full")
+    rows = {"x": 1.0, "tip": 2.0, "status": "ok"}, {"x": 2.0, "tip": 3.0, "status": "ok"}
+    result = fc.study.Sweep("strip", "a verdict", Table(rows), ("x",), ("tip",), ("m",))
+    with pytest.raises(DiskFull, match="results.csv cannot be written: No space left") as caught:
+        result.report(tmp_path)
+    assert ending_of(caught.value)[0] == 3
 
 
 def test_the_help_has_all_commands(capsys):

@@ -21,6 +21,7 @@ import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import append_in_place
 from fecloth.output.frame_arrays import fields
+from fecloth.output.frame_reader import Series
 from fecloth.output.frames import Frames, read_frame, write_vtk
 from fecloth.runs.folder import RunFolder
 from fecloth.verify import trial_states
@@ -450,3 +451,10 @@ def test_vtk_finds_the_curved_area(tmp_path):
     np.testing.assert_allclose(surface.points[:, 2], 0.2 * surface.points[:, 0] ** 2, atol=1e-6)
     arc = 0.5 * np.sqrt(1.16) + np.arcsinh(0.4) / 0.8  # ∫ √(1 + (0.4 x)²) dx
     assert surface.area == pytest.approx(arc, rel=1e-4)
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[]", '{"files": [{"time": 1.0}]}', '{"files": 3}'])
+def test_a_damaged_list_of_frames_is_named(tmp_path, damage):
+    (tmp_path / "run.vtu.series").write_text(damage)
+    with pytest.raises(InputError, match=r"run\.vtu\.series: cannot be read"):
+        Series.open(tmp_path)

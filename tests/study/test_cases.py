@@ -127,3 +127,33 @@ def test_stored_results_include_their_settings(tmp_path):
     study.run_cases([{"how": "no"}], fail_or_return, tmp_path)
     (file,) = (tmp_path / "cache").iterdir()
     assert json.loads(file.read_text())["settings"] == {"how": "no"}
+
+
+WHOLE = {"settings": {"x": 2}, "time_limit": None, "result": {"status": "ok", "cause": ""}}
+DAMAGES = {
+    "empty": b"",
+    "cut": json.dumps(WHOLE).encode()[:-9],
+    "no text": b"\xff\xfe\x00",
+    "zeros": bytes(64),
+    "no table": b"[1, 2]",
+    "no entry": b"null",
+    "nested too deep": b"[" * 200_000,
+    "no result": json.dumps(WHOLE | {"result": None}).encode(),
+    "no status": json.dumps(WHOLE | {"result": {"value": 4.0, "cause": ""}}).encode(),
+    "other status": json.dumps(WHOLE | {"result": {"status": "odd", "cause": ""}}).encode(),
+    "no time limit": json.dumps({"result": WHOLE["result"]}).encode(),
+    "a word for a limit": json.dumps(WHOLE | {"time_limit": "soon"}).encode(),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_a_stored_result_that_cannot_be_read_is_computed_again(tmp_path, damage):
+    cases = [{"x": 2.0, "log": str(tmp_path / "log")}]
+    study.run_cases(cases, square, tmp_path)
+    (entry,) = (tmp_path / "cache").iterdir()
+    stored = entry.read_bytes()
+    entry.write_bytes(damage)
+    assert study.run_cases(cases, square, tmp_path)[0]["square"] == 4.0
+    assert entry.read_bytes() == stored
+    entry.write_bytes(stored.replace(b"4.0", b"5.0"))  # a whole one is read
+    assert study.run_cases(cases, square, tmp_path)[0]["square"] == 5.0

@@ -1,5 +1,6 @@
 """Options of a study, each mistake in them as one line, and the predicted size of scenes."""
 
+import errno
 import sys
 from pathlib import Path
 
@@ -70,6 +71,8 @@ def test_a_missing_package_is_noticed_with_the_options(monkeypatch):
         (DiskFull("out/report.md", "no space"), 3, "failed: out/report.md"),
         (KeyboardInterrupt(), 4, "interrupted"),
         (PermissionError(13, "not allowed"), 2, "error: [Errno 13] not allowed"),
+        (OSError(errno.ENOSPC, "no space"), 3, "failed: [Errno 28] no space. Free space"),
+        (MemoryError(), 3, "failed: memory is full"),
     ],
 )
 def test_exit_statuses_are_those_of_the_command_line(capsys, error, status, words):

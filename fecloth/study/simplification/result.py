@@ -65,7 +65,6 @@ class Simplification(StudyResult):
 
     def report(self, folder: str | Path) -> Path:
         """Write the reduced scene, the page, results.csv and the figure; return the page's path."""
-        Path(folder).mkdir(parents=True, exist_ok=True)
         replace_file(Path(folder) / self.file, self.reduced.encode())
         return super().report(folder)
 

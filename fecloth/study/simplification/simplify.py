@@ -197,7 +197,6 @@ def summarise(
     text = original.text(change.apply(tables))
     final = original.run_one(file, change, fresh=True) if taken else None
     if folder is not None:
-        Path(folder).mkdir(parents=True, exist_ok=True)
         replace_file(Path(folder) / file, text.encode())
     limits = find_limits(numbers) if numbers else ["they need a scene"]
     has_h = "h" in tables["cloth"]

@@ -90,7 +90,6 @@ class Tuned(StudyResult):
     def report(self, folder: str | Path) -> Path:
         """Write tuned.toml, report.html, results.csv and the figure; return the page's path."""
         if self.text:
-            Path(folder).mkdir(parents=True, exist_ok=True)
             replace_file(Path(folder) / "tuned.toml", self.text.encode())
         return super().report(folder)
 
@@ -158,7 +157,6 @@ def summarise(
         text = to_toml(change_of(opened, trial.choice).apply(opened.tables))
     if folder is not None and text:
         scene = Path(folder) / "tuned.toml"
-        scene.parent.mkdir(parents=True, exist_ok=True)
         replace_file(scene, text.encode())
     return Tuned(
         title=opened.name,
