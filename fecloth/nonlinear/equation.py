@@ -72,7 +72,7 @@ class Equation(Protocol):
 
     @property
     def explores(self) -> bool:
-        """Whether whole steps are tried where a search shortens them; see `_Work.explore`."""
+        """Whether slow iterations are worth more work; see `_Work.explore` and `refine`."""
 
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which the terms allow y + α step; see `largest_step`."""

@@ -114,7 +114,7 @@ class EquilibriumTable(Table):
     1e-6 of the largest displacement, or as small as round-off allows."""
     load_steps: int = Field(1, ge=1)
     """Equal steps in which the loads grow to their value."""
-    max_iterations: int = Field(200, ge=1)
+    max_iterations: int = Field(500, ge=1)
     """Newton iterations of a load step after which it has failed."""
 
     unit: ClassVar[str] = " of the loads"  # of t

@@ -62,7 +62,7 @@ class LoadSteps:
 
     load_steps: int = 1
     tolerance: float | Literal["auto"] = "auto"
-    max_iterations: int = 200
+    max_iterations: int = 500
 
     traits: ClassVar[MethodTraits] = MethodTraits(
         order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True
