@@ -161,9 +161,9 @@ class _Work:
         whole = length == 1.0 and not held_back
         way = self.equation.wx * float(abs(point.y - before.y).max())
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
-        is_slow = self.remedies.order[last].shift > 0.0 and point.norm > SLOW * before.norm
-        is_slow = is_slow and length >= 1.0 and self.equation.explores and self.equation.potential
-        self.crept = self.crept + 1 if is_slow else 0
+        may = bool(self.equation.explores and self.equation.potential)
+        slow = self.remedies.order[last].shift > 0.0 and point.norm > SLOW * before.norm
+        self.crept = self.crept + 1 if may and slow and length >= 1.0 else 0
         self.left.correct(self.system, point.y - before.y, whole)
         self.left.move(point.y, self.relative(point))
 
