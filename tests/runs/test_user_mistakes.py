@@ -253,7 +253,7 @@ def test_full_disk_loses_no_frames(form, scene):
         pytest.importorskip("h5py")
     options = "--set", f"output.format={form}", "--set", "solver.linear=superlu"
     if form == "vtkhdf":
-        options += "--set", "time.t_end=0.8"  # the space is checked before the run
+        options += "--set", "time.t_end=0.16"  # the space is checked before the run
     assert main(["run", "sheet.toml", "-o", "whole", "--quiet", *options]) == 0
     if form == "vtkhdf":
         error = small_disk(64_000, *options, meanwhile=FILLED, later=64)

@@ -1,4 +1,7 @@
-"""Runs give the same bits on any number of threads, and say how many they used."""
+"""Runs give the same bits on any number of threads, and say how many they used.
+
+Here on one and three; that terms do on two, too, is in tests/terms/test_terms_on_threads.py.
+"""
 
 import json
 
@@ -43,26 +46,24 @@ def same(one, other):
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_explicit_runs_have_the_same_bits(cloth, name):
     results = []
-    for threads in (1, 2, 3):
+    for threads in (1, 3):
         pins = [fc.Pin("left", motion=("0.1*t", "0", "0")) if name == "air" else "left"]
         system = fc.System(cloth, FABRIC, EXPLICIT[name], pins, threads=threads)
-        run = system, fc.CentralDifference(), system.rest(), 2e-5, 4e-3
+        run = system, fc.CentralDifference(), system.rest(), 2e-5, 2.6e-3
         results.append(fc.run(*run, rows=5))
         assert system.team.used == threads
-    assert len(results[0].times) < 100  # steps are fused
-    assert same(results[0], results[1])
-    assert same(results[0], results[2])
+    assert len(results[0].times) < 65  # of 130 steps, which are fused
+    assert same(*results)
 
 
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_implicit_runs_have_the_same_bits(cloth, name):
     method, terms, solver = IMPLICIT[name]
     results = []
-    for threads in (1, 2, 3):
+    for threads in (1, 3):
         system = fc.System(cloth, FABRIC, terms, ["left"], threads=threads)
         results.append(fc.run(system, method, system.rest(), 2e-3, 6e-3, solver=solver))
-    assert same(results[0], results[1])
-    assert same(results[0], results[2])
+    assert same(*results)
 
 
 SCENE = """
