@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import warnings
 from contextlib import suppress
+from dataclasses import replace
 
 from fecloth.errors import FeclothError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frame_arrays import fields
 from fecloth.scene.problem import Problem
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.run import run
 from fecloth.system.system import System
+
+MOST = 50  # iterations of a step of an equilibrium
 
 
 def compile_kernels(problem: Problem) -> None:
@@ -22,6 +26,10 @@ def compile_kernels(problem: Problem) -> None:
     corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
     sets, element = {"left": [0, 3]}, whole.cloth.element
     cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
+    # two triangles may have no equilibrium, and nothing new is compiled in a long search for it
+    steps = problem.steps
+    if isinstance(steps, LoadSteps):
+        steps = replace(steps, max_iterations=MOST)
     first, *others = whole.panel.fabrics  # constants by triangle have another array layout
     fabric = {"lower": first, "upper": others[0]} if others else first
     # SuperLU compiles all that PARDISO needs, without loading the MKL
@@ -32,4 +40,4 @@ def compile_kernels(problem: Problem) -> None:
             start = system.state(1.01 * system.rest().x)
             fields(system, start)
             # four steps: the estimate of the error in time needs as many
-            run(system, problem.steps, start, t_end=4 * (problem.dt or 1e-4), solver=linear)
+            run(system, steps, start, t_end=4 * (problem.dt or 1e-4), solver=linear)

@@ -15,7 +15,9 @@ from support.inflated import shooting
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import SceneError
+from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.runs.run_scene import run_scene
+from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.rest_stability import RestStability
@@ -367,3 +369,17 @@ def test_half_of_a_path_is_the_path_of_half_the_way(tmp_path):
     x = [fc.equilibrium(p.system, p.state, load_steps=n).x for p, n in ((problem, 4), (half, 2))]
     strains = [values[:, 0].max() - 0.2 for values in x]
     assert strains == pytest.approx([0.04, 0.02], abs=1e-12)
+
+
+def test_what_compiles_before_an_equilibrium_does_not_search_for_long(scene, monkeypatch):
+    """Two triangles that a pressure blows off their pin have no equilibrium that is reached."""
+    residual, calls = StaticEquation.residual, []
+
+    def counted(*arguments):
+        calls.append(1)
+        return residual(*arguments)
+
+    problem = load_scene(scene, ["terms.2.p=-20", "equilibrium.load_steps=1"]).build()
+    monkeypatch.setattr(StaticEquation, "residual", counted)
+    compile_kernels(problem)
+    assert 0 < len(calls) < 2000
