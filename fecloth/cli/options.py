@@ -144,8 +144,8 @@ BUDGET = option(
 
 
 def running(command: str, longest: float) -> list[Option]:
-    """Return the options that all studies share; `longest` is the time of a case [s]."""
-    limit = "longest time of a case (%(default)g s)"
+    """Return the options that all studies share; `longest` is the CPU time of a case [s]."""
+    limit = "longest CPU time of a case (%(default)g s)"
     return [
         option("-o --output", f"folder of the report (out/{command}/SCENE)", metavar="DIR"),
         option("--jobs", "processes, one thread each (1)", type=int, default=1, metavar="N"),

@@ -119,7 +119,7 @@ def run_cases(
         Address of a Dask scheduler whose workers see the same files under the same paths; None
         for this machine.
     time_limit
-        Largest time of a case [s]. Processes are killed; in this process and on a cluster the
+        Largest CPU time of a case [s]. Processes are ended; in this process and on a cluster the
         limit works only where the function calls `check_time_limit`.
     fresh
         Run every case, even if its result is on disk.

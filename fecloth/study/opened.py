@@ -60,7 +60,7 @@ class Opened:
         scheduler
             Address of a Dask scheduler that runs the cases, see `run_cases`.
         time_limit
-            Longest time of a case [s]; None for any. By default 60 s in `chart`, 120 s in
+            Longest CPU time of a case [s]; None for any. By default 60 s in `chart`, 120 s in
             `stability`, and any time in the others.
         most_seconds
             Predicted time [s] above which nothing is run, or `tune` skips a run; None for any.

@@ -20,6 +20,13 @@ from fecloth.study.command import require_packages
 from fecloth.study.fingerprint import load_function, source_hash
 
 
+# The system ends a late process after this many times its CPU time: a case that looks at its limit
+# by itself comes before it. A process that hangs is stopped after this many times its limit by the
+# clock, and at least so many seconds [s].
+LATER, HANGING, LEAST_HANGING = 1.2, 30.0, 60.0
+ENDED_BY_TIMER = -signal.SIGPROF if os.name == "posix" else None
+
+
 def run_case(file: str, name: str, settings: dict, time_limit: float | None = None) -> dict:
     """Import the function and run one case in the current process."""
     return status.attempt(load_function(file, name), settings, time_limit)
@@ -28,15 +35,19 @@ def run_case(file: str, name: str, settings: dict, time_limit: float | None = No
 def run_in_processes(
     cases: Sequence[Any], count: int, time_limit: float | None
 ) -> Iterator[tuple[Any, dict]]:
-    """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
+    """Yield (case, result) as they finish in `count` processes; replace each stopped process.
+
+    The limit is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
+    """
+    hanging = None if time_limit is None else max(HANGING * time_limit, LEAST_HANGING)
     first, context = cases[0], multiprocessing.get_context("spawn")
     pool = ProcessPool(count, 0, _start_worker, (first.file, first.name), context)
     with _one_thread_environment():
         try:
             case_of: dict[Future, Any] = {}
             for case in cases:
-                task = case.file, case.name, dict(case.settings)
-                case_of[pool.schedule(run_case, task, timeout=time_limit)] = case
+                task = case.file, case.name, dict(case.settings), time_limit
+                case_of[pool.schedule(_run_limited, task, timeout=hanging)] = case
             for future in as_completed(case_of):
                 yield case_of[future], _result_of(future, time_limit)
         finally:
@@ -51,6 +62,17 @@ def _start_worker(file: str, name: str) -> None:
         load_function(file, name)
 
 
+def _run_limited(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
+    """Run a case; the system ends the process at its limit of CPU time, also in compiled code."""
+    if time_limit is None or os.name != "posix":
+        return run_case(file, name, settings, time_limit)
+    signal.setitimer(signal.ITIMER_PROF, LATER * time_limit)
+    try:
+        return run_case(file, name, settings, time_limit)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
 def _result_of(future: Future, time_limit: float | None) -> dict:
     """Return the result of a case, or the status of a late case and of a dead process."""
     try:
@@ -58,6 +80,8 @@ def _result_of(future: Future, time_limit: float | None) -> dict:
     except TimeoutError:
         return {"status": status.LATE, "cause": status.describe_time_limit(time_limit or 0.0)}
     except ProcessExpired as error:
+        if time_limit is not None and error.exitcode == ENDED_BY_TIMER:
+            return {"status": status.LATE, "cause": status.describe_time_limit(time_limit)}
         cause = f"its process ended with code {error.exitcode}"
         return {"status": status.KILLED, "cause": cause}
     except BrokenProcessPool as error:

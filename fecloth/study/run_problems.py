@@ -30,7 +30,7 @@ class Runs:
     # Processes of this machine, or the address of a Dask scheduler.
     jobs: int = 1
     scheduler: str | None = None
-    time_limit: float | None = None  # longest time of a case [s]
+    time_limit: float | None = None  # longest CPU time of a case [s]
     # Predicted time above which the study does not start [s]; None for no limit.
     most_seconds: float | None = LONGEST
     fresh: bool = False  # run every case, even if its result is stored

@@ -24,26 +24,28 @@ _current_case = threading.local()
 
 
 class TimeLimit(FeclothError):
-    """A case ran longer than its time limit."""
+    """A case took more CPU time than its time limit."""
 
 
 def check_time_limit(*_: object) -> None:
     """Raise `TimeLimit` if the current case is over its limit; fits as a `report` callback.
 
+    The limit is CPU time: a busy machine changes no result.
+
     Examples
     --------
     >>> from fecloth.study.status import attempt
     >>> attempt(lambda: check_time_limit() or {}, {}, time_limit=-1.0)
-    {'status': 'time limit', 'cause': 'more than -1 s'}
+    {'status': 'time limit', 'cause': 'cut off: more than -1 CPU s'}
     """
     limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
-    if end is not None and limit is not None and time.perf_counter() > end:
+    if end is not None and limit is not None and time.process_time() > end:
         raise TimeLimit(describe_time_limit(limit))
 
 
 def describe_time_limit(limit: float) -> str:
     """Return the cause that stands in the row of a late case."""
-    return f"more than {limit:g} s"
+    return f"cut off: more than {limit:.3g} CPU s"
 
 
 def failure(status: str, cause: object) -> dict:
@@ -54,10 +56,10 @@ def failure(status: str, cause: object) -> dict:
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
     """Return the result of `function(**settings)` with status "ok", or the status of its failure.
 
-    The time limit works only where the function calls `check_time_limit`.
+    The time limit [CPU s] works only where the function calls `check_time_limit`.
     """
     _current_case.limit = time_limit
-    _current_case.end = None if time_limit is None else time.perf_counter() + time_limit
+    _current_case.end = None if time_limit is None else time.process_time() + time_limit
     try:
         return {**function(**settings), "status": OK, "cause": ""}
     except Exception as error:

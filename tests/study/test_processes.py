@@ -10,6 +10,7 @@ import pytest
 from support.study_functions import fail_or_return, four_cases, read_thread_limits, square
 
 from fecloth import study
+from fecloth.study import processes
 from fecloth.study.cases import Case
 from fecloth.study.processes import run_in_processes
 
@@ -39,12 +40,21 @@ def test_processes_give_the_same_rows(tmp_path):
 
 
 def test_late_and_dead_processes_are_replaced(tmp_path):
-    hows = ("slow", "killed", "step", "no")
-    rows = study.run_cases(  # the slow one would sleep for an hour
-        [{"how": how} for how in hows], fail_or_return, tmp_path, jobs=2, time_limit=0.5
+    """A limit is CPU time: a case that waits has none of it."""
+    hows = ("busy", "killed", "step", "no", "waiting")
+    rows = study.run_cases(
+        [{"how": how} for how in hows], fail_or_return, tmp_path, jobs=2, time_limit=0.2
     )
-    assert [row["status"] for row in rows] == ["time limit", "killed", "failed", "ok"]
+    assert [row["status"] for row in rows] == ["time limit", "killed", "failed", "ok", "ok"]
+    assert rows[0]["cause"] == "cut off: more than 0.2 CPU s"
     assert "code -9" in rows[1]["cause"]
+
+
+def test_a_process_that_hangs_is_stopped_by_the_clock(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "LEAST_HANGING", 0.3)
+    monkeypatch.setattr(processes, "HANGING", 1.0)
+    (row,) = study.run_cases([{"how": "hanging"}], fail_or_return, None, jobs=2, time_limit=0.3)
+    assert row["status"] == "time limit"
 
 
 def test_a_process_has_one_thread(tmp_path):

@@ -14,7 +14,8 @@ from fecloth import study
         ("input", "refused", "areal_density"),
         ("memory", "memory", ""),
         ("bug", "error", "TypeError: odd"),
-        ("ticking", "time limit", "more than 0.05 s"),
+        ("ticking", "time limit", "cut off: more than 0.05 CPU s"),
+        ("waiting", "ok", ""),
     ],
 )
 def test_a_failure_is_a_row_with_status_and_cause(tmp_path, how, status, cause):

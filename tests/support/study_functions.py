@@ -33,8 +33,14 @@ def fail_or_return(how: str) -> dict:
         raise TypeError("odd")
     if how == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
-    if how == "slow":
+    if how == "waiting":  # takes no CPU time
+        time.sleep(0.3)
+        study.check_time_limit()
+    if how == "hanging":
         time.sleep(3600)
+    if how == "busy":  # without a look at its limit
+        while True:
+            pass
     if how == "ticking":
         while True:
             study.check_time_limit()
