@@ -131,15 +131,7 @@ class ThreadChoice:
 
 
 class Team:
-    """The threads of a system.
-
-    Parameters
-    ----------
-    threads
-        A number; or "auto": one or all, whichever is faster, see `ThreadChoice`.
-    clock
-        Time [s], for "auto".
-    """
+    """The threads of a system: a number, or "auto", for which `ThreadChoice` asks the clock [s]."""
 
     def __init__(self, threads: int | str = 1, clock: Callable[[], float] = time.perf_counter):
         self.threads, self.clock = threads, clock
@@ -173,12 +165,8 @@ class Team:
     ) -> Result:
         """Return alone(), or together(), which calls `run`; both must have the same result.
 
-        Parameters
-        ----------
-        name
-            Of the loop, whose times are compared.
-        count
-            Units of work to which the time is proportional, from the result.
+        The times of a loop are compared by its `name`, and by its units of work, which `count`
+        takes from the result.
         """
         if self.count == 1:
             return alone()
@@ -200,18 +188,10 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Make call(part), which writes only what belongs to its elements.
+        """Make call(part), the kernel and its arguments for a range of `size` elements.
 
-        Parameters
-        ----------
-        size
-            Number of elements.
-        call
-            Gives the kernel and the arguments for a range of them.
-        name
-            Of the loop, as for `do`.
-        unit
-            Elements that must stay together.
+        It writes only what belongs to its elements, of which each `unit` must stay together. `name`
+        is as for `do`.
         """
         function, arguments = call(slice(0, size))
         if not self.shares(size):

@@ -1,7 +1,5 @@
 """The parts of a cloth that its processes have: their meshes, and the systems on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
@@ -168,7 +166,7 @@ class PartDescription:
     grain: Any
     start: State
 
-    def make(self) -> PartSystem:
+    def make(self) -> System:
         """Bind the terms and pins to the part."""
         cloth = self.part.cloth()
         fabric, grain = (_regions_of(cloth, value) for value in (self.fabric, self.grain))

@@ -5,8 +5,6 @@ is beyond it grows without bound. Pins and slides act through their projector P 
 step; moved pins are exactly at their prescribed positions.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,6 +24,15 @@ from fecloth.terms.step_difference import StepDifference
 
 # `march` reports a step that overflows, because its values are not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class LastForce:
+    """The memory of central differences: a = M⁻¹ f, and the state of f."""
+
+    a: np.ndarray
+    at: State
 
 
 class ExplicitOpening(NamedTuple):
@@ -184,15 +191,6 @@ def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step
     move(begin.x, begin.v, a, dt, new_velocity, x, v)
     new = set_held(opening.system, State(begin.t + dt, x, v), opening.end)
     return Step(new, begin, None, opening.counts(), **ending(opening, new))
-
-
-@remembered
-@dataclass(frozen=True, eq=False)
-class LastForce:
-    """The memory of central differences: a = M⁻¹ f, and the state of f."""
-
-    a: np.ndarray
-    at: State
 
 
 @dataclass(frozen=True)

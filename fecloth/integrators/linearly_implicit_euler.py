@@ -1,13 +1,12 @@
 """The linearly implicit Euler method: one linear solve a step."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
-from fecloth.integrators.one_stage import StageMethod
-from fecloth.integrators.protocol import MethodTraits
+from fecloth.integrators.one_stage import BackwardEuler, StageMethod
 from fecloth.integrators.step import UNCOUNTED, Step, ending, prescribed_end, set_prescribed
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
@@ -70,15 +69,7 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    traits = MethodTraits(
-        order=1,
-        theta=1.0,
-        error_constant=1 / 2,
-        drift=(1, 1 / 2),
-        at_infinity=0.0,
-        gains=True,
-        studied=("stability",),
-    )
+    traits = replace(BackwardEuler.traits, has_difference=False, gains=True, studied=("stability",))
 
     def open(
         self,

@@ -70,10 +70,7 @@ def step(
     """One iteration for z = M⁻¹ r with any M, on all threads.
 
     Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
-
-    Returns
-    -------
-    rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
     """
     begin, end = part_of(member, 0, sums.shape[1])
     for block in range(begin, end):

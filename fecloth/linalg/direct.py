@@ -69,11 +69,8 @@ class Direct:
 class Pardiso(Direct):
     """PARDISO of the Intel MKL, through the library that pypardiso finds.
 
-    Parameters
-    ----------
-    symmetric
-        True: Cholesky factorisation of the upper triangle (PARDISO's matrix type 2). False: LU
-        factorisation (type 11).
+    If `symmetric`, the upper triangle has a Cholesky factor (PARDISO's matrix type 2), otherwise
+    the matrix an LU factor (type 11).
     """
 
     name = "pardiso"
@@ -129,12 +126,8 @@ class Pardiso(Direct):
 class SuperLU(Direct):
     """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
 
-    Parameters
-    ----------
-    symmetric
-        True: pivots on the diagonal in minimum-degree order. False: partial pivoting. With True the
-        factor is copied to check the signs of the pivots. This takes twice the memory and a third
-        more time.
+    If `symmetric`, the pivots are on the diagonal in minimum-degree order, otherwise partial. Then
+    the factor is copied to check their signs: twice the memory, and a third more time.
     """
 
     name = "superlu"

@@ -40,12 +40,8 @@ class LinearSolver(Protocol):
     def prepare(self, A: BlockMatrix) -> None:
         """Analyse the pattern if it is new, and factorise A or build the preconditioner.
 
-        A must not change until the last `solve` with it.
-
-        Raises
-        ------
-        IndefiniteMatrix, SolveFailed
-            For a matrix that is not positive definite, if the solver needs that, or singular.
+        A must not change until the last `solve` with it. Raises `IndefiniteMatrix` if the solver
+        needs a positive definite matrix, `SolveFailed` for a singular one.
         """
 
     def solve(
@@ -53,12 +49,8 @@ class LinearSolver(Protocol):
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖, computed with A, and its `SolveInfo`.
 
-        `guess` (n, 3) is a start, which a direct solver ignores.
-
-        Raises
-        ------
-        IndefiniteMatrix, SolveFailed
-            If no such x was found.
+        `guess` (n, 3) is a start, which a direct solver ignores. Raises `SolveFailed`, or
+        `IndefiniteMatrix`, if no such x was found.
         """
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:

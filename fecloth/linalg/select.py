@@ -174,18 +174,7 @@ class AutoSolver:
 
 NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
 
-__all__ = [
-    "NAMES",
-    "PCG",
-    "AutoSolver",
-    "Multigrid",
-    "Pardiso",
-    "SolveInfo",
-    "SuperLU",
-    "choose",
-    "create",
-    "direct",
-]
+__all__ = ["NAMES", "AutoSolver", "choose", "create", "direct"]
 
 
 def direct(symmetric: bool = True) -> Pardiso | SuperLU:

@@ -268,10 +268,6 @@ def turn_curvature(angle: np.ndarray) -> np.ndarray:
     """(p, 3, 3) R with R κ the curvature (κ₁₁, κ₂₂, 2κ₁₂) along axes turned by `angle` (p,)."""
     c, s = np.cos(angle), np.sin(angle)
     rows = np.array(
-        [
-            [c * c, s * s, c * s],
-            [s * s, c * c, -c * s],
-            [-2 * c * s, 2 * c * s, c * c - s * s],
-        ]
+        [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
     )
     return np.moveaxis(rows, -1, 0)

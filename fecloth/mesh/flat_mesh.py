@@ -50,23 +50,11 @@ class FlatMesh:
         triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
         sets with pairs that are no edge.
 
-        Parameters
-        ----------
-        X : (n, 2) or (n, 3) array
-            Node coordinates [m]. Points with three coordinates must lie in a plane to 1e-9 of the
-            extent. In the planes xy, xz and yz those two coordinates are used. Any other plane
-            gets an orthonormal frame. Its first axis is the projection of the global x axis, or of
-            the y axis if the plane is normal to x.
-        triangles : (m, 3) integer array
-            Node indices, 0-based.
-        node_sets : dict of str to (k,) integer arrays, optional
-        edge_sets : dict of str to (k, 2) integer arrays, optional
-            Pairs of nodes; each must be an edge of a triangle.
-        where : str
-            File or function, for the error messages.
-        node_ids, triangle_ids : integer arrays, optional
-            Numbers of nodes and triangles in the error messages. Default: the indices.
-        triangle_sets : dict of str to (k,) integer arrays, optional
+        Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz those
+        two coordinates are used. Any other plane gets an orthonormal frame, whose first axis is the
+        projection of the global x axis, or of the y axis if the plane is normal to x. Sets map
+        names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name the file or
+        function `where`, and the numbers `node_ids` and `triangle_ids` in place of the indices.
 
         Examples
         --------

@@ -30,16 +30,10 @@ _LISTS = ("node_sets", "edge_sets")
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     """Mesh or read a file in a child process, which ends with this function, however it ends.
 
-    Parameters
-    ----------
-    task
-        ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, or ``{"draw": a name of
-        `DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`, a list
-        of the fields of `Grading`. Unless `confined` is false, the process writes no file.
-    where
-        The file, for messages.
-    time_limit
-        Seconds after which the process is killed.
+    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, or ``{"draw": a
+    name of `DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`, a
+    list of the fields of `Grading`. Unless `confined` is false, the process writes no file. It is
+    killed after `time_limit` seconds; `where` is the file, for messages.
     """
     validation.positive("time_limit", time_limit, "s", where)
     package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported

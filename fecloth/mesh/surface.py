@@ -9,7 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.hinges import Hinges
 
 ROUND_OFF = 1e-14  # of the coordinates: the rounding error of their differences
 MOST_NEIGHBOURS, SAMPLE = 500, 500
@@ -36,20 +35,10 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
     that touch, or overlap in a plane, do not count. Pairs with a common node do not count either.
 
     The candidates are the pairs whose centroids are near, from a k-d tree of SciPy for each class
-    of sizes. The time is proportional to the number of triangles.
+    of sizes. The time is proportional to the number of triangles (s, 3).
 
-    Parameters
-    ----------
-    triangles
-        (s, 3) nodes of each triangle, as of `Surface`.
-    x
-        (n, 3) positions [m].
-
-    Returns
-    -------
-    array or None
-        None if positions are not finite, or a triangle has more than 500 others near it on the
-        average, as in a cloth that has collapsed.
+    Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
+    it on the average, as in a cloth that has collapsed.
     """
     x = np.ascontiguousarray(x, dtype=float)
     corners = x[triangles]
@@ -131,9 +120,6 @@ def _side(
     return np.where(abs(volume) <= limit, 0.0, np.sign(volume))
 
 
-_QUADRATIC = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # in VTK's order of `Cloth.cells`
-
-
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Flat triangles between the nodes of a cloth: its triangles of P1, four for each of P2."""
@@ -146,8 +132,8 @@ class Surface:
         """Return the surface of a cloth."""
         if cloth.element == "P1":
             return cls(cloth.triangles, cloth.hinges.sides)
-        triangles = np.ascontiguousarray(cloth.cells[:, _QUADRATIC].reshape(-1, 3))
-        return cls(triangles, Hinges.from_triangles(cloth.X, triangles).sides)
+        edges = cloth.edge_slopes.edges
+        return cls(edges.triangles, edges.hinges.sides)
 
     def node_areas(self, X: np.ndarray) -> np.ndarray:
         """(n,) a third of the areas of the triangles of each node, at X (n, 2) [m²]."""

@@ -1,8 +1,7 @@
 """Statistics of the equation solves of one or many steps."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 SUMMED = (
     *("newton", "linear", "modified", "factorisations", "rejected", "limited"),
@@ -29,12 +28,12 @@ class Counts:
     newton_error: float = 0.0  # of these steps: estimate of what Newton's iteration left [m]
     step_error: float = 0.0  # of these steps: estimate of the error in time [m]
 
-    def plus(self, other: Counts) -> Counts:
+    def plus(self, other: Self) -> Self:
         """Return the sums, with the residual of `other`."""
         sums = {name: getattr(self, name) + getattr(other, name) for name in SUMMED}
         keys = {**self.seconds, **other.seconds}
         seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
-        return Counts(**sums, residual=other.residual, seconds=seconds)
+        return replace(self, **sums, residual=other.residual, seconds=seconds)
 
 
 def warn_of_round_off(steps: int) -> str:

@@ -68,11 +68,7 @@ def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
 
 def _points(cloth: Cloth, state: State) -> Arrays:
     reference = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    return {
-        "displacement": state.x - reference,
-        "velocity": state.v,
-        "reference": reference,
-    }
+    return {"displacement": state.x - reference, "velocity": state.v, "reference": reference}
 
 
 def _contact(system: System, state: State) -> Arrays:

@@ -23,6 +23,7 @@ from typing import Self
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.mesh.elements import QUARTERS
 from fecloth.output.vtu_writer import Arrays
 from fecloth.suggest import did_you_mean
 
@@ -159,8 +160,7 @@ def straight(cells: np.ndarray) -> np.ndarray:
     """
     if cells.shape[1] == 3:
         return cells
-    parts = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]  # VTK's order: 3 between 0 and 1, …
-    return cells[:, parts].reshape(-1, 3)
+    return cells[:, QUARTERS].reshape(-1, 3)
 
 
 def rim(triangles: np.ndarray) -> np.ndarray:

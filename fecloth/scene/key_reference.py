@@ -11,12 +11,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from fecloth.scene import (
-    placement,
-    probe_tables,
-    schedule,
-    tables,
-)
+from fecloth.scene import placement, probe_tables, schedule, tables
 from fecloth.scene.cloth_tables import Disk, GradingTable, MeshFile, Pieces, Rectangle
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.scene import Scene

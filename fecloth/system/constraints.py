@@ -1,9 +1,8 @@
 """Constraints: projectors onto the free directions of constrained nodes, and their motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -13,6 +12,20 @@ from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.pins import Motion, Pin
+
+
+class _MovedGroup:
+    """A pin with a motion and its nodes; the end of a step is the start of the next one."""
+
+    def __init__(self, pin: Pin, nodes: np.ndarray):
+        self.pin, self.nodes = pin, nodes
+        self._last: tuple[float, np.ndarray] | None = None
+
+    def displacement(self, t: float) -> np.ndarray:
+        """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
+        if self._last is None or self._last[0] != t:
+            self._last = t, self.pin.displacement(t)
+        return self._last[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +38,7 @@ class Constraints:
     projectors: np.ndarray
 
     @classmethod
-    def bind(cls, pins, cloth: Cloth) -> Constraints:
+    def bind(cls, pins, cloth: Cloth) -> Self:
         groups: dict[str, tuple[Pin, np.ndarray]] = {}
         for number, pin in enumerate(pins):
             if isinstance(pin, str):
@@ -149,20 +162,6 @@ def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
     )
 
 
-class _MovedGroup:
-    """A pin with a motion and its nodes; the end of a step is the start of the next one."""
-
-    def __init__(self, pin: Pin, nodes: np.ndarray):
-        self.pin, self.nodes = pin, nodes
-        self._last: tuple[float, np.ndarray] | None = None
-
-    def displacement(self, t: float) -> np.ndarray:
-        """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
-        if self._last is None or self._last[0] != t:
-            self._last = t, self.pin.displacement(t)
-        return self._last[1]
-
-
 def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
     """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on.
 
@@ -221,7 +220,7 @@ class MatrixProjection:
     diagonal: np.ndarray  # (c,) diagonal blocks of the constrained nodes
 
     @classmethod
-    def bind(cls, constraints: Constraints, pattern: BlockPattern) -> MatrixProjection:
+    def bind(cls, constraints: Constraints, pattern: BlockPattern) -> Self:
         c = len(constraints.nodes)
         which = np.full(len(pattern), c)
         which[constraints.nodes] = np.arange(c)
@@ -271,7 +270,7 @@ class MotionRows:
         return all(pin.rotate is None for pin, _ in constraints.groups.values())
 
     @classmethod
-    def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> MotionRows:
+    def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> Self:
         """Evaluate the motion at the `times` (s + 1,) of steps of `sizes` (s,)."""
         moved = [(pin, nodes) for pin, nodes in constraints.groups.values() if pin.moves]
         reached = times[:-1] + sizes

@@ -30,15 +30,9 @@ class Piece:
         A free piece has the linear and angular momentum of its nodes. A held one follows its pins:
         Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions in which
         no pin holds it, u has its linear momentum.
-
-        Parameters
-        ----------
-        x, p
-            (n, 3) positions [m] and momenta M v [kg m/s].
-        mass, mass_x
-            (n,) row sums of M [kg], and M x [kg m].
-        held_v
-            (n, 3) velocities of the pins; only the held directions count.
+        x and p (n, 3) are positions [m] and momenta M v [kg m/s], `mass` (n,) and `mass_x` (n, 3)
+        row sums of M [kg] and M x [kg m], `held_v` (n, 3) velocities of the pins, of which only the
+        held directions count.
         """
         m, r = mass[self.nodes], x[self.nodes]
         if len(self.held):

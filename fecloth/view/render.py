@@ -66,18 +66,10 @@ def render(
 ) -> Path:
     """Draw a run and return the path of the file.
 
-    Parameters
-    ----------
-    target
-        Path of a .mp4 or .gif of all frames, or of a .png of one frame.
-    field
-        A name of `frame_reader.FIELDS`, or "checks" for squares along warp and weft.
-    size
-        Width and height in pixels; both even for a .mp4.
-    fps
-        Frames per second; by default real time, within `FPS`.
-    time
-        Time of a .png [s]: the nearest frame; by default the last frame.
+    The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time` [s],
+    by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks" for
+    squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per second,
+    is real time by default, within `FPS`.
     """
     target = Path(target)
     _check_arguments(target, field, size, fps, time)

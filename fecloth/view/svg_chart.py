@@ -27,12 +27,8 @@ Curve = tuple[np.ndarray, np.ndarray]
 def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = False) -> str:
     """Return a <figure> of curves, each two arrays (k,); "" if no curve has two points.
 
-    Parameters
-    ----------
-    x, y
-        Labels of the axes, with units.
-    log
-        Use a logarithmic y axis; values ≤ 0 are gaps in the curve.
+    x and y are the labels of the axes, with units. With `log` the y axis is logarithmic, and
+    values ≤ 0 are gaps in the curve.
 
     Examples
     --------

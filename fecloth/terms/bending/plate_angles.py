@@ -1,10 +1,9 @@
 """The hinge angles of a plate, the matrix that couples them, and its place in the system matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -38,7 +37,7 @@ class CoupledRows:
     @classmethod
     def make(
         cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
-    ) -> CoupledRows:
+    ) -> Self:
         """Find the blocks of hinges with `nodes` (h, 4) among the blocks of the `pairs` (p, 2)."""
         both, alone = slots(pairs), slots(np.arange(n, dtype=np.int32)[:, None])
         i = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(n)])
@@ -67,23 +66,6 @@ def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndar
     of_hinge = sparse.csr_array((np.ones(start[-1], bool), nodes[here], start), (len(nodes), n))
     coupled = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
     return np.diff((coupled @ of_hinge).indptr).astype(np.int64)
-
-
-def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
-    """The hinge angles of a panel, coupled by the stiffness of its plate."""
-    slopes, Q = panel.cloth.edge_slopes, panel_stiffness(panel, where)
-    nodes, gradient = slopes.edges.hinges.nodes, slopes.edges.hinges.flat_gradient
-    held, moved = np.empty((0, 3)), None
-    if panel.clamps:
-        triangles, edge = np.divmod(panel.clamps.half_edges, 3)
-        corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
-        none = np.full((len(corners), 1), -1, np.int32)
-        clamped = np.hstack([corners, none]).astype(np.int32)
-        nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
-        gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
-        held = mirror(panel.clamps.start[corners])
-    last = slopes.pairs, len(panel.cloth.X), panel
-    return PlateAngles(nodes, held, moved, Q, gradient, slots, *last)
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -239,6 +221,23 @@ class PlateAngles:
         scale = sparse.diags(1.0 / np.sqrt(mass))
         K = scale @ (G.T @ self.stiffness @ G) @ scale
         return float(abs(K).sum(axis=1).max()) if K.nnz else 0.0
+
+
+def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
+    """The hinge angles of a panel, coupled by the stiffness of its plate."""
+    slopes, Q = panel.cloth.edge_slopes, panel_stiffness(panel, where)
+    nodes, gradient = slopes.edges.hinges.nodes, slopes.edges.hinges.flat_gradient
+    held, moved = np.empty((0, 3)), None
+    if panel.clamps:
+        triangles, edge = np.divmod(panel.clamps.half_edges, 3)
+        corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
+        none = np.full((len(corners), 1), -1, np.int32)
+        clamped = np.hstack([corners, none]).astype(np.int32)
+        nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
+        gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
+        held = mirror(panel.clamps.start[corners])
+    last = slopes.pairs, len(panel.cloth.X), panel
+    return PlateAngles(nodes, held, moved, Q, gradient, slots, *last)
 
 
 def pointers(matrix: sparse.csr_matrix, part: slice) -> np.ndarray:

@@ -4,8 +4,6 @@ A subclass of `BoundContact` has the barrier, and says what slides; here that is
 one state and for a step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -136,7 +134,7 @@ class BoundContact(BoundTerm):
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
         return Touched(x) if self.friction else None
 
-    def over_step(self, step: StepDifference) -> ContactOverStep:
+    def over_step(self, step: StepDifference) -> BoundTerm:
         """The contact over a step: it knows where the step began."""
         return ContactOverStep(self, step)
 

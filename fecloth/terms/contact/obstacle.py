@@ -1,7 +1,5 @@
 """Rigid obstacles that the cloth cannot enter: shapes, and surfaces of triangles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -188,7 +186,7 @@ class MeshObstacle:
     def stencil(self, cloth: Cloth) -> None:
         return None
 
-    def bind(self, panel: Panel, slots) -> BoundMeshObstacle:
+    def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         nodes, triangles = read_surface(self.path)
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = self.scale * nodes, triangles

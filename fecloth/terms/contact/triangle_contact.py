@@ -13,11 +13,11 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_contact import BoundContact, ContactOverStep, Rubbing
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
-from fecloth.terms.protocol import uncoupled
+from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
 
@@ -138,7 +138,7 @@ class BoundTriangleContact(BoundContact):
         """The largest α ≤ 1 for which no triangle passes through another on the way to x + α s."""
         return self.sets.free_part(self.place(x, t), self.place(x + s, t))
 
-    def over_step(self, step: StepDifference) -> ContactOverStep:
+    def over_step(self, step: StepDifference) -> BoundTerm:
         """The contact over a step: it knows where the step began."""
         self.sets.forget()  # so that a step depends on its begin only
         return super().over_step(step)

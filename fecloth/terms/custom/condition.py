@@ -1,7 +1,5 @@
 """Condition C(x) of a user, a Python function: energy ½ k_s CᵀC and damping along it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -130,7 +128,7 @@ class Condition:
             raise InputError("a stencil", "must not hold a node twice", self.name)
         return self.nodes
 
-    def bind(self, panel: Panel, slots) -> BoundUserCondition:
+    def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
         cloth = panel.cloth
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
         extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)

@@ -1,7 +1,5 @@
 """Viscous damping of the membrane strain: a stress proportional to the Green strain rate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -107,7 +105,7 @@ class StrainRateDamping:
     traits = replace(DAMPING, damps="strain")
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundStrainRate:
+    def bind(self, panel: Panel, slots) -> BoundTerm:
         law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
         strain, symmetric = strain_of(panel, self.strain), self.tangent == "symmetric"
@@ -154,7 +152,7 @@ class BoundStrainRate(BoundTerm):
         """The arrays with a row for each triangle; tangents take `slots` after the first."""
         return *self.strain.elements, self.viscosity
 
-    def over_step(self, step: StepDifference) -> StrainRateOverStep | BoundStrainRate:
+    def over_step(self, step: StepDifference) -> BoundTerm:
         """The damping with the method's difference of E, or itself for rate = "velocity"."""
         if step.at_mean or self.rate == "velocity":
             return self

@@ -1,7 +1,5 @@
 """Drag in moving air: uniform wind, a field of position and time, or gusts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -96,7 +94,7 @@ class Wind:
 
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundWind:
+    def bind(self, panel: Panel, slots) -> BoundDrag:
         if self.gusts:
             x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # checked in __post_init__
             gusts = air_velocity.Gusts((x, y, z), self.gusts, self.gust_length, self.seed)

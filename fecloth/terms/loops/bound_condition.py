@@ -1,7 +1,5 @@
 """Conditions of one family bound to the stencils of a cloth, as a `System` calls them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
@@ -184,7 +182,7 @@ class RigidCondition(BoundCondition):
 
     objective = True
 
-    def over_step(self, step: StepDifference) -> OverStep | RigidCondition:
+    def over_step(self, step: StepDifference) -> BoundTerm:
         """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
         if not (step.at_mean and self.has_energy):
             return self

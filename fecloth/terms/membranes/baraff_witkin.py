@@ -1,7 +1,5 @@
 """Stretch and shear conditions of Baraff and Witkin, as published or independent of the mesh."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -125,7 +123,7 @@ class BaraffWitkin:
 
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> BoundBaraffWitkin:
+    def bind(self, panel: Panel, slots) -> RigidCondition:
         cloth = panel.cloth
         m, k = cloth.stencil.shape
         if k != 3:

@@ -17,8 +17,6 @@ small. In a net that turns by φ in a step without stretch the force then jumped
 and Newton's iteration met a jump in place of a solution.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -39,6 +37,28 @@ from fecloth.terms.springs.networks import Net, edges, structural
 from fecloth.terms.traits import MEMBRANE, TermTraits
 
 KINDS = ("structural", "van_gelder", "biquadratic")
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSprings:
+    """Springs between nodes (s, 2), with rest lengths (s,) [m] and stiffness k (s,) [N/m]."""
+
+    nodes: np.ndarray
+    length: np.ndarray
+    k: np.ndarray
+    damping: float
+    tangent: str
+
+    traits = TermTraits(elements=("P1", "P2"))
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        return self.nodes
+
+    def bind(self, panel: Panel, slots) -> RigidCondition:
+        data = self.nodes, self.length[:, None], self.k, self.damping * self.k
+        return RigidCondition.bind(
+            "Springs", KERNELS, (1,), panel, slots, *data, tangent=self.tangent
+        )
 
 
 @dataclass(frozen=True)
@@ -153,28 +173,6 @@ class Springs:
         net = self._net(panel.cloth)
         length, k = np.linalg.norm(net.vectors, axis=1), self._stiffness(net, panel)
         return KnownSprings(net.nodes, length, k, self.damping, self.tangent)
-
-
-@dataclass(frozen=True, eq=False)
-class KnownSprings:
-    """Springs between nodes (s, 2), with rest lengths (s,) [m] and stiffness k (s,) [N/m]."""
-
-    nodes: np.ndarray
-    length: np.ndarray
-    k: np.ndarray
-    damping: float
-    tangent: str
-
-    traits = TermTraits(elements=("P1", "P2"))
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return self.nodes
-
-    def bind(self, panel: Panel, slots) -> RigidCondition:
-        data = self.nodes, self.length[:, None], self.k, self.damping * self.k
-        return RigidCondition.bind(
-            "Springs", KERNELS, (1,), panel, slots, *data, tangent=self.tangent
-        )
 
 
 @inner

@@ -1,7 +1,5 @@
 """Tethers: springs from nodes to a point that may move, such as a hand that pulls the cloth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -67,7 +65,7 @@ class Tether:
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 
-    def bind(self, panel: Panel, slots) -> BoundTether:
+    def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
         point = vector(self.point, "point", "Tether")
         point(0.0)  # an error in a function of time is raised here, not in a step
         data = self.stencil(panel.cloth), np.zeros(3), self.stiffness, self.damping
