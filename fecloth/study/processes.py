@@ -19,7 +19,6 @@ from fecloth.study import status, threads
 from fecloth.study.command import require_packages
 from fecloth.study.fingerprint import load_function, source_hash
 
-
 # The system ends a late process after this many times its CPU time: a case that looks at its limit
 # by itself comes before it. A process that hangs is stopped after this many times its limit by the
 # clock, and at least so many seconds [s].
