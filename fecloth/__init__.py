@@ -10,6 +10,13 @@ import lazy_loader
 
 __version__ = "0.1.0"
 
+OTHER_WORDS = {  # for what other packages call by other names
+    "simulate": "run",
+    "solve": "equilibrium",
+    "Mesh": "Cloth",
+    "Material": "Fabric",
+}
+
 _imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
@@ -20,5 +27,7 @@ def __getattr__(name: str) -> object:
     except AttributeError:
         from fecloth.suggest import did_you_mean
 
-        text = f"module 'fecloth' has no attribute {name!r}. {did_you_mean(name, __all__)}"
+        usual = OTHER_WORDS.get(name)
+        remedy = f"Did you mean {usual!r}?" if usual else did_you_mean(name, __all__)
+        text = f"module 'fecloth' has no attribute {name!r}. {remedy}"
         raise AttributeError(text.strip()) from None

@@ -19,11 +19,12 @@ def closest(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
     'cos'
     """
     plain = {_plain(one): one for one in names}
-    begins = [one for one in plain if len(one) > 2 and _plain(name).startswith(one)]
-    if begins:  # as "cosine" with "cos"
-        return plain[max(begins, key=len)]
-    close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=cutoff)
-    return plain[close[0]] if close else ""
+    word = _plain(name)
+    begins = sorted((one for one in plain if len(one) > 2 and word.startswith(one)), key=len)
+    close = difflib.get_close_matches(word, list(plain), n=1, cutoff=cutoff)
+    both = [*begins[-1:], *close]  # as "cosine" with "cos", but "tipp.z" with "tip.z"
+    likeness = [difflib.SequenceMatcher(None, each, word).ratio() for each in both]
+    return plain[both[likeness.index(max(likeness))]] if both else ""
 
 
 def did_you_mean(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:

@@ -6,6 +6,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.suggest import closest
 
 
 @pytest.mark.parametrize(
@@ -141,3 +142,10 @@ def test_a_wrong_name_of_the_package_suggests_the_right_one():
     with pytest.raises(AttributeError, match="no attribute 'qqqq'\\.$"):
         fc.qqqq  # noqa: B018
     assert not hasattr(fc, "__wrapped__")
+
+
+def test_the_nearest_name_of_all_is_suggested_not_the_longest_beginning():
+    assert closest("tipp.z", ["tip", "tip.x", "tip.z"]) == "tip.z"
+    assert closest("cosine", ["sin", "cos", "cosh"]) == "cos"
+    with pytest.raises(AttributeError, match="Did you mean 'run'"):
+        _ = fc.simulate

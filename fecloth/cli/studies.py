@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from argparse import Namespace
 from pathlib import Path
 
 from fecloth.cli.commands import Command
 from fecloth.cli.options import SET, reading, running
 
+LONGEST = 80  # characters of the name of a folder that say what was asked
 SHARED = {"scene", SET.key, *(shared.key for shared in running("", 0.0))}
 
 
@@ -20,13 +23,13 @@ def run_study(command: Command, options: Namespace) -> int:
 
     paths = options.scene if isinstance(options.scene, list) else [options.scene]
     stem, name = "-".join(Path(path).stem for path in paths), command.target.rpartition(":")[2]
-    folder = Path(options.output or Path("out") / name / stem)
+    own = {option.key for option in command.options} - SHARED
+    folder = Path(options.output or Path("out") / name / (stem + _question(command, options)))
     if len(paths) == 2 and all(Path(path).is_dir() for path in paths):  # two runs, for compare
         first, second = paths
         print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
         return 0
     scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
-    own = {option.key for option in command.options} - SHARED
     result = command.load()(
         scenes if len(scenes) > 1 else scenes[0],
         **{key: getattr(options, key) for key in own},
@@ -40,6 +43,21 @@ def run_study(command: Command, options: Namespace) -> int:
     print(result.summary())
     print(result.describe_files(folder, result.report(folder)))
     return result.exit_status
+
+
+def _question(command: Command, options: Namespace) -> str:
+    """Return what a study is asked beside its defaults, so that each question has a folder."""
+    parts = []
+    for option in command.options:
+        value = getattr(options, option.key)
+        if option.key not in SHARED - {SET.key} and value != option.keywords.get("default"):
+            listed = value if isinstance(value, list) else [value]
+            parts += [f"{option.key}={item}" for item in listed if item]
+    text = ",".join(parts)
+    name = re.sub(r"[^\w.=,+-]", "_", text)
+    if name != text or len(name) > LONGEST:
+        name = f"{name[:LONGEST]}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+    return f",{name}" if parts else ""
 
 
 def print_modes(options: Namespace) -> int:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.protocol import StepChoice
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
@@ -73,15 +72,8 @@ class Problem:
     def warnings(self) -> list[str]:
         """Return a sentence for each likely problem of the run, with its remedy."""
         ends = np.append(self.stops, self.t_end)
-        run = PlannedRun(self.system, self.state, self.steps, ends, self._settles)
+        run = PlannedRun(self.system, self.state, self.steps, ends)
         return list(find_warnings(run, OF_SCENES))
-
-    @property
-    def _settles(self) -> bool:
-        """Whether a few steps of backward Euler, minutes long, seek a state of rest."""
-        dt = self.dt or 0.0
-        is_euler = isinstance(self.method, BackwardEuler)
-        return is_euler and dt >= 100 and (self.t_end - self.state.t) / dt <= 10
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""

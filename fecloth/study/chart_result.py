@@ -69,7 +69,7 @@ class Chart(StudyResult):
             f"These are {len(self.front)} of {len(self.table)} settings: no other is as accurate\n"
             "at the same cost. The report has all."
         )
-        return "\n".join([self.verdict, *self.notes(), "", str(self.front), "", words])
+        return "\n".join([*self.words(), "", str(self.front), "", words])
 
     @property
     def exit_status(self) -> int:

@@ -25,6 +25,7 @@ from fecloth.study.run_problems import (
     Point,
     Runs,
     check_points,
+    print_warnings,
     record_at,
     refuse_huge,
     run_or_skip,
@@ -121,6 +122,7 @@ def chart(
     opened, timed = study.problem, replace(study.runs(LONGEST_CASE), timed=True)
     runs = replace(timed, time_limit=None, timed=False)
     refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
+    warned = print_warnings(opened)
     chosen = opened.choose_quantity(quantity)
     if chosen.how == "mode":
         raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
@@ -129,7 +131,7 @@ def chart(
     if limit is None:
         table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
-        return Chart(title=opened.name, verdict=verdict, table=table)
+        return Chart(title=opened.name, verdict=verdict, table=table, warnings=warned)
     rows = _run(listed, chosen, timed)
     pairs = zip(listed, rows, strict=True)
     lines = [_line(setting, row, chosen, limit) for setting, row in pairs]
@@ -137,6 +139,7 @@ def chart(
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
         title=opened.name,
+        warnings=warned,
         verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen.text,

@@ -64,6 +64,11 @@ def require_packages(*names: str) -> None:
         try:
             importlib.import_module(name)
         except ImportError as error:
-            extra = EXTRAS.get(name)
-            remedy = f"In the clone, pip install '.[{extra}]'." if extra else f"Install {name}."
-            raise InputError(f"the package {name}", "is not installed", "", remedy) from error
+            raise missing_package(name) from error
+
+
+def missing_package(name: str) -> InputError:
+    """Return the error that says how to install a package."""
+    extra = EXTRAS.get(name)
+    remedy = f"In the clone, pip install '.[{extra}]'." if extra else f"Install {name}."
+    return InputError(f"the package {name}", "is not installed", "", remedy)

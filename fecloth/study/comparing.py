@@ -30,8 +30,16 @@ from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, levels_to_run, summarise
 from fecloth.study.result import Table
-from fecloth.study.run_problems import Point, Runs, check_points, record_at, refuse_huge, run_points
-from fecloth.study.status import OK, REFUSED, failure
+from fecloth.study.run_problems import (
+    Point,
+    Runs,
+    check_points,
+    print_warnings,
+    record_at,
+    refuse_huge,
+    run_points,
+)
+from fecloth.study.status import OK, failure
 from fecloth.study.variants import (
     Over,
     combine,
@@ -67,8 +75,7 @@ def compare(
     A difference between two models on one mesh contains the errors of both. Here each variant is
     refined as by `converge`; the differences of the extrapolated values have the uncertainties of
     both, added. They contain what was not refined, too: with "h" the error of the time step, with
-    "dt" the error of the mesh; "both" leaves less. A variant that is refused or fails has a row
-    with its cause.
+    "dt" the error of the mesh; "both" leaves less. A variant that fails has a row with its cause.
 
     Parameters
     ----------
@@ -89,7 +96,7 @@ def compare(
     Raises
     ------
     InputError
-        For less than two variants, a mistake that all variants share, or too long a time.
+        For less than two variants, a variant that is refused, or too long a time: before any run.
 
     Examples
     --------
@@ -107,18 +114,19 @@ def compare(
     study = open_study(problem, shared)
     opened, runs = _open(study.problems, variants), study.runs()
     for variant in opened.values():
-        if not isinstance(variant, InputError):
-            refuse_huge(variant, runs)
-    first = next(variant for variant in opened.values() if not isinstance(variant, InputError))
-    chosen = first.choose_quantity(quantity)
-    plans = _plan(opened, lambda variant: _levels(variant, chosen, refine, levels, ratio))
+        refuse_huge(variant, runs)
+    warned = print_warnings(next(iter(opened.values())))
+    chosen = next(iter(opened.values())).choose_quantity(quantity)
+    plans = {
+        name: _levels(variant, chosen, refine, levels, ratio) for name, variant in opened.items()
+    }
     rows = _run(opened, plans, chosen, runs)
     studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
-    return _conclude(opened, studied, chosen, refine)
+    return replace(_conclude(opened, studied, chosen, refine), warnings=warned)
 
 
-def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem | InputError]:
-    """Return the variants by name, with the reason for refused variants."""
+def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem]:
+    """Return the variants by name."""
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
@@ -136,7 +144,7 @@ def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the variants by names that differ."""
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
-    if len({type(variant) for _, variant in pairs if not isinstance(variant, InputError)}) > 1:
+    if len({type(variant) for _, variant in pairs}) > 1:
         raise InputError("scenes beside functions", "must be of one kind", "compare")
     named: dict[str, Any] = {}
     for name, variant in pairs:
@@ -150,20 +158,6 @@ def _levels(
     opened.check(refine)
     opened.check_quantity(quantity)
     return levels_to_run(opened, quantity, refine, levels, ratio)
-
-
-def _plan(opened: dict, levels_of: Callable[[Problem], list[Level]]) -> dict[str, list[Level]]:
-    """Return the levels of each variant; one that refuses is replaced by the reason in `opened`."""
-    plans = {}
-    for name, variant in opened.items():
-        try:
-            if not isinstance(variant, InputError):
-                plans[name] = levels_of(variant)
-        except InputError as error:
-            opened[name] = error
-    if not plans:
-        raise next(iter(opened.values()))
-    return plans
 
 
 def _run(opened: Mapping, plans: Mapping, quantity: Quantity, runs: Runs) -> dict[str, list[dict]]:
@@ -200,7 +194,7 @@ def _conclude(
     studies = {name: variant.study for name, variant in judged.items()}
     scale, numbers, differences = _differences(judged, quantity)
     overlay, remarks = _overlay(list(judged.values())[:2], quantity)
-    names = {variant.name for variant in opened.values() if not isinstance(variant, InputError)}
+    names = {variant.name for variant in opened.values()}
     comparison = Comparison(
         title=", ".join(sorted(names)),
         verdict="",
@@ -216,8 +210,7 @@ def _conclude(
     )
     lines = [describe_difference(comparison, name, numbers) for name in differences]
     rows = [
-        {"variant": name, **_cells(comparison, name, studied.get(name, variant))}
-        for name, variant in opened.items()
+        {"variant": name, **_cells(comparison, name, variant)} for name, variant in studied.items()
     ]
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
     return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
@@ -250,10 +243,8 @@ def _difference(
     return difference_of_sizes(a.study, b.study, ends[0], ends[1], scale)
 
 
-def _cells(comparison: Comparison, name: str, variant: _Studied | dict | InputError) -> dict:
+def _cells(comparison: Comparison, name: str, variant: _Studied | dict) -> dict:
     """Return the row of a variant, without its name."""
-    if isinstance(variant, InputError):
-        return failure(REFUSED, variant)
     if isinstance(variant, dict):
         return variant
     given, unit = variant.study.table[0], comparison.unit if math.isnan(comparison.scale) else "%"

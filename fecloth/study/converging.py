@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.graded_levels import refine_graded
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import refuse_huge
+from fecloth.study.run_problems import print_warnings, refuse_huge
 
 
 def converge(
@@ -82,7 +83,10 @@ def converge(
     opened, runs = study.problem, study.runs()
     opened.check(refine)
     refuse_huge(opened, runs)
+    warned = print_warnings(opened)
     chosen = opened.choose_quantity(quantity)
     if grade:
-        return refine_graded(opened, chosen, refine, levels, ratio, runs)
-    return refine_problem(opened, chosen, refine, levels, ratio, runs)[0]
+        answer = refine_graded(opened, chosen, refine, levels, ratio, runs)
+    else:
+        answer, _ = refine_problem(opened, chosen, refine, levels, ratio, runs)
+    return replace(answer, warnings=warned)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.study.command import require_packages
 
 # Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which is
 # too light for a line on white.
@@ -34,14 +35,17 @@ STYLE: dict[Any, Any] = {
 }
 
 
+def can_draw() -> bool:
+    """Whether Matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
 def new_figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0, 5.0)) -> tuple:
     """Return a figure and its axes in this style, without pyplot: the user's backend stays."""
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        remedy = "pip install 'fecloth[plot]'."
-        raise InputError("the figure", "needs matplotlib", "study", remedy) from error
+    require_packages("matplotlib")
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     with rc_context(STYLE):
         drawing = Figure(figsize=size, layout="constrained")
         return drawing, drawing.subplots(rows, columns)
@@ -49,11 +53,9 @@ def new_figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0
 
 def pyplot():
     """Import Matplotlib for drawing without a display."""
-    try:
-        import matplotlib
-    except ImportError as error:
-        remedy = "In the clone, pip install '.[studies]'."
-        raise InputError("the figures", "need matplotlib", "studies", remedy) from error
+    require_packages("matplotlib")
+    import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

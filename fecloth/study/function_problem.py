@@ -27,7 +27,7 @@ from fecloth.study.setups import (
     table_of_grading,
     with_terms,
 )
-from fecloth.study.workload import STEPS, Workload
+from fecloth.study.workload import ITERATIONS, STEPS, Workload
 
 STATIC = 20  # iterations of an equilibrium, for the predicted time
 
@@ -83,7 +83,7 @@ class FunctionProblem(CommonProblem):
         """Predict the size of a level from the first one."""
         triangles = len(self.first.cloth.triangles) * level.h**2
         if self.is_static:
-            return Workload(triangles, STATIC)
+            return Workload(triangles, STATIC, unit=ITERATIONS)
         dt = self.first.steps.dt
         if dt is None:
             return Workload(triangles, STEPS * level.h, self.is_explicit)

@@ -61,7 +61,6 @@ class Modes(StudyResult):
     eigenvalues: np.ndarray
     shapes: np.ndarray
     zero: float
-    warnings: tuple[str, ...] = ()
 
     @property
     def unstable(self) -> int:
@@ -73,13 +72,13 @@ class Modes(StudyResult):
         return draw_modes(self.system.cloth, self.frequencies, self.shapes)
 
     def notes(self) -> list[str]:
-        """What the figure shows, and the warnings."""
+        """What the figure shows."""
         words = (
             "The colour is the displacement of a mode along the direction in which it moves most, "
             "over its largest one, on the flat cloth."
         )
         shown = f" The figure shows the first {MOST} modes, the table all."
-        return [words + shown * (len(self.frequencies) > MOST), *self.warnings]
+        return [words + shown * (len(self.frequencies) > MOST)]
 
     def write(self, folder: str | Path) -> Path:
         """Write a frame for each mode, for ParaView; return the .pvd file.

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.obstacles import has_bending
@@ -36,6 +40,14 @@ class CommonProblem:
     @property
     def is_explicit(self) -> bool:
         return self.first.is_explicit
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence for each likely mistake in the set-up, as before a run."""
+        setup = self.first
+        end = setup.start.t if setup.t_end is None else setup.t_end
+        planned = PlannedRun(setup.system, setup.start, setup.steps or LoadSteps(), np.array([end]))
+        return tuple(find_warnings(planned, OF_SCENES))
 
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""

@@ -11,6 +11,7 @@ from fecloth.scene.scene import Scene, load_scene
 from fecloth.simulation.probes import Probe
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.scene_problem import SceneProblem
+from fecloth.study.setups import accepted
 
 Problem = SceneProblem | FunctionProblem
 
@@ -35,5 +36,6 @@ def open_problem(
         return SceneProblem(scene, scene.title or stem)
     if not callable(problem):
         allowed = "must be a scene, its path, or a function of h and dt"
-        raise InputError(f"problem = {problem!r}", allowed, "problem")
+        raise InputError(f"problem = {problem!r}", allowed)
+    accepted(problem, settings or {})  # refuses what the function does not take
     return FunctionProblem(problem, h, dt, t_end, tuple(probes), settings or {})

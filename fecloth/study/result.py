@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
+from fecloth.study.command import missing_package
+from fecloth.study.figures import can_draw
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
 from fecloth.view.templates import render
@@ -89,11 +92,14 @@ class StudyResult:
         The answer in words.
     table
         One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
     """
 
     title: str
     verdict: str
     table: Table
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"
@@ -108,7 +114,12 @@ class StudyResult:
 
     def summary(self) -> str:
         """What the command of the study prints: the verdict, the notes and the table."""
-        return "\n".join([self.verdict, *self.notes(), "", str(self.table), ""])
+        return "\n".join([*self.words(), "", str(self.table), ""])
+
+    def words(self) -> list[str]:
+        """The verdict, the warnings and the notes, a line each."""
+        warned = (f"warning: {words}" for words in self.warnings)
+        return [*self.verdict.splitlines(), *warned, *self.notes()]
 
     @property
     def exit_status(self) -> int:
@@ -116,14 +127,20 @@ class StudyResult:
         return errors.FAILED if any(row.get("status", OK) != OK for row in self.table) else 0
 
     def report(self, folder: str | Path) -> Path:
-        """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
+        """Write report.html, results.csv, figure.png and figure.svg; return the page's path.
+
+        Without Matplotlib there is no figure, and a line on standard error says so.
+        """
         folder = Path(folder)
-        drawing = self.figure()
+        drawing = self.figure() if can_draw() else None
+        if drawing is None:
+            print(f"no figure: {missing_package('matplotlib')}", file=sys.stderr)
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self.table.to_csv(folder / "results.csv")
             for kind in ("png", "svg"):
-                drawing.savefig(folder / f"figure.{kind}", dpi=160)
+                if drawing is not None:
+                    drawing.savefig(folder / f"figure.{kind}", dpi=160)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
 
@@ -136,9 +153,9 @@ class StudyResult:
         return self._fill("study_in_notebook.html")
 
     def _fill(self, template: str) -> str:
-        lines = [*self.verdict.splitlines(), *self.notes()]
         table = self.table._repr_html_()
-        return render(template, {"title": self.title, "lines": lines, "table": table})
+        values = {"title": self.title, "lines": self.words(), "table": table}
+        return render(template, values | {"has_figure": can_draw()})
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:

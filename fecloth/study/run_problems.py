@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -84,6 +85,13 @@ def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
         size = opened.workload(level)
         if size.seconds > runs.most_seconds:
             check_size([size], 1, runs.most_seconds, opened.name)  # says how long, and raises
+
+
+def print_warnings(opened: Problem) -> tuple[str, ...]:
+    """Print and return the warnings of the set-up, which the runs of a study do not repeat."""
+    for words in opened.warnings:
+        print(f"warning: {words}", file=sys.stderr, flush=True)
+    return opened.warnings
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -100,7 +100,7 @@ class SceneProblem(CommonProblem):
         elif self.scene.time.dt == "auto":
             finer = level.h * math.sqrt(level.rtol)
         triangles, steps = self.size.triangles * level.h**2, math.ceil(self.size.steps * finer)
-        return Workload(triangles, steps, self.size.is_explicit)
+        return replace(self.size, triangles=triangles, steps=steps)
 
     def check(self, refine: str) -> None:
         """Raise `InputError` if it has no h or dt to refine."""

@@ -17,6 +17,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.resolve import choose_steps
+from fecloth.suggest import did_you_mean
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.traits import parameters_of, traits_of
@@ -97,7 +98,7 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
     if unknown:
         what = f"{unknown[0]} = {settings[unknown[0]]!r}"
         allowed = f"the function takes {', '.join(parameters) or 'nothing'}"
-        raise InputError(what, allowed, "problem")
+        raise InputError(what, allowed, "problem", did_you_mean(unknown[0], parameters))
     return {key: value for key, value in settings.items() if key in parameters}
 
 

@@ -14,7 +14,7 @@ from fecloth.scene.scene import Scene
 from fecloth.study.change import describe_values
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
-from fecloth.study.run_problems import refuse_huge
+from fecloth.study.run_problems import print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
 from fecloth.study.stability_words import (
     FAILED,
@@ -30,7 +30,6 @@ from fecloth.study.stability_words import (
     range_of,
     shorten,
 )
-from fecloth.study.status import REFUSED, failure
 from fecloth.study.variants import (
     combine,
     make_variants,
@@ -64,9 +63,8 @@ class StabilityMap(StudyResult):
 
     @property
     def has_stopped(self) -> bool:
-        """Whether a run was stopped, or a value refused: the map has a hole there."""
-        stopped = any(row["status"] not in JUDGED for row in self.cells)
-        return stopped or any("status" in row for row in self.table)
+        """Whether a run was stopped: the map has a hole there."""
+        return any(row["status"] not in JUDGED for row in self.cells)
 
     def figure(self) -> Figure:
         """Return a panel for each of at most eight methods: the runs, and the predicted limit."""
@@ -133,8 +131,7 @@ def stability(
     Raises
     ------
     InputError
-        For an unknown method or key, and for an equilibrium; a value that the problem refuses
-        gives a row with the status "refused".
+        For an unknown method or key, a value that the problem refuses, and an equilibrium.
 
     Examples
     --------
@@ -155,19 +152,14 @@ def stability(
     study = open_study(problem, shared)
     opened, runs = with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
-    answers = make_variants(opened, combinations, build=bool(ranges))
-    pairs = list(zip(combinations, answers, strict=True))
-    made = [(values, variant) for values, variant in pairs if not isinstance(variant, InputError)]
+    warned = print_warnings(opened)
+    made = zip(combinations, make_variants(opened, combinations), strict=True)
     cells = run_all([run for pair in made for run in list_runs(*pair, chosen)], runs)
-    rows = [_line(method, values, cells) for method in chosen for values, _ in made]
-    rows += [
-        {**values, **failure(REFUSED, error)}
-        for values, error in pairs
-        if isinstance(error, InputError)
-    ]
+    rows = [_line(method, values, cells) for method in chosen for values in combinations]
     return StabilityMap(
         title=opened.name,
-        verdict=_verdict([values for values, _ in made], chosen, cells),
+        warnings=warned,
+        verdict=_verdict(combinations, chosen, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),
         methods=tuple(chosen),

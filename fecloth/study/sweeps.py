@@ -15,14 +15,14 @@ from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
-from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import (
     Point,
     check_points,
+    print_warnings,
     record_at,
     refuse_huge,
-    run_or_skip,
+    run_points,
 )
 from fecloth.study.status import OK, REFUSED, failure
 from fecloth.study.variants import (
@@ -102,8 +102,8 @@ def sweep(
     Raises
     ------
     InputError
-        For a key or a quantity that the problem does not have; a value that it refuses gives a
-        row with the status "refused".
+        For a key, a value or a quantity that the problem refuses, before any run. A value that
+        only the mesh or the function refuses gives a row with the status "refused".
 
     Examples
     --------
@@ -123,32 +123,29 @@ def sweep(
     study = open_study(problem, shared)
     opened, runs = with_first_values(study.problem, ranges), study.runs()
     refuse_huge(opened, runs)
+    warned = print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
-    variants = make_variants(opened, combinations)
-    listed = [_point(opened, *pair) for pair in zip(combinations, variants, strict=True)]
-    check_points([point for point in listed if isinstance(point, Point)], runs)
-    rows = run_or_skip(listed, chosen, runs)
+    variants = zip(combinations, make_variants(opened, combinations), strict=True)
+    points = [
+        Point(variant, FIRST, describe_values(values), size_of(opened, variant))
+        for values, variant in variants
+    ]
+    check_points(points, runs)
+    rows = run_points(points, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
-        cause = next(row["cause"] for row in rows if "point" in row)
-        raise InputError(f"every value: {cause}")
+        raise InputError(f"every value: {rows[0]['cause']}")
     lines = [_line(*pair, chosen) for pair in zip(combinations, rows, strict=True)]
     table = Table(tuple(lines))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
+        warnings=warned,
         verdict=_verdict(table, chosen),
         table=table,
         keys=tuple(ranges),
         quantities=tuple(quantity.text for quantity in chosen),
         units=tuple(quantity.unit(names) for quantity in chosen),
     )
-
-
-def _point(opened: Problem, values: Mapping, variant: Problem | InputError) -> Point | dict:
-    """Return what runs; a row with the reason if it is refused."""
-    if isinstance(variant, InputError):
-        return failure(REFUSED, variant)
-    return Point(variant, FIRST, describe_values(values), size_of(opened, variant))
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

@@ -13,7 +13,10 @@ from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.workload import Workload
 
 SPACINGS: dict[str, Callable] = {"log": np.geomspace, "lin": np.linspace}
-FORM = 'write it like "fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
+FORM = (
+    "must be a key and its values, as "
+    '"fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
+)
 MOST = 10_000  # values
 Over = str | Iterable[str] | Mapping[str, Sequence]
 
@@ -30,28 +33,37 @@ def parse_range(text: str) -> tuple[str, list]:
     """
     key, equals, values = (part.strip() for part in text.partition("="))
     if not (key and equals and values):
-        raise InputError(f"--over {text!r}", FORM)
+        raise InputError(f"values {text!r}", FORM)
     if ":" not in values:
         return key, [_value(word.strip()) for word in values.split(",")]
     try:
         start, stop, spacing, count = values.split(":")
         numbers = SPACINGS[spacing.strip()](float(start), float(stop), int(count))
     except (ValueError, KeyError) as error:
-        raise InputError(f"--over {text!r}", FORM) from error
+        raise InputError(f"values {text!r}", FORM) from error
     if not (len(numbers) and len(numbers) <= MOST and np.isfinite(numbers).all()):
-        raise InputError(f"--over {text!r}", f"must have 1 to {MOST} finite values")
+        raise InputError(f"values {text!r}", f"must have 1 to {MOST} finite values")
     return key, [float(f"{number:.12g}") for number in numbers]
 
 
 def read_ranges(over: Over) -> dict[str, list]:
     """Return the values by key, of texts or of a mapping."""
     if isinstance(over, Mapping):
-        ranges = {key: list(values) for key, values in over.items()}
+        ranges = {key: _listed(key, values) for key, values in over.items()}
     else:
         ranges = dict(map(parse_range, [over] if isinstance(over, str) else over))
     if not ranges or not all(ranges.values()):
-        raise InputError(f"over = {over!r}", FORM)
+        raise InputError(f"values {over!r}", FORM)
     return ranges
+
+
+def _listed(key: str, values: object) -> list:
+    """Return the values of a key in a mapping; a text is read as after "key="."""
+    if isinstance(values, str):
+        return parse_range(f"{key}={values}")[1]
+    if not isinstance(values, Iterable) or isinstance(values, Mapping):
+        raise InputError(f"values of {key} = {values!r}", "must be a list")
+    return list(values)
 
 
 def _value(text: str) -> int | float | str:
@@ -75,27 +87,12 @@ def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Proble
     return opened.changed(Change.of({key: values[0] for key, values in ranges.items()}))
 
 
-def make_variants(
-    opened: Problem, combinations: Sequence[dict], build: bool = False
-) -> list[Problem | InputError]:
-    """Return the problem with each combination of values, or the reason why it is refused.
+def make_variants(opened: Problem, combinations: Sequence[dict]) -> list[Problem]:
+    """Return the problem with each combination of values, without its mesh.
 
-    With `build` their meshes and systems are made, too, which may refuse more. The first refusal is
-    raised if nothing is left, as for a key that does not exist.
+    A key or a value that the problem refuses is raised: it is a mistake, and no run has begun.
     """
-    made: list[Problem | InputError] = []
-    for values in combinations:
-        try:
-            variant = opened.changed(Change.of(values)) if values else opened
-            if build:
-                _ = variant.first
-            made.append(variant)
-        except InputError as error:
-            made.append(error)
-    refusals = [error for error in made if isinstance(error, InputError)]
-    if len(refusals) == len(made):
-        raise refusals[0]
-    return made
+    return [opened.changed(Change.of(values)) if values else opened for values in combinations]
 
 
 def size_of(opened: Problem, variant: Problem) -> Workload:

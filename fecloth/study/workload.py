@@ -19,6 +19,7 @@ IMPLICIT_STEP, EXPLICIT_STEP, BINDING, STABLE = 1e-5, 2e-7, 3e-5, 0.4
 IMPLICIT_LEAST, EXPLICIT_LEAST = 2e-3, 8e-4
 LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself
 STEPS = 300  # of a run that chooses its steps by their error
+ITERATIONS = "Newton iterations"  # of an equilibrium
 LOAD_STEP = 10  # steps in time that take as long as a load step: its Newton iterations factorise
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
@@ -32,6 +33,7 @@ class Workload:
     triangles: float
     steps: float
     is_explicit: bool = False
+    unit: str = "steps"  # what the steps are, for messages
 
     @property
     def seconds(self) -> float:
@@ -46,7 +48,8 @@ class Workload:
         """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
         steps = count_steps(scene) if dt is None else _span(scene) / dt
         is_explicit = dt is None and not scene.equilibrium and scene.time.method.type in EXPLICIT
-        return cls(refined**2 * count_triangles(scene), steps, is_explicit)
+        unit = ITERATIONS if scene.equilibrium else cls.unit
+        return cls(refined**2 * count_triangles(scene), steps, is_explicit, unit)
 
     @classmethod
     def explicit(cls, scene: Scene) -> Workload:
@@ -114,7 +117,7 @@ def check_size(
     count = "1 case" if len(cases) == 1 else f"{len(cases)} cases"
     size = (
         f"{count}, up to {max(case.triangles for case in cases):,.0f} triangles × "
-        f"{max(case.steps for case in cases):,.0f} steps"
+        f"{max(case.steps for case in cases):,.0f} {cases[0].unit}"
     )
     print(f"{size}; predicted: about {in_words(seconds)}", file=sys.stderr, flush=True)
     if most_seconds is not None and seconds > most_seconds:

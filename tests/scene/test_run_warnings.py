@@ -46,7 +46,7 @@ SOFT = ["fabric.tensile_stiffness=10", "fabric.areal_density=0.4"]
 MIDPOINT = "time.method=implicit_midpoint"
 TERMS = 'terms=[{{type="StVK"}}, {{type="{}"}}, {{type="Gravity"}}, {{type="{}"{}}}]'
 HUNG = ['start={plane="xz"}', "terms.2.acceleration=[0, 0, -0.01]"]
-EULER = ["time.method=backward_euler", "time.dt=0.03"]
+EULER = ["time.method=backward_euler", "time.dt=0.03", "time.t_end=0.09"]
 WARNINGS = {  # overrides for the warning, and what its remedy adds to them
     "stretch the cloth by about 39 %": (SOFT, ["fabric.tensile_stiffness=1000"]),
     "areal_density = 150 kg/m²": (
@@ -288,3 +288,11 @@ def test_no_warning_while_a_scene_of_the_readme_runs(shown, tmp_path):
     assert outcome.status == "done"
     assert outcome.summary["warnings"] == []
     assert outcome.summary["intersecting_pairs"] == 0
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.8, False), (1.25, True)])
+def test_a_step_longer_than_the_run_is_named(share, warned, scene):
+    given = ("time.method=backward_euler", "time.t_end=0.01", f"time.dt={0.01 * share}")
+    assert (
+        any("is longer than the run of 0.01 s" in w for w in warnings_of(scene, *given)) == warned
+    )

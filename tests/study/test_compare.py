@@ -9,6 +9,7 @@ from support.scene_texts import STRIP
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError, MeshError
+from fecloth.study import comparing
 from fecloth.study.overlay import Overlay
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -119,14 +120,25 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
     assert "difference of limits [m]" in found.table.columns
 
 
-def test_a_variant_that_is_refused_has_a_row_with_its_cause(scene):
-    found = fc.study.compare(scene, "terms.0.type=StVK,TensorCondition,Springs")
-    assert found.table["status"] == ["ok", "refused", "ok"]
-    assert "terms.0.k is missing" in found.table["cause"][1]
-    assert any(line.startswith("TensorCondition: ") for line in found.notes())
+@pytest.mark.parametrize(
+    ("variants", "message"),
+    [
+        ("terms.0.type=StVK,TensorCondition,Springs", "terms.0.k is missing"),
+        ("terms.0.type=StVK,Sprngs", "Did you mean 'Springs'"),
+        ("pins.0.where=left,rihgt", "Did you mean 'right'"),  # which only the mesh knows
+    ],
+)
+def test_a_variant_that_is_refused_ends_the_study_before_a_run(
+    scene, variants, message, monkeypatch, capsys
+):
+    monkeypatch.setattr(comparing, "run_points", lambda *_: pytest.fail("it ran"))
+    assert cli.main(["compare", str(scene), "--variants", variants]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_other_keys_of_another_term(scene):
+    found = fc.study.compare(scene, "terms.0.type=StVK,Springs")
     assert list(found.differences) == ["Springs"]  # whose keys are not those of StVK
-    alone = fc.study.compare(scene, "terms.0.type=StVK,TensorCondition")
-    assert alone.verdict.startswith("nothing to compare")
     texts = {text.get_text() for text in found.figure().axes[0].texts}
     assert texts == {"StVK", "Springs"}
 

@@ -1,5 +1,8 @@
 """`sweep`: values of keys, rows, refused values, the command."""
 
+import re
+import sys
+
 import numpy as np
 import pytest
 from support.rundirs import rows_of
@@ -7,8 +10,11 @@ from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.cli import main as cli
+from fecloth.cli.commands import COMMANDS
+from fecloth.cli.main import _parser as main_parser
+from fecloth.cli.studies import _question as question
 from fecloth.errors import InputError
-from fecloth.study.variants import parse_range
+from fecloth.study.variants import parse_range, read_ranges
 from studies.references.closed_forms import hanging_strip_tip
 
 TIP = [fc.Probe("tip", "right")]
@@ -50,26 +56,33 @@ def test_two_keys_of_a_function_and_a_field():
     assert found.figure().axes[0].get_ylabel() == "tip.x [m]"
 
 
-def test_a_refused_value_has_a_row(scene):
-    found = fc.study.sweep(scene, "fabric.tensile_stiffness=-1,20", "tip.x")
-    assert found.table["status"] == ["refused", "ok"]
-    assert "/tmp" not in found.table["cause"][0]
+def test_a_value_is_refused_before_a_run_or_has_a_row_if_the_mesh_refuses_it(scene):
+    with pytest.raises(InputError, match="fabric.tensile_stiffness = -1.0: must be") as refusal:
+        fc.study.sweep(scene, "fabric.tensile_stiffness=-1,20", "tip.x")
+    assert "/tmp" not in str(refusal.value)
     mesh = fc.study.sweep(scene, "cloth.h=3,0.25", "tip.x")
     assert "must be at most" in mesh.table["cause"][0]
     assert "/tmp" not in mesh.table["cause"][0]
-    assert found.table["tip.x"][1] > 1
-    assert "1 of 2 runs failed" in found.verdict
+    assert mesh.table["status"] == ["refused", "ok"]
+    assert mesh.table["tip.x"][1] > 1
+    assert "1 of 2 runs failed" in mesh.verdict
 
 
 @pytest.mark.parametrize(
     ("over", "more", "message"),
     [
         ("fabric.tensil=1,2", {}, "tensil"),
-        ("fabric.tensile_stiffness", {}, "write it like"),
-        ("fabric.tensile_stiffness=1:2:cubic:3", {}, "write it like"),
-        ("fabric.tensile_stiffness=0:2:log:3", {}, "write it like|1 to 10000 finite values"),
+        ("fabric.tensile_stiffness", {}, "must be a key and its values"),
+        ("fabric.tensile_stiffness=1:2:cubic:3", {}, "must be a key and its values"),
+        (
+            "fabric.tensile_stiffness=0:2:log:3",
+            {},
+            "its values|finite values",
+        ),
         ("fabric.tensile_stiffness=1,2", {"quantity": "tpi.x"}, "tpi.x: unknown quantity"),
-        ({}, {}, "write it like"),
+        ("stiffness", {}, r"^values 'stiffness': must be a key"),
+        ({"cloth.h": 0.1}, {}, "values of cloth.h = 0.1: must be a list"),
+        ({}, {}, "must be a key and its values"),
     ],
 )
 @pytest.mark.filterwarnings("ignore")
@@ -93,3 +106,56 @@ def test_the_command(scene, tmp_path, capsys):
     assert "sag" in rows[0]
     assert (folder / "report.html").exists()
     assert "fabric.tensile_stiffness = 50.0: ok" in capsys.readouterr().err
+
+
+def test_a_text_in_a_mapping_is_read_as_after_the_key():
+    assert read_ranges({"a": "1,2"}) == {"a": [1, 2]}
+
+
+def test_each_question_of_the_command_has_its_own_folder(scene, monkeypatch, capsys):
+    monkeypatch.chdir(scene.parent)
+    for quantity in ("tip.x", "sag"):
+        over = ["--over", "cloth.h=0.25", "--quantity", quantity]
+        assert cli.main(["sweep", str(scene), *over]) == 0
+    names = sorted(page.parent.name for page in scene.parent.glob("out/sweep/*/report.html"))
+    assert names == [
+        "strip,quantity=sag,over=cloth.h=0.25",
+        "strip,quantity=tip.x,over=cloth.h=0.25",
+    ]
+    assert "1 case, up to 8 triangles × 10 Newton iterations" in capsys.readouterr().err
+    over = ["--over", "cloth.h=0.25:0.125:lin:2"]  # which no folder can be called everywhere
+    options = main_parser().parse_args(["sweep", str(scene), *over])
+    name = question(COMMANDS["sweep"], options)
+    assert re.fullmatch(r",over=cloth.h=0.25_0.125_lin_2-\w{6}", name)
+    assert question(COMMANDS["converge"], main_parser().parse_args(["converge", "a.toml"])) == ""
+
+
+def test_without_matplotlib_a_study_has_a_report_without_a_figure(
+    scene, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    folder = tmp_path / "report"
+    assert cli.main(["sweep", str(scene), "--over", "cloth.h=0.25", "-o", str(folder)]) == 0
+    remedy = "is not installed. In the clone, pip install '.[studies]'."
+    assert f"no figure: the package matplotlib: {remedy}" in capsys.readouterr().err
+    assert "figure.svg" not in (folder / "report.html").read_text()
+    assert not (folder / "figure.svg").exists()
+
+
+def test_a_study_shows_the_warnings_of_the_set_up(scene, tmp_path, capsys):
+    scene.write_text(
+        SCENE.replace("= 1.0", "= 40.0").replace("0.25", "10.0").replace("0.125", "5.0")
+    )
+    found = fc.study.sweep(scene, "cloth.h=5.0", "sag")
+    assert any("40" in words for words in found.warnings)
+    assert f"warning: {found.warnings[0]}" in capsys.readouterr().err
+    assert f"warning: {found.warnings[0]}" in found.summary()
+    page = found.report(tmp_path / "report").read_text()
+    assert "warning: " in page
+
+
+def test_a_setting_that_the_function_does_not_take_is_refused_at_once():
+    with pytest.raises(InputError, match="stifness = 2.0.*Did you mean 'stiffness'"):
+        fc.study.of(strip, h=0.25, stifness=2.0)
+    with pytest.raises(InputError, match="^problem = 3: must be a scene"):
+        fc.study.of(3)

@@ -25,6 +25,7 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     pins.find_idle_pins,
     pins.find_free_turn,
     jumps.find_motion_jumps,
+    course.find_step_beyond_end,
     unseen.find_missed,
     unseen.find_short_pulses,
 )

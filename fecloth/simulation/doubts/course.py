@@ -127,6 +127,16 @@ def find_short_steps(run: PlannedRun) -> Iterator[str]:
         )
 
 
+def find_step_beyond_end(run: PlannedRun) -> Iterator[str]:
+    """Warn if a single step is longer than the whole run."""
+    span = run.t_end - run.state.t
+    if run.dt and run.dt > span * (1 + 1e-9):
+        yield (
+            f"dt = {run.dt:g} s is longer than the run of {span:g} s, which is a single shorter "
+            "step: make dt shorter than t_end"
+        )
+
+
 def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
     """Warn if a first-order method will visibly damp the slowest swing."""
     pull, length = gravity_magnitude(run.system), distance_from_pins(run.system)

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.protocol import StepChoice
 from fecloth.simulation.doubts.signals import Signal, find_signals
 from fecloth.simulation.load_steps import LoadSteps
@@ -29,7 +30,6 @@ class PlannedRun:
     state: State  # the start
     steps: StepChoice | Auto
     ends: np.ndarray  # (k,) times at which a step must end; the last is the end of the run [s]
-    settles: bool = False  # whether its steps only seek a state of rest
 
     @property
     def t_end(self) -> float:
@@ -39,8 +39,13 @@ class PlannedRun:
     @property
     def dt(self) -> float | None:
         """The step [s] if it is fixed and resolves a motion, else None."""
-        is_static = self.settles or isinstance(self.steps, LoadSteps)
-        return None if is_static else self.steps.dt
+        dt = None if isinstance(self.steps, LoadSteps) else self.steps.dt
+        return None if dt and self._settles(dt) else dt
+
+    def _settles(self, dt: float) -> bool:
+        """Whether a few steps of backward Euler, minutes long, seek a state of rest."""
+        is_euler = isinstance(self.method, BackwardEuler)
+        return is_euler and dt >= 100 and (self.t_end - self.state.t) / dt <= 10
 
     @property
     def method(self) -> Any:

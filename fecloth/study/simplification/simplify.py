@@ -19,7 +19,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.result import Table, read_tolerance
-from fecloth.study.run_problems import Runs, refuse_huge
+from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import (
@@ -114,6 +114,7 @@ def simplify(
 def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
     """Return the problem with the quantities that count, and how it is run."""
     refuse_huge(opened, runs)
+    print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
     if any(quantity.function for quantity in chosen):
         raise InputError("a function as quantity", "must be a text, as 'max tip.z'")
@@ -198,11 +199,13 @@ def summarise(
     final = original.run_one(file, change, fresh=True) if taken else None
     if folder is not None:
         replace_file(Path(folder) / file, text.encode())
+    name = "the reduced scene" if folder is None else file
     limits = find_limits(numbers) if numbers else ["they need a scene"]
     has_h = "h" in tables["cloth"]
     return Simplification(
         title=original.problem.name,
-        verdict=make_verdict(findings, taken[-1] if taken else "", final, file),
+        warnings=original.problem.warnings,
+        verdict=make_verdict(findings, taken[-1] if taken else "", final, name),
         table=make_table(findings, attempts, final),
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),

@@ -19,6 +19,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import SceneProblem
 from fecloth.study.result import read_tolerance
+from fecloth.study.run_problems import print_warnings
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
 from fecloth.study.tuning.choices import Bench, Choice, Trial, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
@@ -116,6 +117,7 @@ def tune(
     opened, runs = study.problem, study.runs()
     goal = _goal(tolerance, budget)
     quantities = opened.choose_quantities(quantity)
+    warned = print_warnings(opened)
     bench = Bench(opened, quantities, runs)
     names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
@@ -150,7 +152,7 @@ def tune(
         why = proof.why if proof else "no setting that should meet it ran to its end"
     if proof is None:
         proof = replace(best_run(bench, space, times, search, other), why=why)
-    return summarise(bench, goal, proof, dropped, folder)
+    return replace(summarise(bench, goal, proof, dropped, folder), warnings=warned)
 
 
 def _say(phase: str) -> None:

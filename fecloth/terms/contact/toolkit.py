@@ -21,7 +21,7 @@ def load(where: str) -> Any:
     try:
         import ipctk
     except ImportError as error:
-        remedy = "pip install 'fecloth[contact]'."
+        remedy = "In the clone, pip install '.[contact]'."
         raise InputError(where, "needs the package ipctk", where, remedy) from error
     ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
     return ipctk
