@@ -209,6 +209,11 @@ def entry_point(template: Callable[..., Any], law: str = "law") -> cached_proper
     return cached_property(lambda kernels: kernels.make(template, getattr(kernels, law)))
 
 
+def of_kind(kind: Kind) -> cached_property[Any]:
+    """The `Kernels` of the same law with another kind of strain."""
+    return cached_property(lambda kernels: replace(kernels, kind=kind))
+
+
 @dataclass(frozen=True, eq=False)
 class Kernels:
     """The entry points of a law with a kind of strain.
@@ -249,20 +254,7 @@ class Kernels:
         """With a rest strain, which E_h has anyway."""
         return self if self.kind is REGGE else replace(self, kind=RESTED)
 
-    @cached_property
-    def rate(self) -> Self:
-        """With the rate of the pointwise strain."""
-        return replace(self, kind=RATE)
-
-    @cached_property
-    def regge(self) -> Self:
-        """With the strain E_h."""
-        return replace(self, kind=REGGE)
-
-    @cached_property
-    def regge_rate(self) -> Self:
-        """With the rate of E_h."""
-        return replace(self, kind=REGGE_RATE)
+    rate, regge, regge_rate = of_kind(RATE), of_kind(REGGE), of_kind(REGGE_RATE)
 
     @cached_property
     def over_step(self) -> DiscreteGradientKernels:
