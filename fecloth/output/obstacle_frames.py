@@ -21,7 +21,10 @@ LIST = "obstacles.pvd"
 
 
 class Obstacles(NamedTuple):
-    """Points (p, 3) [m] and triangles (q, 3) of all obstacles at one time."""
+    """Points (p, 3) [m] and triangles (q, 3) of all obstacles at one time.
+
+    There are none where the surface of a formula is farther away than it is drawn.
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -91,6 +94,8 @@ def read_obstacles(folder: Path, number: int) -> Obstacles | None:
     from meshio import vtu
 
     file = before[-1]
+    if b'NumberOfPoints="0"' in file.read_bytes():  # meshio refuses a mesh without any
+        return Obstacles(np.empty((0, 3)), np.empty((0, 3), np.int64))
     try:
         mesh = vtu.read(file)
     except Exception as error:  # meshio raises errors of any kind for a broken file

@@ -63,7 +63,7 @@ def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterato
 
 def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[bytes]:
     """Yield a compressed DataArray; header: block count, block size, size of the last part, …"""
-    raw = np.ascontiguousarray(data).data.cast("B")
+    raw = np.ascontiguousarray(data).reshape(-1).view(np.uint8)
     blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
     header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
     if data.ndim == 2:
@@ -80,7 +80,7 @@ def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[b
 def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
     """Encode ParaView's collection of (file relative to it, time)."""
     lines = "".join(
-        f'<DataSet timestep="{t!r}" group="" part="0" file={quoteattr(name)}/>\n'
+        f'<DataSet timestep="{float(t)!r}" group="" part="0" file={quoteattr(name)}/>\n'
         for name, t in files
     )
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'

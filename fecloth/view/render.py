@@ -226,7 +226,8 @@ def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
 
 def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
     """Show the obstacles in place of the obstacles of the last frame."""
-    if obstacles is None:
+    if obstacles is None or not len(obstacles.points):
+        plotter.remove_actor("obstacles")
         return
     points = obstacles.points.astype(float)
     mesh = pyvista.PolyData.from_regular_faces(points, obstacles.triangles)

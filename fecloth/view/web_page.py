@@ -70,7 +70,8 @@ def view_of(low: np.ndarray, high: np.ndarray) -> View:
 def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles | None]) -> float:
     """Height of the ground [m]: below the cloth's box, and below obstacles that are not far."""
     size = float(np.linalg.norm(high - low))
-    feet = [float(surface.points[:, 2].min()) for surface in obstacles if surface is not None]
+    shown = [surface.points for surface in obstacles if surface and len(surface.points)]
+    feet = [float(points[:, 2].min()) for points in shown]
     return max(min([low[2], *feet]), low[2] - 0.5 * size) - 0.03 * size
 
 

@@ -1,5 +1,7 @@
 """Obstacles and contact in the frames: what is written, pressure, slip, and going on."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import flat
@@ -8,6 +10,8 @@ import fecloth as fc
 from fecloth.output.frame_arrays import fields
 from fecloth.output.obstacle_frames import ObstacleFrames, find_obstacles, read_obstacles
 from fecloth.terms.contact import barrier
+from fecloth.view.web_page import _obstacles as pack_obstacles
+from fecloth.view.web_page import ground_of
 
 FABRIC = fc.Fabric(0.2, 500.0, 0.3, bending_rigidity=1e-4)
 UP = (0, 0, 1)
@@ -75,3 +79,36 @@ def test_a_mesh_obstacle_is_drawn_as_it_is(tmp_path):
     shown = find_obstacles(system, system.rest().x, 0.0)
     corners = shown.points[shown.triangles].reshape(-1, 3)
     np.testing.assert_allclose(corners, points[triangles].reshape(-1, 3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("formula", "shown"),
+    [("z + 2", [0, 0, 0]), ("z + 0.1 + 40*t**3", [1, 1, 0]), ("z + 0.4 - 2.5*t", [0, 1, 1])],
+    ids=["outside", "leaves", "comes"],
+)
+def test_a_formula_whose_surface_is_far_away_is_not_drawn(tmp_path, formula, shown):
+    pytest.importorskip("meshio")
+    system = make(fc.Obstacle(fc.shapes.Sdf(formula)))
+    x = system.rest().x
+    frames = ObstacleFrames(tmp_path, system, x)
+    for i in range(3):
+        frames.add(i, fc.State(0.1 * i, x, 0 * x))
+    read = [read_obstacles(tmp_path, i) for i in range(3)]
+    assert [min(len(one.triangles), 1) for one in read] == shown
+    assert [min(len(one.points), 1) for one in read] == shown
+    low, high = x.min(axis=0), x.max(axis=0)
+    if not any(shown):
+        assert ground_of(low, high, read) == ground_of(low, high, [])
+    assert [len(each["points"]) > 0 for each in pack_obstacles(read)] == [
+        bool(now) for i, now in enumerate(shown) if i == 0 or (now, shown[i - 1]) != (0, 0)
+    ]
+
+
+def test_times_of_any_kind_are_written_as_numbers(tmp_path):
+    ball = fc.shapes.Sphere((0.1, 0.1, -0.1), 0.05, motion=("t", 0, 0))
+    system = make(fc.Obstacle(ball))
+    frames, x = ObstacleFrames(tmp_path, system, system.rest().x), system.rest().x
+    for i, t in enumerate((np.float64(0.0), np.float32(0.25), 1)):
+        frames.add(i, fc.State(t, x, 0 * x))
+    times = re.findall(r'timestep="([^"]*)"', (tmp_path / "obstacles.pvd").read_text())
+    assert times == ["0.0", "0.25", "1.0"]
