@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import math
 import operator
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,13 +79,61 @@ class Arithmetic:
 
 
 def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    """The closure of a checked syntax tree."""
-    closure = _closure(node, variables, kit)
-    return _fold_constant(closure, node, variables) if kit.for_numbers else closure
+    """The closure of a checked syntax tree.
+
+    A node may be a part of several others, as in derivatives: it is compiled once, and evaluated
+    once in a call. Its value follows the values of the variables.
+    """
+    uses: Counter[int] = Counter()
+    varies: dict[int, bool] = {}
+    _count_uses(node, variables, uses, varies)
+    closures: dict[int, Closure] = {}
+    evaluated_first: list[Closure] = []
+
+    def inner(part: ast.AST) -> Closure:
+        key = id(part)
+        if key not in closures:
+            closure = _closure(part, variables, kit, inner)
+            if kit.for_numbers and not varies[key]:
+                closure = _fold_constant(closure)
+            elif uses[key] > 1 and not isinstance(part, ast.Name | ast.Constant):
+                evaluated_first.append(closure)
+                closure = operator.itemgetter(len(variables) + len(evaluated_first) - 1)
+            closures[key] = closure
+        return closures[key]
+
+    root = inner(node)
+    return _in_order(evaluated_first, root) if evaluated_first else root
 
 
-def _closure(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    inner = partial(compile_tree, variables=variables, kit=kit)
+def _count_uses(
+    node: ast.AST, variables: tuple[str, ...], uses: Counter[int], varies: dict[int, bool]
+) -> None:
+    """Count the places of each node, by its id, and note whether a variable is in it."""
+    uses[id(node)] += 1
+    if uses[id(node)] == 1:
+        parts = [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+        for part in parts:
+            _count_uses(part, variables, uses, varies)
+        is_variable = isinstance(node, ast.Name) and node.id in variables
+        varies[id(node)] = is_variable or any(varies[id(part)] for part in parts)
+
+
+def _in_order(first: list[Closure], root: Closure) -> Closure:
+    """The closure that puts the values of `first` behind the variables, and then takes `root`."""
+
+    def evaluate(v: Sequence[Any]) -> Any:
+        values = list(v)
+        for closure in first:
+            values.append(closure(values))
+        return root(values)
+
+    return evaluate
+
+
+def _closure(
+    node: ast.AST, variables: tuple[str, ...], kit: Arithmetic, inner: Callable[..., Closure]
+) -> Closure:
     match node:
         case ast.Constant(value=number):
             return _constant(kit.number(number))
@@ -140,10 +188,8 @@ def _choose(condition: Closure, a: Closure, b: Closure) -> Closure:
     return lambda v: a(v) if condition(v) else b(v)
 
 
-def _fold_constant(closure: Closure, node: ast.AST, variables: tuple[str, ...]) -> Closure:
-    """The closure, or its value if no variable is in it and the value is finite."""
-    if any(isinstance(part, ast.Name) and part.id in variables for part in ast.walk(node)):
-        return closure
+def _fold_constant(closure: Closure) -> Closure:
+    """The value of a closure without variables, or the closure if the value is not finite."""
     try:
         value = closure(())
     except (ArithmeticError, ValueError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -170,6 +170,7 @@ _CHOICES = {  # da, db, dc are the derivatives of the arguments
     "max": "where(a > b, da, db)",
 }
 _ONE, _ZERO = ast.Constant(1), ast.Constant(0)
+_SlopeOf = Callable[[ast.expr], ast.expr | None]
 
 
 def derivative(node: ast.expr, variable: str) -> ast.expr:
@@ -178,33 +179,42 @@ def derivative(node: ast.expr, variable: str) -> ast.expr:
     `node` is the tree of a checked formula whose value is a number, not a condition. At a kink or
     a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the derivative of
     the second argument for min and max, and the derivative of the chosen part for where. For mod(a,
-    b) it is the derivative between the jumps.
+    b) it is the derivative between the jumps. Parts that the formula and its derivative share are
+    the same nodes, so that the number of different nodes grows with the formula, not faster.
     """
-    slope = _slope(node, variable)
-    return _ZERO if slope is None else slope
+    slopes: dict[int, ast.expr | None] = {}
+
+    def slope_of(part: ast.expr) -> ast.expr | None:
+        if id(part) not in slopes:
+            slopes[id(part)] = _slope(part, variable, slope_of)
+        return slopes[id(part)]
+
+    return slope_of(node) or _ZERO
 
 
-def _slope(node: ast.expr, variable: str) -> ast.expr | None:
+def _slope(node: ast.expr, variable: str, slope_of: _SlopeOf) -> ast.expr | None:
     """The derivative, or None where the variable does not occur."""
     match node:
         case ast.Name(id=name):
             return _ONE if name == variable else None
         case ast.UnaryOp(op=op, operand=operand):
-            return _chain(_PARTIALS[type(op)], [operand], variable)
+            return _chain(_PARTIALS[type(op)], [operand], slope_of)
         case ast.BinOp(left=left, op=op, right=right):
-            return _chain(_PARTIALS[type(op)], [left, right], variable)
+            return _chain(_PARTIALS[type(op)], [left, right], slope_of)
         case ast.Call(func=ast.Name(id=name), args=arguments) if name in _CHOICES:
-            return _choice(name, arguments, variable)
+            return _choice(name, arguments, slope_of)
         case ast.Call(func=ast.Name(id=name), args=arguments):
-            return _chain(_PARTIALS[name], arguments, variable)
+            return _chain(_PARTIALS[name], arguments, slope_of)
     return None
 
 
-def _chain(partials: Sequence[str], arguments: list[ast.expr], variable: str) -> ast.expr | None:
+def _chain(
+    partials: Sequence[str], arguments: list[ast.expr], slope_of: _SlopeOf
+) -> ast.expr | None:
     """Σ ∂f/∂a · a' over the arguments that depend on the variable."""
     total = None
     for partial, argument in zip(partials, arguments, strict=True):
-        slope = _slope(argument, variable)
+        slope = slope_of(argument)
         if slope is not None and partial != "0":
             term = _product(_substitute(partial, arguments), slope)
             total = term if total is None else ast.BinOp(total, ast.Add(), term)
@@ -217,10 +227,10 @@ def _product(a: ast.expr, b: ast.expr) -> ast.expr:
     return a if b is _ONE else ast.BinOp(a, ast.Mult(), b)
 
 
-def _choice(name: str, arguments: list[ast.expr], variable: str) -> ast.expr | None:
+def _choice(name: str, arguments: list[ast.expr], slope_of: _SlopeOf) -> ast.expr | None:
     """The derivative of the argument that is chosen; only that one need be finite."""
-    first = None if name == "where" else _slope(arguments[0], variable)
-    slopes = [first, *(_slope(argument, variable) for argument in arguments[1:])]
+    first = None if name == "where" else slope_of(arguments[0])
+    slopes = [first, *map(slope_of, arguments[1:])]
     if not any(slopes):
         return None
     return _substitute(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fecloth.errors import InputError
+from fecloth.quantities import formula_functions
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.formula_functions import FUNCTIONS, smoothstep
 
@@ -279,19 +280,56 @@ def test_derivative_that_is_not_finite_or_does_not_exist():
         Formula("t > 1", ("t",), condition=True).derivative("t")
 
 
-def test_derivative_of_nested_functions_stays_small():
-    """Each derivative of an argument occurs once: otherwise 2^30 terms."""
-    text = "t"
-    for _ in range(30):
-        text = f"smoothstep({text},2,t)"
-    assert np.isfinite(Formula(text, ("t",)).derivative("t").at(0.3))
+GROWING = {  # formulas whose derivatives, written out, grow faster than they do
+    "products": lambda n: "*".join(f"(t + {i})" for i in range(n)),
+    "sums of sines": lambda n: "*".join(f"sin({i}*t + 1)" for i in range(1, n + 1)),
+    "sines": lambda n: "sin(" * n + "2*t" + ")" * n,
+    "nested products": lambda n: "(t*" * n + "2" + ")" * n,
+    "smoothsteps": lambda n: "smoothstep(" * n + "t" + ", 2, t)" * n,
+    "powers": lambda n: "(1 + " * n + "t" + ")**1.01" * n,
+    "choices": lambda n: "min(t, sin(" * n + "t" + "))" * n,
+}
+
+
+@pytest.mark.parametrize("of", GROWING.values(), ids=GROWING)
+def test_the_work_of_a_second_derivative_grows_with_the_formula(of, monkeypatch):
+    """Each part is compiled and evaluated once, for any number of its places."""
+    work = []
+    apply = formula_functions._apply
+    monkeypatch.setattr(
+        formula_functions,
+        "_apply",
+        lambda f, *parts: apply(lambda *values: work.append(f) or f(*values), *parts),
+    )
+
+    def operations(n):
+        work.clear()
+        second = Formula(of(n), ("t",)).derivative("t").derivative("t")
+        value = second(t=np.array([0.3]))
+        count = len(work)
+        assert second.at(0.3) == value[0]
+        return count
+
+    few, some, many = operations(6), operations(12), operations(24)
+    assert 0 < many - some < 2.2 * (some - few)  # 4 for a square
+
+
+@pytest.mark.parametrize("of", GROWING.values(), ids=GROWING)
+def test_second_derivatives_are_exact(of):
+    first = Formula(of(5), ("t",)).derivative("t")
+    h = 1e-3
+    u = [first.at(0.3 + s * h) for s in (-2, -1, 1, 2)]
+    expected = (u[0] - 8 * u[1] + 8 * u[2] - u[3]) / (12 * h)
+    assert first.derivative("t").at(0.3) == pytest.approx(expected, rel=1e-6, abs=1e-8)
 
 
 @pytest.mark.parametrize(
     "text", ["sin(" * 95 + "t" + ")" * 95, "+t" * 95, "(" * 90 + "t" + ")**2" * 90]
 )
 def test_derivative_of_the_deepest_formulas(text):
-    assert Formula(text, ("t",)).derivative("t").at(0.99) >= 0
+    first = Formula(text, ("t",)).derivative("t")
+    assert first.at(0.99) >= 0
+    assert np.isfinite(first.derivative("t").at(0.99))
 
 
 def test_derivative_survives_pickling():
