@@ -9,9 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fecloth.errors import MeshError
 from fecloth.mesh.flatten import flatten
+from fecloth.mesh.indices import MAX_LISTED, validated_indices
 from fecloth.validation import FARTHEST
-
-_MAX_LISTED = 5  # items in an error message
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,27 +101,27 @@ class _Source:
     triangles: np.ndarray
 
     def _raise(self, bad: np.ndarray, listed: list[str], kind: str, allowed="", remedy=""):
-        more = ", ..." if len(bad) > _MAX_LISTED else ""
+        more = ", ..." if len(bad) > MAX_LISTED else ""
         what = f"{len(bad)} {kind}: {', '.join(listed)}{more}"
         raise MeshError(what, allowed, self.where, remedy)
 
     def check_no_nodes(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
         if len(bad):
-            listed = [f"node {i}" for i in self.nodes[bad[:_MAX_LISTED]]]
+            listed = [f"node {i}" for i in self.nodes[bad[:MAX_LISTED]]]
             self._raise(bad, listed, kind, allowed, remedy)
 
     def check_no_triangles(self, bad, triangles, kind: str, allowed="", remedy="", raw=False):
         if len(bad):
-            vertices = triangles[bad[:_MAX_LISTED]]
+            vertices = triangles[bad[:MAX_LISTED]]
             vertices = vertices if raw else self.nodes[vertices]
-            ids = self.triangles[bad[:_MAX_LISTED]]
+            ids = self.triangles[bad[:MAX_LISTED]]
             pairs = zip(ids, vertices.tolist(), strict=True)
             listed = [f"triangle {i} (nodes {', '.join(map(str, v))})" for i, v in pairs]
             self._raise(bad, listed, kind, allowed, remedy)
 
     def check_no_edges(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
         if len(bad):
-            listed = [f"edge {a}-{b}" for a, b in self.nodes[bad[:_MAX_LISTED]]]
+            listed = [f"edge {a}-{b}" for a, b in self.nodes[bad[:MAX_LISTED]]]
             self._raise(bad, listed, kind, allowed, remedy)
 
 
@@ -264,27 +263,6 @@ def _check_connected(a, b, t, source):
         kind = "triangles not connected through edges to the rest"
         limit = f"the mesh has {pieces} separate pieces"
         source.check_no_triangles(bad, t, kind, limit, "Join them, or use one cloth per piece.")
-
-
-def validated_indices(name, values, n, columns, where) -> np.ndarray:
-    """Return the indices of a set, (k, *columns); raise `MeshError` unless all are in 0 … n − 1."""
-    values = np.asarray(values)
-    if values.size == 0:
-        allowed = "must contain a node"
-        raise MeshError(f"set {name!r} is empty", allowed, where, "Remove or fill it.")
-    if values.dtype.kind not in "iu" or values.ndim != len(columns) + 1:
-        what = f"set {name!r} has shape {values.shape} and type {values.dtype}"
-        raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where)
-    if values.shape[1:] != columns:
-        raise MeshError(f"edge set {name!r} has shape {values.shape}", "must be (k, 2)", where)
-    bad = values[(values < 0) | (values >= n)]
-    if bad.size:
-        listed = ", ".join(map(str, bad[:_MAX_LISTED])) + (
-            ", ..." if bad.size > _MAX_LISTED else ""
-        )
-        what = f"set {name!r} contains {bad.size} indices out of range: {listed}"
-        raise MeshError(what, f"must be 0 to {n - 1}", where)
-    return values.astype(np.intp)
 
 
 def _node_set(name, values, n, where):

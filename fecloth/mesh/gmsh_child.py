@@ -1,9 +1,10 @@
-"""Gmsh in a process of its own, which can be stopped at any moment and has limits.
+"""Gmsh and meshio in a process of their own, which can be stopped at any moment and has limits.
 
 `in_child` starts ``python -m fecloth.mesh.gmsh_child``, sends it a task as JSON and reads the
 arrays of the mesh from its standard output, as an .npz file. A start takes about 0.4 s.
 """
 
+import importlib
 import io
 import json
 import os
@@ -20,6 +21,7 @@ from fecloth import validation
 from fecloth.errors import InputError, MeshError
 from fecloth.mesh.gmsh_import import DRAWINGS, RawMesh, from_geo, from_msh, gmsh_plane
 from fecloth.mesh.grading import Grading
+from fecloth.mesh.meshio_import import from_meshio, surface_from_meshio
 
 TIME_LIMIT = 300.0  # s, of wall time
 MEMORY_SHARE = 0.5  # of the machine's memory
@@ -30,10 +32,11 @@ _LISTS = ("node_sets", "edge_sets")
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     """Mesh or read a file in a child process, which ends with this function, however it ends.
 
-    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, or ``{"draw": a
-    name of `DRAWINGS`, "sizes": its arguments}``; the first and the last may have a `grading`, a
-    list of the fields of `Grading`. Unless `confined` is false, the process writes no file. It is
-    killed after `time_limit` seconds; `where` is the file, for messages.
+    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
+    path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes": its
+    arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`. Unless
+    `confined` is false, the process writes no file. It is killed after `time_limit` seconds;
+    `where` is the file, for messages.
     """
     validation.positive("time_limit", time_limit, "s", where)
     package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported
@@ -44,7 +47,7 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     try:
         done = subprocess.run(command, input=request, timeout=time_limit, **options)
     except subprocess.TimeoutExpired:
-        what, allowed = "meshing takes longer", f"must end within {time_limit:g} s"
+        what, allowed = "meshing or reading takes longer", f"must end within {time_limit:g} s"
         remedy = "Take a larger h, or raise the limit: --mesh-time SECONDS, time_limit in Python."
         raise MeshError(what, allowed, where, remedy) from None
     if done.returncode:
@@ -59,8 +62,8 @@ def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
     if done.returncode < 0:
         with suppress(ValueError):
             why = f"{signal.Signals(-done.returncode).name}; {why}"
-    remedy = "Is the mesh too large for the memory? Take a larger h."
-    return MeshError(f"Gmsh has ended without a mesh ({why})", where=where, remedy=remedy)
+    remedy = "Is the mesh too large for the memory? Take a larger h, or a coarser mesh."
+    return MeshError(f"reading has ended without a mesh ({why})", where=where, remedy=remedy)
 
 
 # --- arrays to bytes and back ---------------------------------------------------------------------
@@ -114,7 +117,8 @@ def main() -> None:
     os.dup2(2, 1)
     task = json.load(sys.stdin)
     with suppress(ImportError, OSError):  # `gmsh_model` says what is missing
-        import gmsh  # noqa: F401  # before the limits: Python may write its bytecode
+        # before the limits: Python may write its bytecode
+        importlib.import_module("meshio" if {"meshio", "surface"} & task.keys() else "gmsh")
     _limit(task["seconds"], task.get("confined", True))
     try:
         data = _packed(_mesh(task))
@@ -134,6 +138,10 @@ def _mesh(task: dict) -> RawMesh:
             return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), sizes[-1], where, grading)
         case {"msh": path}:
             return from_msh(Path(path), where)
+        case {"meshio": path}:
+            return from_meshio(Path(path), where)
+        case {"surface": path}:
+            return surface_from_meshio(Path(path), where)
     return from_geo(Path(task["geo"]), task["h"], where, grading)
 
 

@@ -1,7 +1,5 @@
 """Reading of mesh files of any format into validated flat meshes."""
 
-import contextlib
-import io
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -12,11 +10,12 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh.flat_mesh import FlatMesh, validated_indices
+from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
-from fecloth.mesh.gmsh_import import RawMesh, check_cells
+from fecloth.mesh.gmsh_import import RawMesh
 from fecloth.mesh.grading import Grading, check_gradings
+from fecloth.mesh.indices import validated_indices
 
 
 def read(
@@ -41,7 +40,7 @@ def read(
         Whether a ``.geo`` file may hold any command of Gmsh, also commands that run programs and
         write files. Default: only the commands of `geo_commands.check_geo`.
     time_limit : float
-        Seconds after which Gmsh, which works in a process of its own, is stopped.
+        Seconds after which the process of its own, in which Gmsh and meshio work, is stopped.
     grading : sequence of Grading
         Places towards which the triangles become smaller, for ``.geo`` with h only. It replaces
         the sizes at points of the file; a file with size fields is refused.
@@ -88,7 +87,7 @@ def read(
     elif suffix == ".msh":
         raw = _from_msh(path, time_limit)
     else:
-        raw = _from_meshio(path, suffix)
+        raw = in_child({"meshio": str(path.resolve())}, str(path), time_limit)
     return _to_flat_mesh(raw, str(path))
 
 
@@ -158,73 +157,15 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     path, where = Path(path), str(path)
     if not path.is_file():
         raise MeshError("no such file", where=where)
-    mesh = _meshio_mesh(path, path.suffix.lower())
-    blocks = [block.data for block in mesh.cells if block.type == "triangle"]
-    if not blocks:
+    raw = in_child({"surface": str(path.resolve())}, where)
+    if not len(raw.triangles):
         raise MeshError("no triangles", "must be a surface of triangles", where)
-    corners = np.asarray(mesh.points, dtype=float)[np.concatenate(blocks)].reshape(-1, 3)
+    corners = raw.xyz[
+        validated_indices("triangle cells", raw.triangles.ravel(), len(raw.xyz), (), where)
+    ]
     if not np.isfinite(corners).all():
         raise MeshError("coordinates that are not finite", "must be finite", where)
     nodes, number = np.unique(corners, axis=0, return_inverse=True)
     triangles = number.reshape(-1, 3)
     a, b, c = triangles.T
     return nodes, triangles[(a != b) & (b != c) & (a != c)]
-
-
-def _from_meshio(path: Path, suffix: str) -> RawMesh:
-    where = str(path)
-    mesh = _meshio_mesh(path, suffix)
-    check_cells(
-        {b.type: len(b) for b in mesh.cells if b.type not in ("triangle", "line", "vertex")}, where
-    )
-    blocks = [b.data for b in mesh.cells if b.type == "triangle"]
-    triangles = np.concatenate(blocks) if blocks else np.empty((0, 3), dtype=int)
-    nodes, edges = _meshio_sets(mesh, where)
-    n, m = len(mesh.points), len(triangles)
-    geometric = np.zeros(n, dtype=bool)
-    for block in mesh.cells:
-        if block.type != "triangle":
-            geometric[
-                validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
-            ] = True
-    return RawMesh(mesh.points, triangles, nodes, edges, np.arange(n), np.arange(m), geometric)
-
-
-def _meshio_mesh(path: Path, suffix: str):
-    import meshio
-
-    suffixes = meshio.extension_to_filetypes
-    if suffix not in suffixes:
-        allowed = f"must be one of {sorted(suffixes)}"
-        remedy = "Convert the file, for instance to .vtu by meshio."
-        raise MeshError(f"unknown suffix {suffix!r}", allowed, str(path), remedy)
-    output = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-            return meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio exits on a file that it cannot read
-        reason = " ".join(output.getvalue().split()) or error
-        raise MeshError(f"meshio cannot read the file ({reason})", where=str(path)) from error
-
-
-def _meshio_sets(mesh, where):
-    """Node indices and node pairs of point sets, cell sets and named gmsh:physical groups."""
-    nodes = {name: [np.asarray(s)] for name, s in mesh.point_sets.items()}
-    edges = {}
-    cells = {name: list(s) for name, s in mesh.cell_sets.items() if not name.startswith("gmsh:")}
-    physical = mesh.cell_data.get("gmsh:physical", [])
-    for name, value in mesh.field_data.items():
-        if physical and name not in cells and np.shape(value) == (2,):
-            tag, dim = value
-            blocks = zip(mesh.cells, physical, strict=True)
-            cells[name] = [np.flatnonzero((tags == tag) & (b.dim == dim)) for b, tags in blocks]
-    for name, members in cells.items():
-        nodes.setdefault(name, [])
-        for block, indices in zip(mesh.cells, members, strict=True):
-            if indices is None or len(indices) == 0:
-                continue
-            corners = block.data[validated_indices(name, indices, len(block), (), where)]
-            nodes[name].append(corners.ravel())
-            if block.type == "line":
-                edges.setdefault(name, []).append(corners)
-    return nodes, edges

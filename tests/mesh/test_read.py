@@ -1,16 +1,17 @@
 """Mesh files: groups and sets, sizes, numbers, and rejected files."""
 
 import math
+import os
 
 import meshio
 import numpy as np
 import pytest
 from support.meshed import MESHES, QUAD_T, QUAD_X, areas, length, rejects
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, MeshError
 from fecloth.mesh.flat_mesh import quality
 from fecloth.mesh.generate import rectangle
-from fecloth.mesh.read import read
+from fecloth.mesh.read import read, read_surface
 
 
 @pytest.mark.parametrize(
@@ -230,7 +231,7 @@ def test_meshio_names_in_field_data():
         field_data={"hem": np.array([5, 1]), "sheet": np.array([5, 2])},
         point_sets={"pin": [3]},
     )
-    from fecloth.mesh.read import _meshio_sets
+    from fecloth.mesh.meshio_import import _meshio_sets
 
     nodes, edges = _meshio_sets(named, "s")
     assert {name: np.unique(np.concatenate(v)).tolist() for name, v in nodes.items() if v} == {
@@ -268,3 +269,28 @@ def test_files_that_cannot_be_read(tmp_path):
         path = tmp_path / name
         path.write_text("rubbish")
         rejects([name], path, by=read)
+
+
+@pytest.mark.skipif(not hasattr(os, "sysconf"), reason="limits of processes are of POSIX")
+@pytest.mark.parametrize("reader", [read, read_surface])
+def test_a_file_that_takes_the_memory_is_refused(tmp_path, reader):
+    """A file of 100 characters that announces points for three quarters of the memory."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    head = "# vtk DataFile Version 4.2\nsheet\nBINARY\nDATASET UNSTRUCTURED_GRID\n"
+    (tmp_path / "sheet.vtk").write_text(f"{head}POINTS {int(0.75 * memory / 24)} double\n")
+    with pytest.raises(MeshError, match=r"sheet\.vtk: the file takes too much memory: must fit"):
+        reader(tmp_path / "sheet.vtk")
+
+
+def test_a_file_that_meshio_reads_has_a_limit_of_time(tmp_path):
+    (tmp_path / "sheet.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(
+        MeshError, match=r"meshing or reading takes longer: must end within 0\.01 s"
+    ):
+        read(tmp_path / "sheet.obj", time_limit=0.01)
+
+
+def test_nodes_that_are_not_there_are_refused_in_a_surface(tmp_path):
+    (tmp_path / "sheet.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    with pytest.raises(MeshError, match="indices out of range: 8"):
+        read_surface(tmp_path / "sheet.obj")
