@@ -63,7 +63,7 @@ def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterato
 
 def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[bytes]:
     """Yield a compressed DataArray; header: block count, block size, size of the last part, …"""
-    raw = np.ascontiguousarray(data).reshape(-1).view(np.uint8)
+    raw = np.ascontiguousarray(data).reshape(-1).view(np.uint8).data
     blocks = [zlib.compress(raw[i : i + BLOCK], COMPRESSION) for i in range(0, len(raw), BLOCK)]
     header = np.array([len(blocks), BLOCK, len(raw) % BLOCK, *map(len, blocks)], np.uint64)
     if data.ndim == 2:
