@@ -69,7 +69,9 @@ class LinearlyImplicitEuler:
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
-    traits = replace(BackwardEuler.traits, has_difference=False, gains=True, studied=("stability",))
+    traits = replace(
+        BackwardEuler.traits, has_difference=False, gains=True, studied=("stability", "tune")
+    )
 
     def open(
         self,

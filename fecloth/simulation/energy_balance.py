@@ -14,6 +14,7 @@ from fecloth.terms.records import remembered
 
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
+DISTRUST = "do not trust this motion"  # what such a warning says; studies look for it
 LASTING = 10  # steps after which a balance that stays off is reported
 UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
 
@@ -121,5 +122,5 @@ class Balance(Account):
         return (
             f"step {self.steps}, at t = {self.t:g} s: the energy balance is off by "
             f"{self.remainder:.3g} J, where the energy of deformation was {self.scale:.3g} J at "
-            "most: do not trust this motion; take a smaller dt",
+            f"most: {DISTRUST}; take a smaller dt",
         )

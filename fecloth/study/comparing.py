@@ -39,7 +39,7 @@ from fecloth.study.run_problems import (
     refuse_huge,
     run_points,
 )
-from fecloth.study.status import OK, failure
+from fecloth.study.status import NO_VALUE, OK, failure
 from fecloth.study.variants import (
     Over,
     combine,
@@ -182,7 +182,7 @@ def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -
         orders = problem.orders(quantity)
         study = summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
     except InputError as error:  # as where a signal has no period
-        return failure("no value", error)
+        return failure(NO_VALUE, error)
     return _Studied(rows[:levels], study)
 
 

@@ -44,19 +44,20 @@ def run_scene(
 
     `digest` is a hash of the files that it reads; `timing` is as for `measure`.
     """
+    begin = time.process_time()
     setup = setup_of_scene(scene_of(tables, trust_geo), compiled=True)
-    return _measure_all(setup, recorded, modes, timing)
+    return _measure_all(setup, recorded, modes, timing, begin)
 
 
 def run_function(recorded: list, modes: int = 0, **case: Any) -> dict:
     """Run what a user's function returns; `case` is of `FunctionProblem`, and may have timing."""
-    timing = {key: case.pop(key) for key in ("timed", "repeats", "most") if key in case}
-    return _measure_all(setup_of_importable(**case), recorded, modes, timing)
-
-
-def _measure_all(setup: Setup, recorded: list, modes: int, timing: dict) -> dict:
-    """Return the row of a case, with the CPU seconds of all its runs."""
     begin = time.process_time()
+    timing = {key: case.pop(key) for key in ("timed", "repeats", "most") if key in case}
+    return _measure_all(setup_of_importable(**case), recorded, modes, timing, begin)
+
+
+def _measure_all(setup: Setup, recorded: list, modes: int, timing: dict, begin: float) -> dict:
+    """Return the row of a case, with the CPU seconds since its `begin`: set-up and all its runs."""
     row = measure(setup, recorded, modes, **timing)
     return row | {"case_seconds": time.process_time() - begin}
 

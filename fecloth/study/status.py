@@ -16,6 +16,7 @@ FAILED = "failed"  # a step, a linear solve or an equilibrium
 REFUSED = "refused"  # the settings are invalid
 LATE = "time limit"
 MEMORY = "memory"
+NO_VALUE = "no value"  # it ran to its end, but a quantity has no value, as a period
 KILLED = "killed"  # the process of the case ended
 ERROR = "error"  # any other exception: a mistake in the study or in fecloth
 REPRODUCIBLE = (OK, FAILED, REFUSED, LATE)  # a second run would end the same way

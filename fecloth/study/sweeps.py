@@ -24,7 +24,7 @@ from fecloth.study.run_problems import (
     refuse_huge,
     run_points,
 )
-from fecloth.study.status import OK, REFUSED, failure
+from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.variants import (
     combine,
     make_variants,
@@ -157,7 +157,7 @@ def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict
         try:
             line[quantity.text] = value_of(quantity, record_at(row, quantity))
         except InputError as error:  # as where a signal has no period
-            line |= failure("no value", error)
+            line |= failure(NO_VALUE, error)
     counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
     return {"status": OK} | line | counted
 

@@ -17,4 +17,5 @@ def test_tune_prefers_explicit_methods_then_those_that_damp():
     assert sorted(studied_by("tune"), key=_preference) == [
         *("central_difference", "bdf2", "generalized_alpha", "implicit_midpoint"),
         "backward_euler",
+        "linearly_implicit_euler",
     ]

@@ -11,7 +11,6 @@ from fecloth.study.tuning import proof as proof_module
 from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.proof import (
     Proof,
-    best_run,
     between,
     corrected,
     finer_choice,
@@ -196,22 +195,6 @@ def test_four_cheaper_settings_are_tried():
     proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
     assert [one.choice.method for one in bench.ran] == ["a", "a", "b", "c", "d", "e"]
     assert proof.trial is bench.ran[0]
-
-
-@pytest.mark.parametrize(("times", "chosen"), [(1.2, True), (1.875, False)])
-def test_of_runs_within_half_of_the_least_error_the_cheapest_is_stated(times, chosen):
-    prediction = predict(1.0, 10.0)
-    best = trial(Choice("P1", "", 0.02, "bdf2", 64), 1.0, seconds=1.0)
-    other = trial(Choice("P1", "", 0.05, "bdf2", 64), 1 + 1e-3 * (times - 1), seconds=0.1)
-    space = replace(
-        known_run(prediction, 50.0, 1e-3),
-        reference=best,
-        error=np.array([1e-3]),
-        trials=(best, other),
-    )
-    proof = best_run(PowerLaws(), space, prediction.times, [], {})
-    assert proof.trial is (other if chosen else best)
-    assert proof.why == "it was not verified"
 
 
 @pytest.mark.parametrize("seconds", [6.0, 100.0])

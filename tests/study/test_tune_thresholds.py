@@ -15,7 +15,8 @@ from fecloth.study.tuning import tune as tune_module
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.corrections import measure_growth
 from fecloth.study.tuning.curves import error_curve
-from fecloth.study.tuning.search import Goal, shared_run
+from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.shared_steps import prefer, shared_run
 from fecloth.study.tuning.space_errors import (
     Mesh,
     SpaceErrors,
@@ -176,9 +177,9 @@ def test_the_steps_of_all_meshes_follow_the_rules_in_their_order(case):
 def test_rules_are_kept_in_their_order_and_passed_over_where_none_is_left():
     numbers = [1, 2, 3, 4, 6]
     rules = [lambda n: n % 2 == 0, lambda n: n > 6, lambda n: n > 3, lambda n: n % 3 == 0]
-    assert search.prefer(numbers, by=rules) == [6]
-    assert search.prefer(numbers, by=[]) == numbers
-    assert search.prefer(numbers, by=[lambda n: n > 9]) == numbers
+    assert prefer(numbers, by=rules) == [6]
+    assert prefer(numbers, by=[]) == numbers
+    assert prefer(numbers, by=[lambda n: n > 9]) == numbers
 
 
 @pytest.mark.parametrize(("part", "is_known"), [(0.8, True), (1.25, False)])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -13,6 +14,7 @@ from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, studied_by
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
+from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.change import FIRST, Change, Level
@@ -20,9 +22,10 @@ from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_names, known_
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
 from fecloth.study.setups import table_of_grading
-from fecloth.study.status import OK, REFUSED, failure
+from fecloth.study.status import FAILED, NO_VALUE, OK, REFUSED, failure
 from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 
+SEARCH, COSTLY = 60.0, 6.0  # CPU time [s] of a search, and of a run that it can do without
 CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
 
@@ -176,6 +179,7 @@ def _set_mesh_and_solver(choice: Choice, tables: dict) -> dict:
 
 ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
 FIELD = parse_quantity("displacement")
+NOTHING, SMALL = 1e-6, 1e-2  # parts of a vector: components that are zero, or may be
 LEAST = 1e-13  # relative: distances below it are round-off
 
 
@@ -227,6 +231,7 @@ class Bench:
     opened: Problem
     quantities: tuple[Quantity, ...]
     runs: Runs
+    begin: float = field(default_factory=time.process_time)  # CPU time of this process then [s]
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
         """Run choices; one that is refused, fails or is too long gives a trial that is not ok."""
@@ -254,13 +259,26 @@ class Bench:
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
         if row["status"] != OK:
             return Trial(choice, row)
+        for words in row["warnings"]:
+            if DISTRUST in words:  # a run that says so is no evidence
+                return Trial(choice, {**row, **failure(FAILED, words)})
         try:
             records = tuple(record_at(row, quantity) for quantity in self.quantities)
             for quantity, record in zip(self.quantities, records, strict=True):
                 size_of(quantity, record)  # raises where the run has none, as of a period
         except InputError as error:
-            return Trial(choice, {**row, "status": "no value", "cause": str(error)})
+            return Trial(choice, {**row, **failure(NO_VALUE, error)})
         return Trial(choice, row, records)
+
+    def spent(self, trials: Sequence[Trial]) -> float:
+        """Return the CPU time of the search so far [s]: of this process, and of all its runs.
+
+        It counts what lies between the runs, as meshes and estimates of errors. Runs in other
+        processes are added; of runs from the store it counts what they took.
+        """
+        here, runs = time.process_time() - self.begin, spent(trials)
+        is_elsewhere = self.runs.jobs > 1 or self.runs.scheduler
+        return here + runs if is_elsewhere else max(here, runs)
 
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
         """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
@@ -270,12 +288,32 @@ class Bench:
         apart = [difference_of(q, x, y) / max(size_of(q, x), ZERO) for q, x, y in pairs]
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
 
-    def check_sizes(self, trial: Trial) -> None:
-        """Raise `InputError` for a quantity of size zero: it has no relative error."""
-        for quantity, record in zip(self.quantities, trial.records, strict=True):
-            if not size_of(quantity, record) > ZERO:
+    def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
+        """Raise `InputError` for a quantity of size zero: it has no relative error.
+
+        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
+        and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
+        """
+        for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
+            size, whole = size_of(quantity, record), size_of_vector(quantity, trial)
+            is_unknown = errors is not None and errors[k] > 1 and size < SMALL * whole
+            if not size > max(ZERO, NOTHING * whole) or is_unknown:
                 remedy = "Choose another quantity, or its path or maximum over the run."
+                if whole:
+                    what = f"{quantity} is {size:.2g}, where the whole vector is {whole:.2g}"
+                    allowed = "as by symmetry, and has no relative error"
+                    raise InputError(f"{what}: it is zero", allowed, "tune", remedy)
                 raise InputError(f"{quantity} = 0", "has no relative error", "tune", remedy)
+
+
+def size_of_vector(quantity: Quantity, trial: Trial) -> float:
+    """Return the length at the end of the vector whose component a quantity is; else 0."""
+    name, ends = quantity.column.rpartition(".")[0], trial.row.get("ends", {})
+    parts = [ends.get(f"{name}.{c}") for c in "xyz"]
+    if not name or None in parts:
+        return 0.0
+    begin = name in trial.row["point"].problem.probes
+    return float(np.linalg.norm([part[1] - begin * part[0] for part in parts]))
 
 
 def spent(trials: Sequence[Trial]) -> float:

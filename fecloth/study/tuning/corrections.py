@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth.study.change import Change
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import Bench, Trial
+from fecloth.study.tuning.choices import COSTLY, Bench, Trial
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.time_errors import Rule
@@ -19,6 +19,7 @@ COUNTS = 0.2  # part of the predicted error from which the error in time matters
 MOST = 2.0  # power of √triangles
 CLOSE = 3.0  # times the seconds of the best one, up to which others are candidates
 FEWEST, PART = 12, 0.05  # steps of a short run, and its part of the whole one
+DEARER = 6.0  # times the seconds: a run with half of h
 LINEAR = "pcg", "direct"  # solvers that are tried besides the problem's own
 FASTER = 0.85  # times the seconds, for another solver to be taken
 
@@ -47,7 +48,7 @@ def measure_growth(
     growth = dict(prediction.growth)
     for candidate in candidates:
         trial = _nearest(candidate.rule, candidate.x)
-        if trial is reference or not finest.is_ok:
+        if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
             continue
         finer = _on_finer_mesh(bench, trial)
         search.append(finer)
@@ -93,6 +94,8 @@ def time_candidates(
             prediction = prediction.with_seconds(candidate, seconds)
     first = next(iter(goal.candidates(prediction)), None)
     if not first or first.rule.kind != "steps" or isinstance(bench.opened, FunctionProblem):
+        return prediction
+    if PART * first.seconds > COSTLY:
         return prediction
     tried = {name: _seconds(bench, replace(first, linear=name), search) for name in LINEAR}
     name = min(tried, key=lambda name: tried[name])

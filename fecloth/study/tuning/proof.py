@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.study.tuning.choices import Bench, Choice, Trial, spent
+from fecloth.study.tuning.choices import Bench, Choice, Trial
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import KNOWN, Goal
 from fecloth.study.tuning.space_errors import SpaceErrors, unsampled
-from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.uncertainty import SAFE
 
 FINER = 1.4  # times the √triangles of a tuned run: the verifying run has at least so many
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
 LOOSE = 0.85  # times the tolerance: below this error a cheaper setting is tried
-NEARLY = 1.5  # times the least error: runs that are as accurate
 TRIES, CLOSE = 4, 0.9  # of cheaper settings; part of the tolerance that their errors may take
 CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 SLOWER = 5.0  # measured over predicted seconds, that a prediction is corrected by at most
@@ -89,7 +87,7 @@ def prove(
         candidates = untried(goal.candidates(prediction), attempts)
         if not candidates:
             break
-        if attempts and spent(others(runs, attempts[-1])) > goal.limit(candidates):
+        if attempts and bench.spent(others(runs, attempts[-1])) > goal.limit(candidates):
             break
         (trial,) = bench.run([candidates[0].choice], timed=True)
         runs = [*runs, trial]
@@ -240,7 +238,7 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     return replace(prediction, meshes=meshes, times=times)
 
 
-# --- cheaper settings, and the best run where nothing is proved -----------------------------------
+# --- cheaper settings -----------------------------------------------------------------------------
 
 
 def cheaper(
@@ -256,7 +254,9 @@ def cheaper(
         candidates, prediction = next_candidates(judge.goal, prediction, proof, tried)
         if not candidates or candidates[0].seconds > CHEAPER * proof.trial.seconds:
             break
-        if spent(others(runs, proof)) + candidates[0].seconds > judge.goal.limit(candidates):
+        if judge.bench.spent(others(runs, proof)) + candidates[0].seconds > judge.goal.limit(
+            candidates
+        ):
             break
         (trial,) = judge.bench.run([candidates[0].choice], timed=True)
         runs = [*runs, trial]
@@ -296,30 +296,3 @@ def between(proof: Proof, failed: Proof) -> list[Candidate]:
     middle["x"] = math.ceil(middle["x"]) if fine.rule.kind == "steps" else float(middle["x"])
     seconds = math.sqrt(proof.trial.seconds * failed.trial.seconds)
     return [replace(fine, seconds=seconds, **middle)]
-
-
-def best_run(
-    bench: Bench,
-    space: SpaceErrors,
-    times: TimeErrors,
-    search: Sequence[Trial],
-    other: Mapping[str, np.ndarray],
-) -> Proof:
-    """Return the cheapest of the most accurate runs so far, where the goal cannot be met."""
-
-    def error_in_space(trial: Trial) -> np.ndarray:
-        return bench.distance(space.reference, trial) + space.error
-
-    def is_accurate(trial: Trial) -> bool:
-        return error_in_space(trial).max() <= NEARLY * least
-
-    able = [trial for trial in space.trials if trial.is_ok]
-    least = min(float(error_in_space(trial).max()) for trial in able)
-    trial = min(filter(is_accurate, able), key=lambda trial: trial.seconds)
-    rule = trial.choice.method, trial.choice.steps
-    same = (run for run in times.trials if (run.choice.method, run.choice.steps) == rule)
-    shared = next(same, times.reference)
-    parts = {"space": error_in_space(trial), **other}
-    if shared.choice.method:
-        parts["time"] = bench.distance(times.reference, shared) + times.error
-    return Proof(trial, None, None, parts, "it was not verified", tuple(search))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,8 @@ from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
 from fecloth.study.problems import SceneProblem
 from fecloth.study.result import StudyResult, Table, in_percent
-from fecloth.study.tuning.choices import Bench, Trial, change_of, each_once, spent
+from fecloth.study.status import FAILED, LATE
+from fecloth.study.tuning.choices import Bench, Trial, change_of, each_once
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.search import Goal
 
@@ -59,7 +60,7 @@ class Tuned(StudyResult):
     scene
         Path of tuned.toml in the folder that was given, or None.
     search_seconds
-        CPU time of all runs but the one that verified the tuned setting [s].
+        CPU time of the search with its set-up, without the run that verified the tuned setting [s].
     """
 
     error: float = math.nan
@@ -147,9 +148,14 @@ def _series(row: Mapping[str, Any]) -> str:
 
 
 def summarise(
-    bench: Bench, goal: Goal, proof: Proof, dropped: Sequence[str], folder: str | Path | None
+    bench: Bench,
+    goal: Goal,
+    proof: Proof,
+    took: float,
+    dropped: Sequence[str],
+    folder: str | Path | None,
 ) -> Tuned:
-    """Return the result; write tuned.toml."""
+    """Return the result; write tuned.toml. The search `took` so many CPU seconds."""
     trial, opened = proof.trial, bench.opened
     proved = proof.meets(goal) and not proof.why
     text, scene = "", None
@@ -173,9 +179,20 @@ def summarise(
         settings=_settings(trial),
         text=text,
         scene=scene,
-        search_seconds=spent(proof.search),
-        remarks=(f"Changed terms: {', '.join(dropped)}.",) if dropped else (),
+        search_seconds=took,
+        remarks=tuple(_remarks(proof, dropped)),
     )
+
+
+def _remarks(proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
+    """Yield sentences on changed terms, and on runs that were cut off or warn of themselves."""
+    if dropped:
+        yield f"Changed terms: {', '.join(dropped)}."
+    for status, what in ((LATE, "cut off at the limit of CPU time"), (FAILED, "no evidence")):
+        runs = [trial for trial in each_once(proof.search) if trial.row["status"] == status]
+        if runs:
+            count = "1 run was" if len(runs) == 1 else f"{len(runs)} runs were"
+            yield f"{count} {what}; the first, {runs[0].choice}: {runs[0].row['cause']}."
 
 
 def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
@@ -184,7 +201,7 @@ def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
     has = f"{proof.trial.choice}: estimated error {size}, CPU time {proof.trial.seconds:.2g} s"
     if math.isfinite(goal.budget):
         allowed = f"{goal.budget:g} s"
-        missed = f"it takes longer than {allowed}"
+        missed = f"a budget of {allowed} cannot be kept: no run of the search was shorter"
     else:
         allowed = in_percent(goal.tolerance)
         missed = f"no verified setting has an error below {allowed}"

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError
-from fecloth.integrators import METHODS
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.result import in_percent
-from fecloth.study.tuning.choices import Bench, Choice, Trial, meshes_to_try, problem_with, spent
+from fecloth.study.tuning.choices import (
+    COSTLY,
+    SEARCH,
+    Bench,
+    Choice,
+    Trial,
+    meshes_to_try,
+    problem_with,
+)
 from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
+from fecloth.study.tuning.shared_steps import half_of_h
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, graded_choices, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.workload import count_triangles, in_words
@@ -23,10 +31,11 @@ P2_COARSER = 2.0  # h of P2 over h of P1 in the first runs: these have as many n
 TRIES, RATIO = 5, 1.6  # finer meshes until a shape with small parts can be meshed; their ratio
 MARGIN = 0.75  # part of the tolerance that predicted errors may take
 IN_TIME = 0.9  # part of the budget that predicted seconds may take
-CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
-SHORTEST, TIMES = 60.0, 3.0  # CPU time of the search: s, and times the time of the tuned run
+TIMES = 3.0  # times the CPU time of the tuned run: what its search may take if this is longer
+RESERVE = 5.0  # s of the search: for what follows the meshes
+DEARER = 6.0  # times the seconds: a run with half of h
 SHARE = 0.7  # part of the time left that the next mesh may take
 
 
@@ -51,21 +60,11 @@ class Goal:
     def limit(self, candidates: Sequence[Candidate]) -> float:
         """Return the CPU time that the search may take [s]."""
         if math.isfinite(self.budget):
-            return max(SHORTEST, TIMES * self.budget)
-        return max(SHORTEST, TIMES * candidates[0].seconds if candidates else 0.0)
+            return max(SEARCH, TIMES * self.budget)
+        return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
 
 
-def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> list[Trial]:
-    """Return the trials that keep the rules, the first rule first.
-
-    A rule that none of the trials left keeps is passed over.
-    """
-    for rule in by:
-        trials = list(filter(rule, trials)) or trials
-    return list(trials)
-
-
-# --- the first meshes and the steps of all meshes -------------------------------------------------
+# --- the first meshes -----------------------------------------------------------------------------
 
 
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
@@ -94,85 +93,69 @@ def _scaled(choice: Choice, by: float) -> Choice:
     return replace(choice, h=float(f"{factor * by * choice.h:.3g}"))
 
 
-def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take.
-
-    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
-    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
-    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
-    taken; if there is none, the most accurate.
-    """
-
-    def error(trial: Trial) -> float:
-        return float((bench.distance(times.reference, trial) + times.error).max())
-
-    def damps_short_waves(trial: Trial) -> bool:
-        method = METHODS.get(trial.choice.method)
-        return method is None or method().traits.at_infinity != 1
-
-    def is_accurate(trial: Trial) -> bool:
-        return error(trial) <= tolerance
-
-    def is_accurate_and_implicit(trial: Trial) -> bool:
-        return is_accurate(trial) and not trial.choice.is_explicit
-
-    def is_calm(trial: Trial) -> bool:
-        return error(trial) <= CALM * tolerance
-
-    able = [trial for trial in times.trials if trial.is_ok and _fits_all_meshes(trial.choice)]
-    rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_calm]
-    preferred = prefer(able, by=rules)
-    return min(preferred, key=_seconds if is_calm(preferred[0]) else error)
-
-
-def _fits_all_meshes(choice: Choice) -> bool:
-    """Whether the steps are equal, and not half of a stability limit, which the mesh changes."""
-    return not choice.rtol and not (choice.is_explicit and choice.steps)
-
-
-def _seconds(trial: Trial) -> float:
-    return trial.seconds
-
-
 # --- finer meshes ---------------------------------------------------------------------------------
 
 
 def measure_meshes(
-    bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
+    bench: Bench,
+    meshes: Sequence[Choice],
+    times: TimeErrors,
+    coarse: Trial,
+    goal: Goal,
+    done: Sequence[Trial] = (),
 ) -> tuple[SpaceErrors, Prediction]:
-    """Refine all meshes once, then the ones that matter, until the choice among them is known."""
+    """Refine all meshes once, then the ones that matter, until the choice among them is known.
+
+    `done` are all runs so far. Runs that are foretold to take more than a tenth of the search are
+    left out, except with the mesh of the coarse run.
+    """
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
-    trials, started = _first_meshes(bench, meshes, coarse)
+    trials = _first_meshes(bench, meshes, coarse)
     if coarse.choice.h is not None:
-        able = {trial.choice.mesh for trial in trials if trial.is_ok}
-        trials += bench.run([_half(choice) for choice in started if choice.mesh in able])
+        trials += _refine_once(bench, coarse, trials, done)
     while True:
         space = summarise_meshes(bench, trials, orders)
         prediction = Prediction(space.meshes, times, coarse)
         candidates = goal.candidates(prediction)
-        seconds_left = goal.limit(candidates) - spent([*times.trials, *trials])
+        seconds_left = SEARCH - RESERVE if math.isinf(goal.budget) else goal.limit(candidates)
+        seconds_left -= bench.spent([*done, *trials])
         mesh = next_mesh(space, candidates, goal) if coarse.choice.h is not None else None
         if mesh is None or space.stalls(bench, goal.scale):
             return space, prediction
         if seconds_of_next(mesh, coarse) > SHARE * seconds_left:
             return space, prediction
-        trials += bench.within(seconds_left).run([_half(mesh.trials[-1].choice)])
+        trials += bench.within(seconds_left).run([half_of_h(mesh.trials[-1].choice)])
         if not trials[-1].is_ok:
             return space, prediction
 
 
-def _first_meshes(
-    bench: Bench, meshes: Sequence[Choice], coarse: Trial
-) -> tuple[list[Trial], list[Choice]]:
-    """Run all meshes with the steps of the coarse run; return the runs, and what was tried."""
+def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list[Trial]:
+    """Run all meshes with the steps of the coarse run."""
     steps = {key: getattr(coarse.choice, key) for key in ("method", "steps", "rtol")}
     started = [replace(mesh, **steps) for mesh in meshes]
     trials = [coarse]
+    if coarse.seconds > COSTLY:
+        return trials
     trials += bench.run([choice for choice in started if choice.mesh != coarse.choice.mesh])
     if coarse.choice.h is None:
-        return trials, started
-    graded = graded_choices(bench.opened, trials)
-    return trials + bench.run(graded), started + graded
+        return trials
+    return trials + bench.run(graded_choices(bench.opened, trials))
+
+
+def _refine_once(
+    bench: Bench, coarse: Trial, trials: Sequence[Trial], done: Sequence[Trial]
+) -> list[Trial]:
+    """Run each mesh with half of h, unless that was done or would take too long."""
+    known = {run.choice: run for run in done if run.is_ok}
+    refined = []
+    for trial in trials:
+        choice = half_of_h(trial.choice)
+        is_own = trial.choice.mesh == coarse.choice.mesh
+        if choice in known:
+            refined.append(known[choice])
+        elif trial.is_ok and (is_own or DEARER * trial.seconds <= COSTLY):
+            refined += bench.run([choice])
+    return refined
 
 
 def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[float]:
@@ -183,12 +166,6 @@ def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[floa
         return [problem.orders(quantity)[0] for quantity in bench.quantities]
     except InputError:  # the terms refuse the element
         return [2.0] * len(bench.quantities)
-
-
-def _half(choice: Choice) -> Choice:
-    """Return the choice with half of h."""
-    assert choice.h is not None
-    return replace(choice, h=float(f"{choice.h / 2:.6g}"))
 
 
 def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:

@@ -14,7 +14,16 @@ from fecloth.stability.critical_step import critical_dt
 from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import CONTROLLED, Bench, Choice, Trial, problem_with, spent
+from fecloth.study.status import NO_VALUE
+from fecloth.study.tuning.choices import (
+    CONTROLLED,
+    COSTLY,
+    Bench,
+    Choice,
+    Trial,
+    problem_with,
+    spent,
+)
 from fecloth.study.tuning.curves import (
     Curve,
     cost_curve,
@@ -28,7 +37,8 @@ FEWEST, MOST = 16, 8192  # steps of the first runs
 LEAST_STEPS, FAR = 4, 2.0  # of the shortest runs; times the tolerance: an error of too few steps
 NEAR = 4.0  # times the tolerance: errors in time of second order that need no shorter steps
 REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
-TOLERANCES = 0.1, 0.01, 0.001  # 1/s, of chosen steps
+PLENTY = 1024  # steps that show a period if there is one
+TOLERANCES, DEARER = (0.1, 0.01, 0.001), 3.0  # 1/s, of chosen steps; seconds of one over the last
 LONG, MORE = 20_000, 60  # most explicit steps that are tried; times the implicit methods' steps
 SHORT = 3.0  # s, of an explicit run that is repeated with half its step
 NONE = 1e-12  # error of a rule that makes none
@@ -98,6 +108,8 @@ def measure_methods(
     explicit = [name for name in methods if name in EXPLICIT]
     implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
     trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
+    if _have_no_value(bench.opened, trials):
+        _require(trials)
     steps = [trial.steps for trial in trials if trial.is_ok]
     trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
     _require(trials)
@@ -160,6 +172,8 @@ def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: fl
     while steps <= MOST and spent(trials) < limit:
         trials += bench.run([replace(mesh, method=method, steps=steps)])
         finished = [trial for trial in trials if trial.is_ok]
+        if _have_no_value(bench.opened, trials):
+            break
         if len(finished) > 2:
             changes = [bench.distance(finished[-1], trial) for trial in finished[-3:-1]]
             error, ratio = changes[1].max() / 3, changes[0].max() / changes[1].max()
@@ -172,10 +186,21 @@ def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: fl
 
 def first_steps(opened: Problem) -> int:
     """Return the number of steps of the first run: few, and not more than the problem has."""
+    return int(min(max(_own_steps(opened, FEWEST), 2), FEWEST))
+
+
+def _own_steps(opened: Problem, otherwise: int) -> float:
+    """Return the number of steps of the problem itself; `otherwise` if it chooses them."""
     span = opened.span
     dt = opened.dt if isinstance(opened, FunctionProblem) else opened.scene.time.dt
-    own = span / dt if span and isinstance(dt, float) else FEWEST
-    return int(min(max(own, 2), FEWEST))
+    return span / dt if span and isinstance(dt, float) else otherwise
+
+
+def _have_no_value(opened: Problem, trials: Sequence[Trial]) -> bool:
+    """Whether no run has the quantity, as a period, also with the steps of the problem itself."""
+    if not trials or any(trial.row["status"] != NO_VALUE for trial in trials):
+        return False
+    return (trials[-1].choice.steps or 0) >= _own_steps(opened, PLENTY)
 
 
 def _other_methods(
@@ -193,12 +218,18 @@ def _other_methods(
     first, finest = ladder[0].choice.steps or 1, ladder[-1]
     most = finest.choice.steps or 1
     trials: list[Trial] = []
+    per_step = finest.seconds / finest.steps
     for method in implicit:
         steps = first // 2 if method == implicit[0] else most if order_of(method) > 1 else 2 * most
+        while steps * per_step > COSTLY:
+            steps //= 2
         choice = replace(mesh, method=method, steps=steps)
         trials += _fewer_steps(bench, choice, finest, tolerance, limit - spent([*known, *trials]))
     if CONTROLLED in implicit and spent([*known, *trials]) < limit:
-        trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol) for rtol in TOLERANCES])
+        for rtol in TOLERANCES:
+            trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol)])
+            if not trials[-1].is_ok or DEARER * trials[-1].seconds > COSTLY:
+                break
     return trials
 
 

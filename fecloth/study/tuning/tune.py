@@ -21,22 +21,31 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import print_warnings
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
-from fecloth.study.tuning.choices import Bench, Choice, Trial, methods_to_try
+from fecloth.study.tuning.answer import answer, choose_yardstick
+from fecloth.study.tuning.choices import SEARCH, Bench, Choice, Trial, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
-from fecloth.study.tuning.proof import best_run, prove
+from fecloth.study.tuning.prediction import Prediction
+from fecloth.study.tuning.proof import prove
 from fecloth.study.tuning.result import Tuned, summarise
 from fecloth.study.tuning.search import (
     Goal,
     coarse_meshes,
     measure_meshes,
     obstacle_of,
+)
+from fecloth.study.tuning.shared_steps import (
+    blame_steps,
     shared_run,
+    shorten_steps,
+    with_half_of_dt,
 )
 from fecloth.study.tuning.time_errors import measure_methods
+from fecloth.study.workload import in_words
 from fecloth.terms import Springs
 from fecloth.terms.traits import traits_of
 
-SEARCH = 40.0  # s, CPU time for the runs of all methods
+METHODS_TIME = 30.0  # s, CPU time for the runs of all methods
+REPEATED = 3  # times that steps are halved because meshes disagree, at most
 STEPS = 128  # of the runs that compare terms
 SHARE = 0.25  # of the tolerance, for the terms that are left out or replaced
 SAVES = 0.97  # times the seconds: what a change must at most cost to be worth it
@@ -124,16 +133,30 @@ def tune(
     other: dict[str, np.ndarray] = {}
     dropped: list[str] = []
     search: list[Trial] = []
+    of_terms: list[Trial] = []
     if model:
         _say("terms: what they change on a coarse mesh")
-        bench, other["model"], dropped, search = _reduce(bench, meshes[0], goal)
+        bench, other["model"], dropped, of_terms = _reduce(bench, meshes[0], goal)
     _say("errors in time: all methods on a coarse mesh")
-    times = measure_methods(bench, meshes[0], names, goal.scale, SEARCH)
+    times = measure_methods(bench, meshes[0], names, goal.scale, METHODS_TIME)
     coarse = shared_run(bench, times, goal.scale)
     bench.check_sizes(coarse)
     _say("errors in space: all meshes with the same steps")
-    space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
-    search += [*times.trials, *space.trials]
+    coarse, more = shorten_steps(bench, times, coarse, goal.scale)
+    search += [*times.trials, *more]
+    for _ in range(REPEATED):
+        space, prediction = measure_meshes(bench, meshes, times, coarse, goal, search)
+        search += space.trials
+        if not (space.rival or space.stalls(bench, goal.scale)):
+            break
+        is_to_blame, more = blame_steps(bench, space, goal.scale)
+        search += more
+        shorter = bench.run([with_half_of_dt(coarse.choice)]) if is_to_blame else []
+        search += shorter
+        if not shorter or not shorter[0].is_ok or bench.spent(search) > SEARCH / 2:
+            break
+        coarse = shorter[0]
+    bench.check_sizes(space.reference, space.error)
     sharper = _sharper_run(bench, coarse)
     if sharper is not None:
         search.append(sharper)
@@ -141,18 +164,39 @@ def tune(
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
     proof = None
     why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
-    if not why:
+    if not why and bench.spent(search) < SEARCH:
         _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal, search)
         prediction = time_candidates(bench, prediction, goal, search)
         why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why:
+        why = _why_too_late(bench, goal, prediction, search)
+    if not why:
         _say("proof: the best setting beside a finer one")
         proof = prove(bench, prediction, goal, search, other, space)
         why = proof.why if proof else "no setting that should meet it ran to its end"
-    if proof is None:
-        proof = replace(best_run(bench, space, times, search, other), why=why)
-    return replace(summarise(bench, goal, proof, dropped, folder), warnings=warned)
+        search = [*proof.search, proof.trial] if proof else search
+    verifying = proof.finer if proof and proof.finer is not space.reference else None
+    left = space.error + prediction.error_in_time(space.reference) + prediction.other
+    yardstick = choose_yardstick(bench, proof, space.reference, left)
+    is_open = space.stalls(bench, goal.scale)
+    final = answer(bench, goal, prediction, yardstick, proof, search, why, is_open)
+    final = replace(final, search=(*of_terms, *search))
+    took = bench.spent([*final.search, final.trial, *([verifying] if verifying else [])])
+    took -= verifying.spent if verifying else 0.0
+    return replace(summarise(bench, goal, final, took, dropped, folder), warnings=warned)
+
+
+def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction, search: Sequence[Trial]) -> str:
+    """Return that the time of the search is over before the best setting could run, or ""."""
+    candidates = goal.candidates(prediction)
+    if not candidates or bench.spent(search) + candidates[0].seconds <= goal.limit(candidates):
+        return ""
+    first = candidates[0]
+    return (
+        f"the search has taken {goal.limit(candidates):.3g} CPU s, all that it may; {first.choice} "
+        f"should meet it, in about {in_words(first.seconds)}"
+    )
 
 
 def _say(phase: str) -> None:

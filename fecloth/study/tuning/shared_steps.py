@@ -1,0 +1,134 @@
+"""The steps that the runs on all meshes share: as short as the finer meshes need."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from fecloth.integrators import METHODS
+from fecloth.study.tuning.choices import COSTLY, Bench, Choice, Trial
+from fecloth.study.tuning.space_errors import SpaceErrors
+from fecloth.study.tuning.time_errors import TimeErrors, order_of
+
+CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
+MORE = 2.0  # times the error in time on the coarse mesh: what a finer mesh may have
+HALVINGS = 4  # of the steps, at most
+
+
+def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> list[Trial]:
+    """Return the trials that keep the rules, the first rule first.
+
+    A rule that none of the trials left keeps is passed over.
+    """
+    for rule in by:
+        trials = list(filter(rule, trials)) or trials
+    return list(trials)
+
+
+def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
+    """Return the run whose steps all meshes take.
+
+    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
+    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
+    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
+    taken; if there is none, the most accurate.
+    """
+
+    def error(trial: Trial) -> float:
+        return float((bench.distance(times.reference, trial) + times.error).max())
+
+    def damps_short_waves(trial: Trial) -> bool:
+        method = METHODS.get(trial.choice.method)
+        return method is None or method().traits.at_infinity != 1
+
+    def is_accurate(trial: Trial) -> bool:
+        return error(trial) <= tolerance
+
+    def is_accurate_and_implicit(trial: Trial) -> bool:
+        return is_accurate(trial) and not trial.choice.is_explicit
+
+    def is_calm(trial: Trial) -> bool:
+        return error(trial) <= CALM * tolerance
+
+    able = [trial for trial in times.trials if trial.is_ok and _fits_all_meshes(trial.choice)]
+    rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_calm]
+    preferred = prefer(able, by=rules)
+    return min(preferred, key=_seconds if is_calm(preferred[0]) else error)
+
+
+def _fits_all_meshes(choice: Choice) -> bool:
+    """Whether the steps are equal, and not half of a stability limit, which the mesh changes."""
+    return not choice.rtol and not (choice.is_explicit and choice.steps)
+
+
+def _seconds(trial: Trial) -> float:
+    return trial.seconds
+
+
+# --- the steps that finer meshes need -------------------------------------------------------------
+
+
+def half_of_h(choice: Choice) -> Choice:
+    """Return the choice with half of h."""
+    assert choice.h is not None
+    return replace(choice, h=float(f"{choice.h / 2:.6g}"))
+
+
+def shorten_steps(
+    bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float
+) -> tuple[Trial, list[Trial]]:
+    """Halve the steps of the coarse run until they serve on a mesh with half of h, too.
+
+    Where there are too few, Newton's iteration lands on another solution there, and the meshes
+    would disagree. Return the run on the coarse mesh with these steps, and all further runs.
+    """
+    if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
+        return coarse, []
+    known = float((bench.distance(times.reference, coarse) + times.error).max())
+    choice, runs = half_of_h(coarse.choice), list[Trial]()
+    finer = bench.run([choice])
+    for _ in range(HALVINGS):
+        if finer[-1].is_ok and finer[-1].seconds > COSTLY / 2:
+            break
+        choice = with_half_of_dt(choice)
+        finer += bench.run([choice])
+        allowed = max(CALM * tolerance, MORE * known)
+        if error_of_steps(bench, *finer[-2:]) <= allowed:
+            break
+        (shorter,) = bench.run([with_half_of_dt(coarse.choice)])
+        runs.append(shorter)
+        if not shorter.is_ok:
+            break
+        coarse, known = shorter, known / 2 ** order_of(coarse.choice.method)
+    return coarse, [*finer, *runs]
+
+
+def with_half_of_dt(choice: Choice) -> Choice:
+    """Return the choice with twice as many steps."""
+    return replace(choice, steps=2 * (choice.steps or 1))
+
+
+def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
+    """Return the error in time of a run from a run with half of dt; infinite if one failed."""
+    if not (trial.is_ok and shorter.is_ok):
+        return math.inf
+    rest = 1 - 2.0 ** -order_of(trial.choice.method)
+    return float(bench.distance(shorter, trial).max()) / rest
+
+
+def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> tuple[bool, list[Trial]]:
+    """Return whether the steps are why meshes disagree, and the runs that say so.
+
+    The finest runs of the two meshes that disagree are repeated with half of dt.
+    """
+    finest = [space.reference]
+    if space.rival:
+        finest.append(space.rival.trials[-1])
+    else:
+        finest += [mesh.trials[-1] for mesh in space.meshes if mesh.trials[-1] not in finest][:1]
+    runs: list[Trial] = []
+    for run in finest:
+        if run.choice.steps and not run.choice.is_explicit and 2 * run.seconds <= COSTLY:
+            runs += bench.run([with_half_of_dt(run.choice)])
+            if error_of_steps(bench, run, runs[-1]) > MORE * CALM * tolerance:
+                return True, runs
+    return False, runs
