@@ -7,6 +7,7 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 `fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from inspect import signature
@@ -17,6 +18,7 @@ import numpy as np
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.integrators.step import Step
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
@@ -297,10 +299,23 @@ def take_step(
     memory: Any = None,
     history: History | None = None,
 ) -> Step:
-    """One step of a method, which needs to take a history only if there is one."""
-    if history is None:
-        return method.step(system, state, dt, solver, memory)
-    return method.step(system, state, dt, solver, memory, history)
+    """One step of a method, which needs to take a history only if there is one.
+
+    Raises `NewtonFailed` where the cloth has passed through itself or an obstacle.
+    """
+    records = () if history is None else (history,)
+    step: Step = method.step(system, state, dt, solver, memory, *records)
+    if not takes_steps(method):
+        refuse_crossed(system, step.state)
+    return step
+
+
+def refuse_crossed(system: System, state: State) -> None:
+    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact."""
+    for name, term in zip(system.names, system.bound, strict=True):
+        if not term.allows(state.x, state.t):
+            reason = f"{name}: the cloth has passed through what it touches"
+            raise NewtonFailed(reason, math.nan, "Take a smaller dt.")
 
 
 def check_history(system: System, method: Any, history: History | None) -> None:

@@ -11,6 +11,7 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.line_search import Point
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.contact.guess import find_guess
 
 
 class Unsolved(FeclothError):
@@ -136,8 +137,8 @@ def has_limits(system: System) -> bool:
     return any(term.limits_direction for term in system.bound)
 
 
-def admit(system: System, x: np.ndarray, t: float) -> np.ndarray:
-    """Positions near x (n, 3) at the end of a step that all terms over the step allow."""
-    for term in system.bound:
-        x = term.admit(x, t)
-    return x
+def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
+    """Positions near x (n, 3) at the end of a step that all contacts allow; None without any."""
+    ways = [way for term in system.bound if (way := term.way(t)) is not None]
+    project = system.constraints.project
+    return find_guess(ways, x, lambda there: x + project(there - x)) if ways else x

@@ -1,5 +1,6 @@
 """The equation of an implicit step, M a(q) = f(x(q), v(q), t), and its solution."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -35,6 +36,9 @@ REMEDIES = {
 
 class NewtonFailed(Unsolved):
     """The stage equation was not solved; `residual` is what was reached."""
+
+
+NAMED = 5  # held nodes that an error names
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +173,7 @@ def solve(
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
     if has_limits(system):
-        q, zero = _admitted(system, stage, q), _admitted(system, stage, zero)
+        q, zero = _admit_both(system, stage, q, zero)
     if (potential := equation.potential) and potential(zero) < potential(q):
         q = zero
     left = None
@@ -183,8 +187,31 @@ def solve(
         raise
 
 
-def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray:
-    """The unknown (n, 3) near q at which no node is inside an obstacle."""
+def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
+    """The unknowns (n, 3) near q and zero that all contacts allow; the same where one has none."""
+    guesses = [there for each in (q, zero) if (there := _admitted(system, stage, each)) is not None]
+    if not guesses:
+        x, _, _ = stage.at(zero)
+        raise NewtonFailed(_name_held(system, x, stage.t), math.nan, "Take a smaller dt.")
+    return guesses[0], guesses[-1]
+
+
+def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray | None:
+    """The unknown (n, 3) near q that all contacts allow; None where there is none."""
     x, _, _ = stage.at(q)
     there = admit(system, x, stage.t)
-    return q if there is x else q + system.constraints.project((there - x) / stage.wx)
+    if there is None or there is x:
+        return None if there is None else q
+    return q + system.constraints.project((there - x) / stage.wx)
+
+
+def _name_held(system: System, x: np.ndarray, t: float) -> str:
+    """Why there is no guess: which nodes that pins hold are inside which obstacle."""
+    held = set(system.constraints.nodes.tolist())
+    for name, term in zip(system.names, system.bound, strict=True):
+        way = term.way(t)
+        inside = [] if way is None else [i for i in way.contact.inside(x, t) if i in held]
+        if inside:
+            numbers = ", ".join(map(str, inside[:NAMED]))
+            return f"the step leads {len(inside)} held nodes into {name}: {numbers}"
+    return "no place of the cloth was seen at which no two contacts are in the way of each other"

@@ -9,19 +9,36 @@ from numbers import Real
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, floats
+from fecloth.errors import InputError, SolveFailed, brief, floats
 from fecloth.integrators.protocol import Integrator, check_step, take_step
 from fecloth.integrators.step import Step
+from fecloth.nonlinear.equation import has_limits
+from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import ChosenSteps, given_times, step_times
+from fecloth.simulation.step_times import SAME, ChosenSteps, given_times, step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 
 
+@remembered
+@dataclass(frozen=True, eq=False)
+class HalvedMemory:
+    """The memory of `FixedStep` with contact: the size to try next [s], and the method's memory."""
+
+    size: float
+    method_memory: object = None
+
+
+HALVINGS = 8  # of a step that fails
+
+
 @dataclass(frozen=True)
 class FixedStep(ChosenSteps):
     """A method with steps of one size, shortened only to end at a stop or at the end.
+
+    With contact a step that fails is repeated over half of its time, down to 1/256 of dt; after
+    each step the next one is twice as long again, up to dt.
 
     Parameters
     ----------
@@ -59,8 +76,24 @@ class FixedStep(ChosenSteps):
     def step(
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
-        """One step of the method, to the next end of a step."""
-        return take_step(self.method, system, state, horizon, solver, memory, history)
+        """One step of the method, to the next end of a step, or less far with contact."""
+        if not has_limits(system):
+            return take_step(self.method, system, state, horizon, solver, memory, history)
+        memory = memory or HalvedMemory(self.dt)
+        allowed, last = memory.size, memory.method_memory
+        rejected = 0
+        while True:
+            size = allowed if horizon > allowed * (1 + SAME) else horizon
+            try:
+                step = take_step(self.method, system, state, size, solver, last, history)
+                break
+            except (NewtonFailed, SolveFailed):
+                allowed, rejected = size / 2, rejected + 1
+                if allowed < self.dt / 2**HALVINGS:
+                    raise
+        after = HalvedMemory(min(2 * allowed, self.dt), step.memory)
+        counts = replace(step.counts, rejected=rejected)
+        return replace(step, memory=after, counts=counts, size=size)
 
 
 @remembered

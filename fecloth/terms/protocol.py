@@ -245,12 +245,16 @@ class BoundTerm:
         """
         return 0.0
 
-    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Positions (n, 3) near x that are allowed at the end t of the step; x itself if it is.
+    def allows(self, x: np.ndarray, t: float) -> bool:
+        """Whether a contact has nothing inside or crossed at the positions x (n, 3)."""
+        return True
+
+    def way(self, t: float) -> Any:
+        """What limits the first guess of the step that ends at t (`contact.guess.Way`), or None.
 
         It is asked of what `over_step` returned.
         """
-        return x
+        return None
 
     def start_history(self, x: np.ndarray, t: float) -> Any:
         """The record of a term with history at the start of a run; None for a term without.

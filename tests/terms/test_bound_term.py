@@ -66,7 +66,7 @@ def test_a_term_of_its_own_gets_what_it_lacks(kind):
     x = np.zeros((2, 3))
     assert term.limit(x, x, 0.0) == 1.0
     assert term.over_step(None) is term
-    assert term.admit(x, 0.0) is x
+    assert term.way(0.0) is None
     assert term.coupling(x, x, 0.0, 1.0, 0.0, False) is None
     assert term.start_history(x, 0.0) is term.commit(x, 0.0) is None
     assert not any((term.load, term.supplies, term.limits_direction, term.needs_end))

@@ -14,6 +14,7 @@ import scipy.sparse as sparse
 
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
+from fecloth.terms.contact.guess import Way
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
@@ -92,9 +93,27 @@ class BoundContact(BoundTerm):
         """The same where it couples nodes outside the fixed pattern."""
         return None
 
-    def admit_from(self, step: StepDifference, x: np.ndarray, t: float) -> np.ndarray:
-        """Positions (n, 3) near x that are allowed at t, the end of the step."""
+    # --- the first guess of a step; positions are in the frame of the body ------------------------
+
+    def begin(self, step: StepDifference, t: float) -> np.ndarray:
+        """Positions (n, 3) at the begin of the step that ends at t."""
         raise NotImplementedError
+
+    def parts(self, begin: np.ndarray, end: np.ndarray, t: float) -> np.ndarray:
+        """The part (n,) in [0, 1] of the way that each node may go by itself."""
+        return np.ones(len(begin))
+
+    def free_part(self, begin: np.ndarray, end: np.ndarray, t: float) -> float:
+        """The largest part ≤ 1 of the way of all nodes on which no triangle meets anything."""
+        raise NotImplementedError
+
+    def allows(self, x: np.ndarray, t: float) -> bool:
+        """Whether nothing is inside or crossed at the positions x (n, 3) in space."""
+        raise NotImplementedError
+
+    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Numbers of the nodes that are inside at the positions x (n, 3) in space."""
+        return np.zeros(0, int)
 
     # --- at one state -----------------------------------------------------------------------------
 
@@ -206,5 +225,5 @@ class ContactOverStep(BoundTerm):
             power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
         return dt * power
 
-    def admit(self, x: np.ndarray, t: float) -> np.ndarray:
-        return self.contact.admit_from(self.step, x, t)
+    def way(self, t: float) -> Way:
+        return Way(self.contact, self.contact.begin(self.step, t), self.step.start, t)

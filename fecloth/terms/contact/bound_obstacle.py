@@ -158,23 +158,21 @@ class BoundObstacle(BoundContact):
                 least = min(least, float(advance(self.shape, y, ways, t, self.gap).min()))
         return least
 
-    def admit_from(self, step: StepDifference, x: np.ndarray, t: float) -> np.ndarray:
-        """Positions (n, 3) near x at the end of the step, at t, that are outside.
+    def begin(self, step: StepDifference, t: float) -> np.ndarray:
+        begin = self.shape.pose(step.t).to_body(step.start)
+        return self._make_way(begin, step.t, t) if self.shape.deforms else begin
 
-        Each node goes the straight way from the begin of the step to x, as the obstacle sees it,
-        and stops before it would enter. If points inside triangles would enter, all nodes stop.
-        """
-        shape = self.shape
-        begin = shape.pose(step.t).to_body(step.start)
-        if shape.deforms:
-            begin = self._make_way(begin, step.t, t)
-        pose = shape.pose(t)
-        way = pose.to_body(x) - begin
-        parts = advance(shape, begin, way, t, self.gap)
-        if (parts == 1.0).all() and len(self.points) == 1:
-            return x
-        way = parts[:, None] * way
-        return pose.to_space(begin + self._free_part(self.points[1:], begin, AT_REST, way, t) * way)
+    def parts(self, begin: np.ndarray, end: np.ndarray, t: float) -> np.ndarray:
+        return advance(self.shape, begin, end - begin, t, self.gap)
+
+    def free_part(self, begin: np.ndarray, end: np.ndarray, t: float) -> float:
+        return self._free_part(self.points[1:], begin, AT_REST, end - begin, t)
+
+    def allows(self, x: np.ndarray, t: float) -> bool:
+        return self.least_distance(x, t) > 0.0
+
+    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
+        return np.flatnonzero(self.shape.distance(self.shape.pose(t).to_body(x), t) <= 0.0)
 
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
         """Nodes (n, 3), as the shape sees them, outside of what it has become at t.

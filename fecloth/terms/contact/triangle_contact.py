@@ -143,17 +143,15 @@ class BoundTriangleContact(BoundContact):
         self.sets.forget()  # so that a step depends on its begin only
         return super().over_step(step)
 
-    def admit_from(self, step: StepDifference, x: np.ndarray, t: float) -> np.ndarray:
-        """x (n, 3), or the place on the way from the begin of the step where it stops.
+    def begin(self, step: StepDifference, t: float) -> np.ndarray:
+        return self.place(step.start, step.t)
 
-        The way is straight as the fixed mesh sees it: a mesh that moves takes the cloth along.
-        """
-        begin, end = self.place(step.start, step.t), self.place(x, t)
-        part = self.sets.free_part(begin, end)
-        if part == 1.0:
-            return x
-        there = begin + part * (end - begin)
-        return there if self.body is None else self.body.pose(t).to_space(there)
+    def free_part(self, begin: np.ndarray, end: np.ndarray, t: float) -> float:
+        return self.sets.free_part(begin, end)
+
+    def allows(self, x: np.ndarray, t: float) -> bool:
+        y = self.place(x, t)
+        return not self.sets.intersects(y) and self.sets.least_distance(y) > self.sets.thickness
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for triangles that start nearer than the thickness, or intersect."""

@@ -117,7 +117,7 @@ def test_the_friction_of_a_repeated_step_is_the_same(kind, tmp_path):
     system, start = system_on(kind, tmp_path)
     *_, (state, info), (_, following) = marched(system, method, start, 3)
     solver, _ = fc.solver_for(system, method, DT, "direct", fc.Newton(reuse=False))
-    memory, history = info.memory.method_memory, info.result.history
+    memory, history = info.memory.method_memory.method_memory, info.result.history
     for dt in (0.3 * DT, DT):
         step = method.step(system, state, dt, solver, memory, history)
     np.testing.assert_array_equal(step.state.x, following.result.state.x)
