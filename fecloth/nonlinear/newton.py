@@ -152,8 +152,7 @@ def solve(
     """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
     It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    or where the forces there are not finite. Nodes that would be inside an obstacle there are
-    stopped on their way from the begin of the step. With `dt`, the size of the step [s], the
+    or where the forces there are not finite. With contact both begin where `find_guess` leads. With `dt`, the size of the step [s], the
     tolerance "auto" ends the iteration by the error in time of the step; without it, by the
     residual.
     If the solver holds a factor for the same weights, its direction is tried first. The full step

@@ -174,8 +174,9 @@ class Recorder:
         self.watch.add(info.counts.seconds)
         accounts = record.accounts.with_record(before.accounts[Shapes])
         try:
-            steps = {**_step_row(info), **record.rows["steps"]}
-            self.files.add_rows({**record.rows, "steps": steps})
+            if not info.is_part:
+                steps = {**_step_row(info), **record.rows["steps"]}
+                self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
                 accounts = self._frame(record.state, accounts, info.t >= self.problem.t_end)
             self.progress = self._progress(record.state, info.memory, accounts, before.warnings)

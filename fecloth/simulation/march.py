@@ -61,6 +61,7 @@ class StepInfo:
     result: Step  # of the method
     memory: Memory  # continues `march` from here
     skipped: Skipped | None = None  # the steps since the one yielded before; see `Wanted`
+    is_part: bool = False  # whether it ends within a step of the size that was asked for
 
     @property
     def t(self) -> float:
@@ -187,7 +188,8 @@ def march(
             history = history.after(system, steps.traits, state, new)
         after = Memory(number, begin.start, result.memory, history, result.history)
         result = result if new is result.state else replace(result, state=new)
-        info = StepInfo(number, state, result, after, skipped)
+        is_part = steps.dt is not None and new.t < target
+        info = StepInfo(number, state, result, after, skipped, is_part)
         state, last_memory, records = new, result.memory, result.history
         wanted = yield state, info
         skipped = None if records else fused.skip(state, last_memory, number, wanted)

@@ -289,7 +289,7 @@ def collect(
     for record in record_steps(steps, of_run, observer, accounts, next_row):
         state, accounts, step = record.state, record.accounts, record.info.step
         raised += accounts.new_warnings(raised)
-        rows.append(record.rows)
+        rows += [] if record.info.is_part else [record.rows]
         seconds.update(record.info.counts.seconds)
         report(record.info)
     accounts = accounts.finish(of_run, End(state, step))
