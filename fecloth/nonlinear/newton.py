@@ -152,9 +152,9 @@ def solve(
     """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
     It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    or where the forces there are not finite. With contact both begin where `find_guess` leads. With `dt`, the size of the step [s], the
-    tolerance "auto" ends the iteration by the error in time of the step; without it, by the
-    residual.
+    or where the forces there are not finite. With contact both begin where `find_guess` leads. With
+    `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in time of
+    the step; without it, by the residual.
     If the solver holds a factor for the same weights, its direction is tried first. The full step
     is taken if the residual falls; otherwise a new factor is computed. `iteration.iterate` says
     how the length of a step is chosen, and what happens where the matrix is not definite. The norm
