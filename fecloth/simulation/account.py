@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, ClassVar, Self, TypeVar
 
 from fecloth.mesh.surface import Surface
+from fecloth.simulation.doubts.signals import Signal, find_signals
 from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -31,6 +32,12 @@ class Run:
     def surface(self) -> Surface:
         """The cloth as flat triangles."""
         return Surface.from_cloth(self.system.cloth)
+
+    @cached_property
+    def loads(self) -> tuple[Signal, ...]:
+        """The loads that depend on time, and the points of tethers."""
+        signals = find_signals(self.system, self.start, self.start.t, True)
+        return tuple(signal for signal in signals if signal.kind in ("load", "tether"))
 
 
 @dataclass(frozen=True, eq=False)

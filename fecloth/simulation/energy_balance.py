@@ -17,6 +17,7 @@ OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power
 DISTRUST = "do not trust this motion"  # what such a warning says; studies look for it
 LASTING = 10  # steps after which a balance that stays off is reported
 UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
+SLIGHT = 1e-3  # of the kinetic energy, or 3 % of the speed
 
 
 @remembered
@@ -41,6 +42,10 @@ class Balance(Account):
     # Time [s] and remainder [J] after the last step.
     t: float = 0.0
     remainder: float = 0.0
+    # Kinetic energy with the rigid motion, like `largest`, `last` and `before` [J].
+    kinetic: float = 0.0
+    last_kinetic: float = 0.0
+    kinetic_before: float = 0.0
     lasting: int = LASTING  # number of steps in a row that cause a warning
 
     @classmethod
@@ -51,7 +56,15 @@ class Balance(Account):
     def open(cls, ledger: Ledger, deformation: Deformation) -> Balance:
         """Return the balance before the first step."""
         energy = deformation.energy(ledger)
-        return cls(ledger.t, last=energy, before=energy, t=ledger.t, remainder=ledger.remainder)
+        return cls(
+            ledger.t,
+            last=energy,
+            before=energy,
+            t=ledger.t,
+            remainder=ledger.remainder,
+            last_kinetic=ledger.kinetic,
+            kinetic_before=ledger.kinetic,
+        )
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Balance:
         return self.after(run.system, others[Ledger], others[Deformation], info.number)
@@ -69,6 +82,9 @@ class Balance(Account):
             before=self.last,
             t=ledger.t,
             remainder=ledger.remainder,
+            kinetic=max(self.kinetic, min(ledger.kinetic, self.last_kinetic, self.kinetic_before)),
+            last_kinetic=ledger.kinetic,
+            kinetic_before=self.last_kinetic,
         )
         trusted = new.trusted(system, ledger)
         if remainder <= trusted:
@@ -100,12 +116,15 @@ class Balance(Account):
         return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
-        """Return the energy [J] that round-off and Newton's tolerance leave in a balance.
+        """Return the energy [J] that does not matter in a balance.
 
-        It is 1e-10 of the amounts in the remainder's difference, and `negligible_energy`.
+        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
+        difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
+        direction, it is 3 % of the speed.
         """
         amounts = sum(abs(amount) for amount in ledger.amounts())
-        return UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
+        unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
+        return unsolved + SLIGHT * self.kinetic
 
     def row(self) -> dict[str, float]:
         """Return the remainder relative to the largest energy of deformation so far."""

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
+SLIGHT = 0.02  # error in time below which what was dissipated did not matter
 
 
 @remembered
@@ -22,6 +24,8 @@ class MethodDissipation(Account):
     doubt: str = ""
 
     def finish(self, run: Run, end: End, others: Accounts) -> MethodDissipation:
+        if others[TimeError].relative < SLIGHT:
+            return MethodDissipation()
         return MethodDissipation(warn_of_dissipation(run.system, others[Balance], others[Ledger]))
 
     def warnings(self) -> tuple[str, ...]:

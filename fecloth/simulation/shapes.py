@@ -10,8 +10,10 @@ import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.course import wrinkle_warning
+from fecloth.system.space_error import roughness
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
@@ -67,10 +69,7 @@ class Shapes(Account):
         pairs = run.surface.count_intersections(state.x) if counts else None
         inverted = run.surface.count_inverted(state.x)
         compressed = compressed_share(run.system, cells)
-        doubts = (
-            intersection_warning(state.t, pairs),
-            wrinkle_warning(run.system, state.t, compressed),
-        )
+        doubt = intersection_warning(state.t, pairs)
         row = stretch_row(state.t, cells["principal_stretches"])
         after = replace(
             self,
@@ -80,7 +79,7 @@ class Shapes(Account):
             intersecting=self.intersecting if pairs is None else max(self.intersecting or 0, pairs),
             step=step,
             pairs=pairs,
-            doubts=tuple(filter(None, doubts)),
+            doubts=(doubt,),
             counted=step if counts else self.counted,
         )
         intersecting = math.nan if pairs is None else pairs
@@ -88,13 +87,15 @@ class Shapes(Account):
         return after, row | more
 
     def finish(self, run: Run, end: End, others: Accounts) -> Shapes:
+        wrinkles = find_wrinkles(run.system, end.state)
         if self.step is not None:
-            return replace(self, at_end=Shape.of(run, end.state, self.pairs))
+            doubts, shape = (*self.doubts, wrinkles), Shape.of(run, end.state, self.pairs)
+            return replace(self, doubts=doubts, at_end=shape)
         pairs = run.surface.count_intersections(end.state.x)
         shape = Shape.of(run, end.state, pairs)
         seen = shape.least_stretch, shape.largest_stretch, shape.inverted, pairs
         doubt = intersection_warning(end.state.t, pairs, "at")
-        return Shapes(*seen, doubts=(doubt,), at_end=shape)
+        return Shapes(*seen, doubts=(doubt, wrinkles), at_end=shape)
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the last frame shows; the start counts where no step follows."""
@@ -107,6 +108,17 @@ class Shapes(Account):
             "inverted_triangles": self.inverted,
             "intersecting_pairs": self.intersecting,
         }
+
+
+def find_wrinkles(system: System, state: State) -> str:
+    """Return `wrinkle_warning` for a state; "" without a membrane that has stresses."""
+    membranes = [term for term in system.bound if term.has_stress]
+    stress = np.zeros((len(system.cloth.triangles), 4))
+    for term in membranes:
+        term.add_stress(state.x, stress)
+    cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False)) if membranes else {}
+    rough = roughness(system.cloth, hinge_angles(system.cloth, state.x))
+    return wrinkle_warning(system, compressed_share(system, cells), rough)
 
 
 def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:

@@ -13,7 +13,7 @@ LONGER = 10.0  # most by which that step may be longer than the one taken
 LEAST = 1e-5  # a smaller error is reported as below it
 
 
-def describe_time_error(error: float, method, dt: float) -> str:
+def describe_time_error(error: float, method, dt: float, jump: float | None = None) -> str:
     """Return a sentence about the relative error in time of a run.
 
     Parameters
@@ -22,6 +22,8 @@ def describe_time_error(error: float, method, dt: float) -> str:
         By `TimeError`; NaN for no estimate.
     method, dt
         The method or the choice of its steps, and their mean size [s].
+    jump
+        Time at which a load jumps [s], if most of the error comes from there.
 
     Examples
     --------
@@ -32,7 +34,11 @@ def describe_time_error(error: float, method, dt: float) -> str:
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"
-    return name_time_error(error) + (_proposal(error, method, dt) if error >= LEAST else "")
+    if jump is not None:
+        cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
+        return name_time_error(error) + cause + _proposal(error, method, dt, 1)
+    order = method.traits.order
+    return name_time_error(error) + (_proposal(error, method, dt, order) if error >= LEAST else "")
 
 
 def name_time_error(error: float) -> str:
@@ -52,7 +58,7 @@ def name_time_error(error: float) -> str:
     return f"error in time about {100 * error:.2g} % of the motion"
 
 
-def _proposal(error: float, method, dt: float) -> str:
+def _proposal(error: float, method, dt: float, order: int) -> str:
     """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
     if isinstance(method, Adaptive):  # its error is proportional to the tolerance
         name, value, unit, factor = "rtol", method.rtol, "", WANTED / error
@@ -60,7 +66,7 @@ def _proposal(error: float, method, dt: float) -> str:
             name, value, unit = "atol", method.atol, " m/s"
     else:
         name, value, unit = "dt", dt, " s"
-        factor = (WANTED / error) ** (1 / method.traits.order)
+        factor = (WANTED / error) ** (1 / order)
     if factor > (1.0 if method.traits.explicit else LONGER):
         return ""
     return f"; {name} = {factor * value:.2g}{unit} would give 1 %"

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation import error_control, stability_limited
+from fecloth.simulation import error_control, method_dissipation, stability_limited
 from fecloth.simulation.deformation import Deformation, find_inflow
 from fecloth.simulation.doubts import jumps
 from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.growth import MOST_GROWTH, describe_growth
+from fecloth.simulation.method_dissipation import MethodDissipation
+from fecloth.simulation.time_error import Sample, TimeError
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +86,27 @@ def test_an_explicit_step_grows_by_a_twentieth_at_most(growth, limited, system):
     old = replace(start, dt=start.dt / growth, steps=stability_limited.UPDATE_STEPS)
     new = method._update(system, state, old)
     assert new.dt == pytest.approx(old.dt * (1.05 if limited else growth), rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.8e-3, False), (1.25e-3, True)])
+def test_an_energy_balance_may_be_off_by_a_thousandth_of_the_kinetic_energy(share, doubted, system):
+    """A cloth that only flies: what Newton's tolerance and its loads leave is no deformation."""
+    flies = ledger(system, kinetic=1.0, opening={"kinetic": 1.0 - share, "StVK": 0.0})
+    balance = Balance(0.0, last_kinetic=1.0, kinetic_before=1.0, lasting=1)
+    assert bool(balance.after(system, flies, moved(1e-20)).warnings()) == doubted
+
+
+def test_one_step_with_much_kinetic_energy_excuses_no_balance(system):
+    spike = ledger(system, kinetic=1e4, opening={"kinetic": 1e4 - 1.0, "StVK": 0.0})
+    balance = Balance(0.0, last_kinetic=1.0, kinetic_before=1.0, lasting=1)
+    assert balance.after(system, spike, moved(1e-20)).warnings()
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.8, False), (1.25, True)])
+def test_dissipation_matters_from_an_error_of_two_per_cent(share, doubted, system, monkeypatch):
+    monkeypatch.setattr(method_dissipation, "warn_of_dissipation", lambda *given: "much")
+    start = Sample(0.0, 0, system.rest().x, 0.0, 0.0, 0.0, 0.0)
+    error = replace(TimeError.open(system.rest(), start), relative=share * 0.02)
+    others = {TimeError: error, Balance: None, Ledger: None}
+    run = SimpleNamespace(system=system)
+    assert (MethodDissipation().finish(run, None, others).doubt == "much") == doubted

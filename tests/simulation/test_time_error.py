@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.simulation.rigid_motion import deformation
+from fecloth.linalg.reductions import rms
 from fecloth.simulation.time_error import Sample, TimeError, derivative
 
 TIGHT = fc.Newton(tolerance=1e-10)
@@ -60,20 +61,20 @@ def vibration(amounts=(1.0,), phase=0.0, rate=0.0):
     return system, at, modes[0][1]
 
 
-def errors(method, system, at, dt, t_end, added=0.0):
+def errors(method, system, at, dt, t_end):
     """The reported error, and the true one."""
     weights, seen = system.nodal_mass, []
 
     def report(info):
-        moved = info.result.state.x - info.t * added
-        seen.append((deformation(weights, at(info.t)[0], moved), at(info.t)[0]))
+        exact = at(info.t)[0]
+        seen.append((rms(weights, info.result.state.x - exact), exact))
 
     x, v = at(0.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fc.FeclothWarning)
-        start = system.state(x, v + added)
+        start = system.state(x, v)
         result = fc.run(system, method, start, dt, t_end, newton=TIGHT, report=report)
-    largest = max(deformation(weights, x, one) for _, one in seen)
+    largest = max(rms(weights, one - x) for _, one in seen)
     return result.time_error, max(far for far, _ in seen) / largest
 
 
@@ -113,13 +114,13 @@ def test_the_first_derivative_stands_for_all_the_time_before():
     rest, method, dt = system.rest().x, fc.ImplicitMidpoint(), 0.01
     energies = {"deforming": 1.0, "kinetic": 1.0, "inside": 0.0, "outside": 0.0}
     q, constant = method.traits.drift or (2, method.traits.error_constant)
-    error = TimeError.open(Sample(0.0, 0, rest, **energies))
+    error = TimeError.open(system.rest(), Sample(0.0, 0, rest, **energies))
     for step in range(1, 7):
         state = fc.State(step * dt, rest + SIZE * (step * dt) ** 3 * shape, 0 * rest)
         sample = Sample(state.t, step, state.x, **energies)
         error = error.sampled(system, method.traits, state, sample)
         exact = math.pi / 2 * constant * dt**q * 6 * SIZE * step * dt if step > q else 0.0
-        assert error.length == pytest.approx(exact, rel=1e-6)
+        assert math.hypot(error.inner, error.rigid) == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize("where", ["inside", "outside"])
@@ -145,14 +146,14 @@ def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
         x = rest + fall * math.cos(omega * t) * shape
         return fc.State(t, x, speed * shape), Sample(t, step, x, **energies)
 
-    error, lengths, lost = TimeError.open(at(0, 0.0)[1]), [], 0.0
+    error, lengths, lost = TimeError.open(*at(0, 0.0)), [], 0.0
     times = dt * np.arange(1, int(3 / (gamma * dt)))
     for step, t in enumerate(times, start=1):
         lost += (
             dt * 4 * gamma * getattr(at(step, t - 0.5 * dt)[1], counts)
         )  # the power of damping at the rate 2γ
         error = error.sampled(system, method.traits, *at(step, t, lost))
-        lengths.append(error.length)
+        lengths.append(error.inner)
     exact = constant * dt**q * omega ** (q + 1) * SIZE * times * np.exp(-gamma * times)
     later = times > 2 * math.pi / omega  # the estimate takes the mean of |cos ωt|
     assert np.array(lengths)[later] == pytest.approx(exact[later], rel=0.06)
@@ -204,12 +205,40 @@ def test_the_step_that_is_proposed_gives_one_per_cent(name, omega_dt):
     assert 0.005 < true < 0.02
 
 
-def test_every_observer_is_told_the_same():
+def deformed(added):
+    """The result of a vibration seen by an observer who moves, and its time."""
     system, at, omega = vibration()
-    run = CASES["bdf2"], system, at, 0.1 / omega, 2 * math.pi * PERIODS / omega
-    said, _ = errors(*run)
-    moved, _ = errors(*run, added=np.array([20.0, 0.0, -60.0]))
-    assert moved == pytest.approx(said, rel=0.01)
+    x, v = at(0.0)
+    start, t_end = system.state(x, v + added), 2 * math.pi * PERIODS / omega
+    return fc.run(system, CASES["bdf2"], start, 0.1 / omega, t_end, newton=TIGHT), t_end
+
+
+def test_the_error_is_relative_to_all_that_moves_and_the_deformation_has_its_own():
+    """An observer who flies by sees the same error in metres, of a longer way."""
+    rest, _ = deformed(0.0)
+    seen, t_end = deformed(np.array([0.02, 0.0, -0.06]))
+    own = [result.figures["deformation_error"] for result in (rest, seen)]
+    assert own[1] == pytest.approx(own[0], rel=0.02)
+    assert seen.time_error == pytest.approx(own[0] / (math.hypot(0.02, 0.06) * t_end), rel=0.1)
+    assert rest.time_error > 3 * seen.time_error
+
+
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.BackwardEuler(), fc.ImplicitMidpoint()], ids=str)
+def test_a_rigid_rotation_is_judged_rightly(method):
+    """A sheet that spins: the method turns it too slowly."""
+    system, omega, mass = bar()[0], 20.0, bar()[0].nodal_mass
+    r = system.rest().x - system.rest().x.mean(axis=0)
+    start = fc.State(0.0, r, omega * np.column_stack([-r[:, 1], r[:, 0], 0 * r[:, 0]]))
+    dt = 0.0004 if method.traits.order == 1 else 0.004
+    seen = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        result = fc.run(
+            system, method, start, dt, 0.1, report=lambda i: seen.append(i.result.state)
+        )
+        fine = fc.run(system, fc.ImplicitMidpoint(), start, 0.0004, 0.1)
+    true = rms(mass, seen[-1].x - fine.state.x) / max(rms(mass, one.x - r) for one in seen)
+    assert 1 / 3 < result.time_error / true < 3
 
 
 def test_a_cloth_at_rest_and_two_steps_have_no_estimate():
@@ -237,3 +266,32 @@ def test_samples_become_rare(monkeypatch):
     )
     assert result.steps == 2000
     assert 20 < len(counted) < 500
+
+
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.ImplicitMidpoint()], ids=str)
+def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
+    """A free sheet, pushed for 2.17 steps from 1.6 steps on, errs by some tenths of its motion."""
+    cloth, dt = fc.Cloth.rectangle(0.8, 0.4, h=0.2, pattern="right"), 0.0023
+    push = fc.UserForce((0, 0, f"where(t > {1.6 * dt} and t < {(1.6 + 2.17) * dt}, 1, 0)"))
+    system = fc.System(cloth, fc.Fabric(0.2, 5.0), [fc.StVK(), push])
+    with pytest.warns(fc.FeclothWarning, match=r"a load jumps at t = 0.00368 s.* would give 1 %"):
+        result = fc.run(system, method, system.rest(), dt, 20 * dt)
+    assert result.time_error == pytest.approx(math.sqrt(2) / 4 / 2.17, rel=0.2)
+    (words,) = (one for one in result.warnings if "jumps" in one)
+    finer = float(words.split("dt = ")[1].split()[0])
+    result = fc.run(system, method, system.rest(), finer, 20 * dt)
+    assert result.time_error < 0.02
+    exact = 1 / 0.2 * 2.17 * dt * (20 * dt - (1.6 + 2.17 / 2) * dt)
+    assert result.state.x[:, 2].mean() == pytest.approx(exact, rel=0.02)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.8, True), (1.25, False)])
+def test_a_jump_is_named_where_it_is_most_of_the_error(share, said):
+    """The error of the motion is `share` times what the jump has given."""
+    system, _ = bar()
+    start = Sample(0.0, 0, system.rest().x, 0.0, 0.0, 0.0, 0.0)
+    error = replace(
+        TimeError.open(system.rest(), start), kick=1e-3, kicked=0.5, largest=share * 5e-4
+    )
+    error = replace(error, moved=1e9)  # nothing swings back
+    assert (error.kick_length(system, 1.0) > error.largest) == said

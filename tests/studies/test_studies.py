@@ -72,6 +72,7 @@ def test_quick(study, says, out):
         "stability",
         "newton_catalogue",
         "trust",
+        "trust.random_setups",
         "contact.catalogue",
         "drape.support",
         "distributed.references",

@@ -22,7 +22,8 @@ from fecloth.terms.traits import has_kind, traits_of
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 RESOLVED = 4.0  # fewest edges per wrinkle
-COMPRESSED = 0.1  # part of the area; where less is compressed, wrinkles do not matter
+COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
+ROUGH = 0.6  # part of the angles between triangles; where less is rough, the mesh resolves them
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
 UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
 LOST = 0.01  # part of the amplitude in a step that damping must take from waves
@@ -156,30 +157,25 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
         )
 
 
-def wrinkle_warning(system: System, t: float, compressed: float) -> str:
-    """Return a sentence if the mesh is too coarse for the wrinkles of a compressed cloth, or "".
+def wrinkle_warning(system: System, compressed: float, rough: float) -> str:
+    """Return a sentence if a compressed cloth is folded as finely as its triangles, or "".
 
     Parameters
     ----------
     compressed
-        Part of the area that is compressed at t [s]; see `compressed_share`.
+        Part of the area that is compressed at the end of a run; see `compressed_share`.
+    rough
+        Part of the angles between triangles that no curvature explains; see `roughness`.
     """
     taut_only = any(isinstance(term, TensionField) for term in system.terms)
-    if not compressed > COMPRESSED or taut_only:
+    if not (compressed > COMPRESSED and rough > ROUGH) or taut_only:
         return ""
     where = (
-        f"wrinkles finer than the mesh: {100 * compressed:.0f} % of the cloth is compressed at "
-        f"t = {t:g} s"
+        f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, and "
+        "its triangles decide how it folds"
     )
     if not has_kind(system.terms, "bending"):
-        return (
-            f"{where}, and without bending stiffness it folds at the size of the triangles; only "
-            "taut regions converge. Add PlateBending, or use TensionField"
-        )
-    wave, edge = wrinkle_length(system), mean_edge(system)
-    if not 0 < wave < RESOLVED * edge:
-        return ""
-    return (
-        f"{where}, its wrinkles are about {wave:.2g} m long, and the edges {edge:.2g} m: the mesh "
-        f"decides their shape; use h <= {wave / RESOLVED:.2g} m to resolve them"
-    )
+        return f"{where}; add PlateBending, or use TensionField where only taut regions matter"
+    wave = wrinkle_length(system) / RESOLVED
+    size = f"<= {wave:.2g} m" if 0 < wave < mean_edge(system) else "below half of the present one"
+    return f"{where}; take h {size}"

@@ -216,18 +216,8 @@ def swinging(f):
     return warnings_before(held, dt, method=fc.BackwardEuler(), doubts=doubts)
 
 
-def wrinkled(waves=1.0, compressed=0.5):
-    """A cloth whose wrinkles are `waves` edges long."""
-
-    def hung(B):
-        given = fc.Fabric(0.2, 500.0, bending_rigidity=B)
-        return bound(fc.PlateBending(), fc.Gravity(), fabric=given, pins=["left"])
-
-    def excess(B):
-        edge = dimensionless.mean_edge(hung(B))
-        return dimensionless.wrinkle_length(hung(B)) - waves * edge
-
-    words = course.wrinkle_warning(hung(brentq(excess, 1e-12, 1.0)), 0.0, compressed)
+def wrinkled(compressed=0.5, rough=0.9):
+    words = course.wrinkle_warning(bound(), compressed, rough)
     return [words] if words else []
 
 
@@ -257,7 +247,8 @@ ABOVE = {  # the words about a quantity of f times its threshold, which are ther
     "a heavy cloth": hanging,
     "steps beyond fast waves": resonant,
     "a damped swing": swinging,
-    "a compressed cloth": lambda f: wrinkled(compressed=f * 0.1),
+    "a compressed cloth": lambda f: wrinkled(compressed=f * 0.2),
+    "folds as fine as the mesh": lambda f: wrinkled(rough=f * 0.6),
 }
 BELOW = {  # the same, for f < 1
     "a light fabric": lambda f: fabric(density=f * 0.004),
@@ -277,7 +268,6 @@ BELOW = {  # the same, for f < 1
     "steps shorter than explicit ones": lambda f: stepped(
         f * 0.01 * LIMIT, course.find_short_steps
     ),
-    "wrinkles shorter than edges": lambda f: wrinkled(f * 4.0),
 }
 CASES = [(*case, True) for case in ABOVE.items()] + [(*case, False) for case in BELOW.items()]
 
