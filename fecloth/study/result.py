@@ -199,7 +199,9 @@ def read_tolerance(value: float | str) -> float:
     except ValueError:
         number = 0.0
     if not 0 < number < 1:
-        raise InputError(f"tolerance = {value}", "must lie between 0 and 100 %, as 1% or 0.01")
+        remedy = f"For {number:g} percent write {number:g}%." if 1 <= number < 100 else ""
+        allowed = "must lie between 0 and 100 %, as 1% or 0.01"
+        raise InputError(f"tolerance = {value}", allowed, "", remedy)
     return number
 
 

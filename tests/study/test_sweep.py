@@ -14,6 +14,7 @@ from fecloth.cli.commands import COMMANDS
 from fecloth.cli.main import _parser as main_parser
 from fecloth.cli.studies import _question as question
 from fecloth.errors import InputError
+from fecloth.study.result import read_tolerance
 from fecloth.study.variants import parse_range, read_ranges
 from studies.references.closed_forms import hanging_strip_tip
 
@@ -159,3 +160,9 @@ def test_a_setting_that_the_function_does_not_take_is_refused_at_once():
         fc.study.of(strip, h=0.25, stifness=2.0)
     with pytest.raises(InputError, match="^problem = 3: must be a scene"):
         fc.study.of(3)
+
+
+def test_a_tolerance_in_percent_without_its_sign_is_refused_with_the_remedy():
+    assert read_tolerance("2 %") == read_tolerance(0.02) == 0.02
+    with pytest.raises(InputError, match="tolerance = 2: .* For 2 percent write 2%"):
+        read_tolerance("2")
