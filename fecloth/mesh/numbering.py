@@ -50,6 +50,9 @@ def _node_graph(triangles, n):
     return coo_array((ones, (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
 
 
+LONGEST_NAME = 100  # characters of the name of a piece
+
+
 def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
     """Make one mesh of pieces that share no node; see `Cloth.join`.
 
@@ -88,6 +91,11 @@ def _check_names(pieces: Sequence[FlatMesh], names: Sequence[str]) -> None:
     if len(names) != len(pieces) or len(set(names)) != len(names):
         allowed = f"must be {len(pieces)} different names, one for each piece"
         raise InputError(f"names = {list(names)}", allowed, where)
-    wrong = [name for name in names if not (isinstance(name, str) and name and "/" not in name)]
+    wrong = [name for name in names if not (isinstance(name, str) and _is_name(name))]
     if wrong:
-        raise InputError(f"name {wrong[0]!r}", "must be a text without '/'", where)
+        allowed = f"must be 1 to {LONGEST_NAME} printed characters without '/'"
+        raise InputError(f"name {str(wrong[0])[:LONGEST_NAME]!r}", allowed, where)
+
+
+def _is_name(name: str) -> bool:
+    return 0 < len(name) <= LONGEST_NAME and name.isprintable() and "/" not in name

@@ -106,6 +106,8 @@ class SceneProblem(CommonProblem):
         """Raise `InputError` if it has no h or dt to refine."""
         if refine != "dt" and not self.can_refine("h"):
             remedy = "Give a .geo file and h, or a shape."
+            if self.tables["cloth"].get("shape") == "join":
+                remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
             raise InputError("a mesh of one size", "has no cloth.h to refine", self.name, remedy)
         if self.scene.equilibrium:
             if refine != "h":
