@@ -13,7 +13,7 @@ import numpy as np
 from fecloth.errors import InputError, MeshError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
-from fecloth.simulation.quantity_values import difference_of
+from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.change import Level
 from fecloth.study.comparison import (
     Comparison,
@@ -28,7 +28,7 @@ from fecloth.study.convergence import Convergence
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem
-from fecloth.study.refinement import is_number, levels_to_run, summarise
+from fecloth.study.refinement import is_number, levels_to_run, other_shares, summarise
 from fecloth.study.result import Table
 from fecloth.study.run_problems import (
     Point,
@@ -40,6 +40,7 @@ from fecloth.study.run_problems import (
     run_points,
 )
 from fecloth.study.status import NO_VALUE, OK, failure
+from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from fecloth.study.variants import (
     Over,
     combine,
@@ -58,6 +59,7 @@ class _Studied:
 
     rows: Sequence[Mapping]
     study: Convergence
+    more: Sequence[Mapping] = ()  # the runs that show what the levels do not
 
 
 def compare(
@@ -73,9 +75,10 @@ def compare(
     """Refine each variant of a problem, and compare them as given and in their limits.
 
     A difference between two models on one mesh contains the errors of both. Here each variant is
-    refined as by `converge`; the differences of the extrapolated values have the uncertainties of
-    both, added. They contain what was not refined, too: with "h" the error of the time step, with
-    "dt" the error of the mesh; "both" leaves less. A variant that fails has a row with its cause.
+    refined as by `converge`, and so is the difference, whose uncertainty is less than the
+    uncertainties of both, added: most of their errors is the same. It contains what was not
+    refined, too: with "h" the error of the time step, with "dt" the error of the mesh; "both"
+    leaves less. A variant that fails has a row with its cause.
 
     Parameters
     ----------
@@ -109,7 +112,7 @@ def compare(
     >>> tip = [fc.Probe("tip", "right")]
     >>> found = fc.study.compare(strip, "stiffness=40,20", "tip.x", h=0.25, probes=tip)
     >>> print(found.verdict[:37])
-    tip.x: stiffness = 20 is 2.10747 ± 0.
+    tip.x: stiffness = 20 is 2.107443 ± 0
     """
     study = open_study(problem, shared)
     opened, runs = _open(study.problems, variants), study.runs()
@@ -183,7 +186,7 @@ def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -
         study = summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
     except InputError as error:  # as where a signal has no period
         return failure(NO_VALUE, error)
-    return _Studied(rows[:levels], study)
+    return _Studied(rows[:levels], study, rows[levels:])
 
 
 def _conclude(
@@ -235,12 +238,46 @@ def _difference(
     a: _Studied, b: _Studied, quantity: Quantity, scale: float, numbers: bool
 ) -> Difference:
     if numbers:
-        return difference_of_numbers(a.study, b.study, scale)
-    ends = [
-        difference_of(quantity, record_at(a.rows[k], quantity), record_at(b.rows[k], quantity))
-        for k in (0, -1)
-    ]
-    return difference_of_sizes(a.study, b.study, ends[0], ends[1], scale)
+        both = difference_of_numbers(a.study, b.study, scale)
+        return _refine_difference(a, b, quantity, scale, both)
+    given, finest = (_apart(quantity, math.nan, a.rows[k], b.rows[k]) for k in (0, -1))
+    both = difference_of_sizes(a.study, b.study, given, finest, scale)
+    return _refine_difference(a, b, quantity, scale, both)
+
+
+def _refine_difference(
+    a: _Studied, b: _Studied, quantity: Quantity, scale: float, both: Difference
+) -> Difference:
+    """Return the difference with the uncertainty of its own refinement, if that is the smaller one.
+
+    `both` has the uncertainties of both variants, added. Most of their errors is the same on one
+    mesh: the difference of each pair of levels converges by itself, with less error. Its
+    uncertainty has the same parts as a variant's: of the levels, and of further pairs of runs.
+    """
+    column = "dt" if a.study.refine == "dt" else "h"
+    sizes, others = (np.array(each.study.table[column], dtype=float) for each in (a, b))
+    is_whole = len(a.more) == len(b.more) and all(r["status"] == OK for r in (*a.more, *b.more))
+    if not is_whole or not np.allclose(sizes / sizes[0], others / others[0], rtol=0.01):
+        return both
+    values = [_apart(quantity, scale, *pair) for pair in zip(a.rows, b.rows, strict=True)]
+    more = zip(a.more, b.more, strict=True)
+    change = [abs(_apart(quantity, scale, *pair) - values[0]) for pair in more]
+    estimate = estimate_uncertainty(sizes.tolist(), values, a.study.theory)
+    orders = a.rows[0]["point"].problem.orders(quantity)
+    shares = other_shares(a.study.refine, orders, a.rows[0], a.more, change)
+    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in shares.values())
+    if estimate.behaviour == "diverging" or uncertainty >= both.uncertainty:
+        return both
+    return replace(both, limit=estimate.limit, uncertainty=uncertainty)
+
+
+def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
+    """Return the difference of two runs, in % or in the unit of the quantity."""
+    a, b = record_at(row, quantity), record_at(other, quantity)
+    if not is_number(quantity, a):
+        return difference_of(quantity, a, b) * (1.0 if math.isnan(scale) else 100 / abs(scale))
+    first, second = value_of(quantity, a), value_of(quantity, b)
+    return second - first if math.isnan(scale) else 100 * (second / first - 1)
 
 
 def _cells(comparison: Comparison, name: str, variant: _Studied | dict) -> dict:

@@ -162,7 +162,8 @@ def difference_of_numbers(a: Convergence, b: Convergence, scale: float) -> Diffe
     """Return the difference b − a of numbers.
 
     In per cent it is d = 100 (b/a − 1). Its uncertainty is the sum of the parts of both,
-    U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two models on one mesh are not independent.
+    U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two models on one mesh are not independent. Where
+    the difference itself was refined, its own uncertainty takes this place.
     """
     first, other = best_value(a), best_value(b)
     given = b.table[0]["value"], a.table[0]["value"]

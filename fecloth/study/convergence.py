@@ -10,11 +10,12 @@ import numpy as np
 
 from fecloth.mesh.grading import Grading
 from fecloth.study.figures import new_figure, use_plain_ticks
-from fecloth.study.result import StudyResult, with_uncertainty
+from fecloth.study.result import StudyResult, in_percent, with_uncertainty
 from fecloth.study.uncertainty import Estimate, observed_order
 
 CLOSE = 0.25  # an order that is lower by less than this part is in the asymptotic range
 MOST_LEVELS = 5  # that are proposed
+SMALL = 0.005  # of the quantity: irregular differences below it are small
 SLOW = 0.3  # below this order nothing converges for practical purposes
 
 
@@ -121,16 +122,24 @@ def _labelled(name: str, unit: str) -> str:
 
 
 def judge(
-    estimate: Estimate, h: Sequence[float], values: Sequence[float], obstacles: Sequence[str]
+    estimate: Estimate,
+    h: Sequence[float],
+    values: Sequence[float],
+    obstacles: Sequence[str],
+    size: float = 0.0,
 ) -> tuple[bool, str]:
     """Return whether values converge, and a sentence that says so and why not.
 
-    `h` and `values` belong to the levels, coarse to fine.
+    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by a
+    small part of the `size` of the quantity, without an order, that part is what is known.
     """
     theory, order = estimate.theory, estimate.order
     why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""
     if estimate.behaviour == "constant":
         return True, "converges: all levels give the same value to round-off"
+    spread, is_irregular = float(np.ptp(values[-3:])), estimate.behaviour != "monotone"
+    if spread <= SMALL * size and (is_irregular or order < SLOW):
+        return False, f"no order to be seen within {in_percent(spread / size)}"
     if estimate.behaviour == "oscillating":
         return False, f"does not converge: the values go up and down from level to level.{why}"
     if estimate.behaviour == "diverging" or (order < SLOW and obstacles):

@@ -90,11 +90,14 @@ def summarise(
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, sequence, theory)
     shares = _refined_share(refine, estimate)
-    shares |= _other_shares(quantity, refine, orders, rows[0], more)
+    base = record_at(rows[0], quantity)
+    able = [row for row in more if row["status"] == OK]
+    apart = [difference_of(quantity, base, record_at(row, quantity)) for row in able]
+    shares |= other_shares(refine, orders, rows[0], able, apart)
     added = sum(UNSAFE * part for part in list(shares.values())[1:])
     uncertainty = estimate.uncertainty + added
     obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
-    converges, verdict = judge(estimate, sizes, sequence, obstacles)
+    converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]))
     answer = describe_value(quantity.text, values[-1], uncertainty, shown["unit"])
     lines = [
         _table_row(row) | {"value": value, "error": abs(difference - estimate.limit)}
@@ -156,29 +159,28 @@ def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
 
 
-def _other_shares(
-    quantity: Quantity,
+def other_shares(
     refine: str,
     orders: tuple[float, float],
     first: Mapping,
     more: Sequence[Mapping],
+    apart: Sequence[float],
 ) -> dict[str, float]:
-    """Return the estimated errors that the levels do not show, from pairs of runs."""
+    """Return the estimated errors that the levels do not show.
+
+    `apart` is by how much each of the runs `more` differs from the `first` level.
+    """
     errors = {}
-    base = record_at(first, quantity)
-    for row in more:
-        if row["status"] != OK:
-            continue
-        apart = difference_of(quantity, base, record_at(row, quantity))
+    for row, change in zip(more, apart, strict=True):
         if (row["point"].level.sharper or 1.0) > 1:
-            errors["solver"] = apart
+            errors["solver"] = change
         elif row["point"].level.rtol > 1:
-            errors["time step"] = apart / (1 - CLOSER**-RTOL_ORDER)
+            errors["time step"] = change / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
-            errors["time step"] = apart / (1 - 2.0 ** -orders[1])
+            errors["time step"] = change / (1 - 2.0 ** -orders[1])
         else:
             ratio = first["edge"] / row["edge"]
-            errors["mesh"] = apart / (1 - ratio ** -orders[0])
+            errors["mesh"] = change / (1 - ratio ** -orders[0])
     return errors
 
 

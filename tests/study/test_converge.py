@@ -244,6 +244,20 @@ def test_verdicts(values, words):
     assert ("Possible reasons: folds" in verdict) == (not converges)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [[1.01, 1.0, 1.0002, 0.9999], [1.0, 1.0001, 1.0003, 1.0006], [1.0, 1.001, 1.0, 1.0011]],
+)
+def test_small_differences_without_an_order_are_called_so(values):
+    """Above half a per cent of the quantity they are named as before."""
+    h, spread = [0.8, 0.4, 0.2, 0.1], np.ptp(values[-3:])
+    for part, is_small in ((0.8, True), (1.25, False)):
+        size = spread / (part * 0.005)
+        converges, words = judge(estimate_uncertainty(h, values, 2.0), h, values, ["folds"], size)
+        assert not converges
+        assert (words == f"no order to be seen within {0.5 * part:.2g} %") == is_small
+
+
 def test_a_point_pin_is_named_as_an_obstacle():
     def corner(h):
         cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")

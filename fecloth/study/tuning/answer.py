@@ -1,7 +1,7 @@
 """The answer of `tune`: of all its runs the cheapest that is known to be as accurate as asked."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,12 +30,12 @@ class Yardstick:
 
 def choose_yardstick(bench: Bench, proof: Proof | None, reference: Trial, left) -> Yardstick:
     """Return the verifying run, or the best run of the search if less is left in that one."""
-    found = Yardstick(reference, left)
+    searched = Yardstick(reference, left)
     if proof is None or proof.finer is None or proof.why:
-        return found
+        return searched
     total = sum(proof.parts.values(), np.zeros(len(left)))
     rest = np.maximum(total - bench.distance(proof.finer, proof.trial), 0.0)
-    return Yardstick(proof.finer, rest) if rest.max() <= left.max() else found
+    return Yardstick(proof.finer, rest) if rest.max() <= left.max() else searched
 
 
 def answer(
@@ -65,10 +65,11 @@ def answer(
             for run in rows
             if errors[run.choice] <= goal.tolerance
             and run.seconds <= goal.budget
-            and (proved is None or _is_better(run, errors[run.choice], proved, has_budget))
+            and (proved is None or has_budget or run.seconds < FASTER * proved.trial.seconds)
+            and (proved is None or not has_budget or errors[run.choice] < proved.error)
         ]
-        order = (lambda run: errors[run.choice]) if has_budget else _seconds
-        for run in sorted(able, key=order)[:TIMED]:
+        able.sort(key=lambda run: errors[run.choice] if has_budget else run.seconds)
+        for run in able[:TIMED]:
             (timed,) = bench.run([run.choice], timed=True)
             slow = proved is not None and not has_budget and timed.seconds > proved.trial.seconds
             if timed.is_ok and timed.seconds <= goal.budget and not slow:
@@ -77,26 +78,14 @@ def answer(
             return proved
     least = min(errors.values())
     near = rows if has_budget else [run for run in rows if errors[run.choice] <= NEARLY * least]
-    return replace(_stated(prediction, yardstick, bench, min(near, key=_seconds)), why=why)
-
-
-def _seconds(run: Trial) -> float:
-    return run.seconds
-
-
-def _is_better(run: Trial, error: float, proved: Proof, by_budget: bool) -> bool:
-    """Whether a run is clearly cheaper than the proved setting, with a budget more accurate."""
-    if by_budget:
-        return error < proved.error
-    return run.seconds < FASTER * proved.trial.seconds
+    fastest = min(near, key=lambda run: run.seconds)
+    return replace(_stated(prediction, yardstick, bench, fastest), why=why)
 
 
 def _stated(prediction: Prediction, yardstick: Yardstick, bench: Bench, run: Trial) -> Proof:
     """Return a run with its error, divided in space and time as the time was predicted."""
     total = yardstick.error(bench, run)
     finer = yardstick.run if yardstick.run.choice != run.choice else None
-    if not run.choice.method:
-        return Proof(run, None, finer, {"space": total})
-    in_time = np.minimum(prediction.error_in_time(run), total)
-    parts: Mapping = {"space": total - in_time, "time": in_time}
+    in_time = np.minimum(prediction.error_in_time(run), total) if run.choice.method else 0.0
+    parts = {"space": total - in_time} | ({"time": in_time} if run.choice.method else {})
     return Proof(run, None, finer, parts)

@@ -120,13 +120,10 @@ def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> tuple[boo
 
     The finest runs of the two meshes that disagree are repeated with half of dt.
     """
-    finest = [space.reference]
-    if space.rival:
-        finest.append(space.rival.trials[-1])
-    else:
-        finest += [mesh.trials[-1] for mesh in space.meshes if mesh.trials[-1] not in finest][:1]
+    rivals = [space.rival] if space.rival else space.meshes
+    others = [mesh.trials[-1] for mesh in rivals if mesh.trials[-1] is not space.reference]
     runs: list[Trial] = []
-    for run in finest:
+    for run in [space.reference, *others[:1]]:
         if run.choice.steps and not run.choice.is_explicit and 2 * run.seconds <= COSTLY:
             runs += bench.run([with_half_of_dt(run.choice)])
             if error_of_steps(bench, run, runs[-1]) > MORE * CALM * tolerance:

@@ -192,11 +192,8 @@ def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction, search: Sequ
     candidates = goal.candidates(prediction)
     if not candidates or bench.spent(search) + candidates[0].seconds <= goal.limit(candidates):
         return ""
-    first = candidates[0]
-    return (
-        f"the search has taken {goal.limit(candidates):.3g} CPU s, all that it may; {first.choice} "
-        f"should meet it, in about {in_words(first.seconds)}"
-    )
+    long = in_words(candidates[0].seconds)
+    return f"the search has no time left; {candidates[0].choice} should meet it, in about {long}"
 
 
 def _say(phase: str) -> None:
