@@ -3,9 +3,9 @@
 Each set-up of `setups.py` runs once, and again with halved steps until two successive refinements
 agree within 2 %; runs that never agree, such as chaotic folding, do not count. The error in time
 is the rms error of x weighted by mass, the largest over the frames, over the largest rms
-displacement, without rigid motion. A run is good below 2 % and wrong above 10 %. No wrong run may
+displacement. A run is good below 2 % and wrong above 10 %. No wrong run may
 be without a warning, and at most one good run in twenty may have one. catalogue.md and
-catalogue.csv are the table of the full form.
+catalogue.csv are the table of the full form, made when both were without rigid motion.
 
     python -m studies.trust [--quick] [--jobs N] [--out DIR]
 """
