@@ -4,8 +4,6 @@ Parser, help, call, folders and exit status follow from it; a study takes one ro
 study that are its own are the arguments of its function.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

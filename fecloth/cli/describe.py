@@ -1,7 +1,5 @@
 """The commands `info` and `mesh`: what they print of scenes, cloths, fabrics and terms."""
 
-from __future__ import annotations
-
 import os
 import textwrap
 from argparse import Namespace

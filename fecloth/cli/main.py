@@ -1,7 +1,5 @@
 """The command line, as the table of commands says."""
 
-from __future__ import annotations
-
 import re
 import signal
 import sys

@@ -1,7 +1,5 @@
 """The options that commands share. Options of a study are named as arguments of its function."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from dataclasses import dataclass
 from typing import Any

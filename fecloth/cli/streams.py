@@ -1,7 +1,5 @@
 """Standard output and error that do not end a command: any encoding, closed pipes, full disks."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Run a study of the table of commands; and print the modes of a scene."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from argparse import Namespace

@@ -1,7 +1,5 @@
 """Formulas as nested closures: one set of operations for arrays, and a fast one for numbers."""
 
-from __future__ import annotations
-
 import ast
 import math
 import operator

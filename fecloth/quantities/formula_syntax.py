@@ -1,7 +1,5 @@
 """What a formula may consist of: its syntax tree is read by `ast`, checked, and not executed."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import warnings

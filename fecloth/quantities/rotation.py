@@ -1,7 +1,5 @@
 """The rotation of clamped nodes about an axis."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

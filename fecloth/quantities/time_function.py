@@ -1,7 +1,5 @@
 """Values that a user writes as a number, as a formula of t in text, or as a function of time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from contextlib import suppress

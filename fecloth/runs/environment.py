@@ -1,7 +1,5 @@
 """What a run runs on: versions of packages, and the memory of this process."""
 
-from __future__ import annotations
-
 import platform
 import sys
 from importlib import metadata

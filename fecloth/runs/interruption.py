@@ -1,7 +1,5 @@
 """Ctrl-C and other signals: they stop a run between two steps, and all else at once."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The outcome of a run, and messages about it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass

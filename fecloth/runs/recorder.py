@@ -1,7 +1,5 @@
 """The recording of a running scene: each step is in all of its files or in none."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from contextlib import suppress

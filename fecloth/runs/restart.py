@@ -6,8 +6,6 @@ read back as the same float64. Reading is strict: a file with a missing or an un
 refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """The tables and frames of a running scene, and the space on the disk that frames need."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Mapping

@@ -14,8 +14,6 @@ summary.json   sizes, counts, seconds by phase, memory, versions, outcome
 run.log        the same in words, with the time of day
 """
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Callable

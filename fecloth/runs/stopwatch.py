@@ -1,7 +1,5 @@
 """The wall seconds of a run by phase."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager

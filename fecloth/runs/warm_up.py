@@ -1,7 +1,5 @@
 """Compilation of what a run will call, before its first step."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import suppress
 from dataclasses import replace

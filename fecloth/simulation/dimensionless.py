@@ -1,7 +1,5 @@
 """Numbers of a cloth before its run: wave speed, weight over stiffness, reach, wrinkles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Step size control by a local error estimate, for any method with an error constant."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Steps of one size, and steps whose sizes are given one by one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The only loop over time: a generator of states."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Generator, Sequence

@@ -1,7 +1,5 @@
 """Choice of the method by its predicted cost at a tolerance."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Quantities of interest: one grammar for scenes, the command line and Python."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Recording of each step for `run`, `fecloth run` and `fecloth check`."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator

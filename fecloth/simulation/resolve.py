@@ -1,7 +1,5 @@
 """The choices before the first step: the method, its solver, and the reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lengths and rates without their rigid part, so that they are the same for every observer."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """`run`: march to the end and collect the energies, the probes' paths and the counts."""
 
-from __future__ import annotations
-
 import math
 import time
 import warnings

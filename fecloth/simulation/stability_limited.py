@@ -1,7 +1,5 @@
 """Explicit steps at the stability limit, and the check of a fixed dt against it."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass, replace
 

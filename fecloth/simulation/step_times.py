@@ -1,7 +1,5 @@
 """When steps end: at multiples of dt, at stops, at the end."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

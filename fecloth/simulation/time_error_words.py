@@ -1,7 +1,5 @@
 """The error in time of a run in words: how large it is, and which step would give 1 %."""
 
-from __future__ import annotations
-
 import math
 
 from fecloth.simulation.error_control import Adaptive

@@ -1,7 +1,5 @@
 """Error from pin motion and loads that vary inside a step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fecloth.integrators.step import Step

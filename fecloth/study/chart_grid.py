@@ -1,7 +1,5 @@
 """The settings that a chart runs: method, element, model, mesh and step of one problem."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

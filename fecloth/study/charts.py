@@ -1,7 +1,5 @@
 """`chart`: what each accuracy of a problem costs, over mesh, element, model, method and step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Run a study as a command: one line for a mistake, and the exit statuses of `fecloth run`."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import sys

@@ -1,7 +1,5 @@
 """`compare`: variants of a problem, or several problems, beside the error of each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

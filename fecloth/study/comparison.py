@@ -1,7 +1,5 @@
 """The result of `compare`: differences between variants beside the error of each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

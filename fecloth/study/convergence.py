@@ -1,7 +1,5 @@
 """The result of `converge`: value, uncertainty, order, and a verdict in words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

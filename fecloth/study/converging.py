@@ -1,7 +1,5 @@
 """`converge`: the study of convergence of a problem, on uniform or on graded meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec

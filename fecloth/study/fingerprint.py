@@ -1,7 +1,5 @@
 """The files of studies: importing them, and the hash of the sources on which a result depends."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib

@@ -1,7 +1,5 @@
 """`fecloth.study.of`: a problem, opened once for all studies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from fecloth.nonlinear.equilibrium import equilibrium

@@ -1,7 +1,5 @@
 """`converge` on uniform and on graded meshes: what the grading saves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

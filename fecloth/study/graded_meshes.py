@@ -1,7 +1,5 @@
 """Gradings that spread the error in space evenly, found on the first level of a study."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """One run of a study, and what quantities of interest need of it, as a row of numbers."""
 
-from __future__ import annotations
-
 import math
 import time
 import warnings

@@ -1,7 +1,5 @@
 """What may keep a quantity from converging under refinement."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

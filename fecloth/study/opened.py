@@ -1,7 +1,5 @@
 """What all studies of a problem share: the problem, opened once, and how its cases run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

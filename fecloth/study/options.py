@@ -1,7 +1,5 @@
 """Command line that all studies share."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

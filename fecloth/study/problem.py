@@ -1,7 +1,5 @@
 """What a scene and a user's function have in common as problems of a study."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """What a study refines: a scene, or a user's function of h and dt."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Run cases in processes of this machine, which are killed when they are late, or on a cluster."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

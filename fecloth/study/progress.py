@@ -1,7 +1,5 @@
 """The progress lines of a study, with the predicted time left."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Refine a problem in h, in dt or in both, and say what the result is worth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

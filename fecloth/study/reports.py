@@ -1,7 +1,5 @@
 """Report of a study: results.csv and report.md with settings, machine, figures and findings."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import math

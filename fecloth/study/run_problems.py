@@ -1,7 +1,5 @@
 """Run problems, each on a level, for quantities of interest: the engine of all such studies."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a study runs: the objects of a scene, or the objects that a user's function returns."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

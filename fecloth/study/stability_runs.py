@@ -1,7 +1,5 @@
 """The runs of a stability map: a problem with each method and with steps from long to short."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

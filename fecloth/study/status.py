@@ -1,7 +1,5 @@
 """What the row of a case says: its status, the cause of a failure, measured seconds."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

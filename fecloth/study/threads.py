@@ -1,7 +1,5 @@
 """Limit every library to one thread; import this before NumPy, which reads the limits once."""
 
-from __future__ import annotations
-
 import os
 import sys
 

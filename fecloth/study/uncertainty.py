@@ -21,8 +21,6 @@ smaller: this is not in the papers. Values that oscillate or diverge get at leas
 their range.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

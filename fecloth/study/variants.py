@@ -1,7 +1,5 @@
 """A problem with all combinations of the values of its keys, and which of them it refuses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 

@@ -3,8 +3,6 @@
 A doubt is a function of a `PlannedRun` that yields sentences, each with a remedy, or "" for none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 
 from fecloth.simulation.doubts import course, jumps, pins, terms, units, unseen

@@ -1,7 +1,5 @@
 """Runs that are likely to disappoint: by their mesh, weight, plane start, or size of steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

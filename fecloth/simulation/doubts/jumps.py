@@ -1,7 +1,5 @@
 """Jumps in the motion of a pin or an obstacle, which no step size can resolve."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Warnings about pins that hold less than was probably meant."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run before its first step, as the doubts about it look at it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property

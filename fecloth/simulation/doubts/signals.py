@@ -1,7 +1,5 @@
 """Motions of pins and obstacles, loads, and forces of users as functions of time, sampled once."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace

@@ -1,7 +1,5 @@
 """Terms that cannot be meant so: missing, counted twice, of another fabric, without effect."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 

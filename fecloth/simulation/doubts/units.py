@@ -8,8 +8,6 @@ them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ 
 "handle" of cloth, J. Textile Institute 21, T377 (1930): 0.01 to 0.05 m, for that membrane 0.19 m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

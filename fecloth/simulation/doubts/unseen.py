@@ -3,8 +3,6 @@
 Of long runs a part is looked at, evenly spread, so that a single short pulse can be missed there.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """What the runs of simpler scenes gave: their changes, the errors of the scene, the verdicts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

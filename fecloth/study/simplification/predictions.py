@@ -1,7 +1,5 @@
 """Predict how much a change of a scene changes its motion, from its dimensionless numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

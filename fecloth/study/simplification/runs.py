@@ -1,7 +1,5 @@
 """Runs of a problem and of simpler ones, and their changes of the quantities of interest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

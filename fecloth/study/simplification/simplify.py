@@ -1,7 +1,5 @@
 """`simplify`: find what a scene does not need, and write the reduced scene."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Simpler scenes to try, each a change of the tables of a scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Short runs of the best candidates, which correct the predicted errors in time and seconds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The tuned run beside a finer one: its error, and cheaper or finer settings if it is far off."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The short runs that show what the error of a problem is made of, and whether they suffice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

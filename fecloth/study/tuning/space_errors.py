@@ -1,7 +1,5 @@
 """The error in space of each element and pattern, with the same steps on all meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The error in time of each method, on a coarse mesh."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

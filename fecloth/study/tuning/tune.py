@@ -1,7 +1,5 @@
 """`tune`: an accepted error in, the cheapest proven setting out."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
