@@ -230,10 +230,17 @@ def _smoothstep(a: float, b: float, t: float) -> float:
     return s * s * (3 - 2 * s)
 
 
+def _power_of_arrays(a: Any, b: Any) -> Any:
+    """a ** b; exponents get a place each, as NumPy rounds differently where one is for many."""
+    if np.ndim(b):
+        b = np.array(np.broadcast_to(b, np.broadcast_shapes(np.shape(a), np.shape(b))))
+    return a**b
+
+
 ARRAYS = Arithmetic(
     number=np.float64,
     functions={name: function for name, (function, _) in FUNCTIONS.items()},
-    binary=BINARY,
+    binary=BINARY | {ast.Pow: _power_of_arrays},
     compare=COMPARE,
     negate=np.logical_not,
     every=lambda parts: np.logical_and.reduce(np.broadcast_arrays(*parts)),

@@ -12,8 +12,6 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.run import run
 from fecloth.system.system import System
 
-MOST = 50  # iterations of a step of an equilibrium
-
 
 def compile_kernels(problem: Problem) -> None:
     """Compile what the run will call, on two triangles, before the first step.
@@ -27,15 +25,17 @@ def compile_kernels(problem: Problem) -> None:
     # two triangles may have no equilibrium, and nothing new is compiled in a long search for it
     steps = problem.steps
     if isinstance(steps, LoadSteps):
-        steps = replace(steps, max_iterations=MOST)
+        steps = replace(steps, load_steps=1, tolerance=0.5, max_iterations=4)
     first, *others = whole.panel.fabrics  # constants by triangle have another array layout
     fabric = {"lower": first, "upper": others[0]} if others else first
     # SuperLU compiles all that PARDISO needs, without loading the MKL
-    for linear in ("pcg", "superlu") if problem.linear == "auto" else (problem.linear,):
+    automatic = ("superlu",) if problem.is_static else ("pcg", "superlu")
+    for linear in automatic if problem.linear == "auto" else (problem.linear,):
         with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
             # failures and warnings there say nothing about the scene
             system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
             start = system.state(1.01 * system.rest().x)
             fields(system, start)
             # four steps: the estimate of the error in time needs as many
-            run(system, steps, start, t_end=4 * (problem.dt or 1e-4), solver=linear)
+            number = 1 if problem.is_static else 4
+            run(system, steps, start, t_end=number * (steps.dt or 1e-4), solver=linear)

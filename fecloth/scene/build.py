@@ -128,7 +128,7 @@ def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Clo
     if isinstance(pin.motion, Motion):
         times = _motion_times(time)
         if pin.motion.by_place:  # at some of them, to limit the work
-            times = times[:: 1 + len(times) * len(X) // MOST_PLACES, None]
+            times = times[:: 1 + len(times) * len(X) // MOST_PLACES]
         with at(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin

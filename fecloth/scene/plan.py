@@ -5,8 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.linalg import select
-from fecloth.linalg.mkl_pardiso import threads
+from fecloth.linalg import mkl_pardiso
 from fecloth.scene.problem import Problem
 from fecloth.simulation.dimensionless import (
     is_surrounded_by_pins,
@@ -95,9 +94,9 @@ def _threads_and_memory(problem: Problem) -> str:
     if problem.linear in ("pcg", "multigrid"):
         return f"{loops}, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
-    select.direct(problem.system.symmetric)  # loads the MKL, if there is one
-    count, factored = threads() or 1, estimate_memory(problem.system)
-    words = f"threads: {count} in factorisations, {loops} elsewhere"
+    factored = estimate_memory(problem.system)
+    count = mkl_pardiso.threads()  # None before the MKL is loaded, which takes 0.5 s
+    words = f"{loops}{f', {count} in factorisations' if count else ''}"
     return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 
 

@@ -162,6 +162,7 @@ def march(
     check_history(system, steps, records)
     number, last_memory, good = begin.step, begin.method_memory, state
     history, is_informed = begin.history, needs_history(solver)
+    system.constraints.expect(targets)
     place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
     while place < len(targets):
         target = targets[place]

@@ -3,6 +3,8 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators.protocol import (
     ExplicitIntegrator,
@@ -14,6 +16,7 @@ from fecloth.integrators.protocol import (
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.stability.critical_step import critical_dt, estimate
+from fecloth.system.constraints import AT_ONCE
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import extreme_stretches
@@ -82,6 +85,8 @@ class StabilityLimited(ChosenSteps):
         limited = memory or self._start(now, state)
         if limited.steps % LOOK == 0:
             limited = self._update(now, state, limited)
+            sizes = np.full(AT_ONCE, limited.dt)
+            system.constraints.expect(np.add.accumulate(np.append(state.t, sizes))[1:])
         dt = fit_step(limited.dt, horizon)
         step = take_step(self.method, system, state, dt, solver, limited.method_memory, history)
         if limited.steps == 0:

@@ -13,19 +13,53 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.pins import Motion, Pin
 
+AT_ONCE = 64  # times at which formulas are evaluated together
+
 
 class _MovedGroup:
     """A pin with a motion and its nodes; the end of a step is the start of the next one."""
 
     def __init__(self, pin: Pin, nodes: np.ndarray):
         self.pin, self.nodes = pin, nodes
+        self.expected = np.empty(0)
         self._last: tuple[float, np.ndarray] | None = None
+        self._ahead: dict[float, tuple[np.ndarray, np.ndarray]] = {}
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
-        if self._last is None or self._last[0] != t:
-            self._last = t, self.pin.displacement(t)
-        return self._last[1]
+        last = self._last
+        return last[1] if last and last[0] == t else self.pin.displacement(t)
+
+    def end(self, t: float, since: float) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement [m] and speed [m/s] at the end of a step from `since`."""
+        end = self._ahead.get(t) or self._look_ahead(t)
+        end = end or (self.pin.displacement(t), self.pin.speed(t, since=since))
+        self._last = t, end[0]
+        return end
+
+    def rows(self, begins: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements over steps [m] and speeds at their ends [m/s], (s, 1 or k, 3)."""
+        if (values := self.pin.at_once(ends)) is not None:
+            assert isinstance(self.pin.motion, Motion)
+            after, speeds = values
+            return after - self.pin.motion(begins).reshape(after.shape), speeds
+        paths = []
+        for t, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            before = self.displacement(t)
+            after, speed = self.end(end, since=t)
+            paths.append(np.broadcast_arrays(after - before, speed))
+        shape = len(ends), -1, 3
+        both = np.array(paths)
+        return both[:, 0].reshape(shape), both[:, 1].reshape(shape)
+
+    def _look_ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Evaluate the times that are expected from t on; None if t is none of them."""
+        first = int(np.searchsorted(self.expected, t))
+        times = self.expected[first : first + AT_ONCE]
+        if len(times) < 2 or times[0] != t or (values := self.pin.at_once(times)) is None:
+            return None
+        self._ahead = dict(zip(times.tolist(), zip(*values, strict=True), strict=True))
+        return self._ahead[t]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +134,7 @@ class Constraints:
         if self._moved:
             x = x.copy()
         for group in self._moved:
-            before, after = group.displacement(t), group.displacement(t + dt)
-            speed = group.pin.speed(t + dt, since=t)
+            before, (after, speed) = group.displacement(t), group.end(t + dt, since=t)
             if group.pin.rotate is not None:
                 here = x[group.nodes]
                 x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
@@ -109,6 +142,14 @@ class Constraints:
                 continue
             _prescribe(group.nodes, _rows(after - before), _rows(speed), x, v)
         return x, v
+
+    def expect(self, times: np.ndarray) -> None:
+        """Let `target` evaluate formulas at many of these ascending times at once.
+
+        The times are the ends of steps to come. Only the cost depends on them, no value does.
+        """
+        for group in self._moved:
+            group.expected = times
 
     @cached_property
     def _moved(self) -> list[_MovedGroup]:
@@ -272,18 +313,12 @@ class MotionRows:
     @classmethod
     def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> Self:
         """Evaluate the motion at the `times` (s + 1,) of steps of `sizes` (s,)."""
-        moved = [(pin, nodes) for pin, nodes in constraints.groups.values() if pin.moves]
-        reached = times[:-1] + sizes
+        moved, reached = constraints._moved, times[:-1] + sizes
         shape = len(sizes) if moved else 1, len(constraints.nodes), 3
         path, speed = np.zeros(shape), np.zeros(shape)
-        for pin, nodes in moved:
-            at = np.searchsorted(constraints.nodes, nodes)
-            last_time, last_place = (
-                None,
-                None,
-            )  # the end of a step is nearly always the start of the next
-            for s, (t, end) in enumerate(zip(times.tolist(), reached.tolist(), strict=False)):
-                begin = last_place if t == last_time else pin.displacement(t)
-                last_time, last_place = end, pin.displacement(end)
-                path[s, at], speed[s, at] = last_place - begin, pin.speed(end, since=t)
+        for group in moved:
+            at = np.searchsorted(constraints.nodes, group.nodes)
+            for first in range(0, len(sizes), AT_ONCE):
+                steps = slice(first, min(first + AT_ONCE, len(sizes)))
+                path[steps, at], speed[steps, at] = group.rows(times[steps], reached[steps])
         return cls(times, sizes, reached, path, speed)

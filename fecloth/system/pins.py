@@ -56,7 +56,7 @@ class Motion:
         return "X" in self.formulas[0].variables
 
     def __call__(self, t: float | np.ndarray) -> np.ndarray:
-        """Displacement (3,) or (k, 3) [m]; of times (m,) or (m, 1) one for each."""
+        """Displacement (3,) or (k, 3) [m]; of times (m,) one for each, to the same bits."""
         return self._stack(self.formulas, t)
 
     def velocity(self, t: float | np.ndarray) -> np.ndarray:
@@ -78,15 +78,14 @@ class Motion:
         return tuple(formula.derivative("t") for formula in self.formulas)
 
     def _stack(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
-        if not self.by_place:
-            if isinstance(t, float):
-                t = float(t)  # not NumPy's, which is slower
-                return np.array([part.at(t) for part in parts])
-            return np.array([part(t=t) for part in parts]).T
-        if self.X is None:
+        if self.by_place and self.X is None:
             raise InputError("a motion of X and Y", "has values at the nodes of a System only")
-        place = {"X": self.X[:, 0], "Y": self.X[:, 1]}
-        return np.stack([part(t=t, **place) for part in parts], axis=-1)
+        # a single time stands there twice: NumPy may round arrays of one number differently
+        at = {"t": np.resize(t, max(2, np.size(t)))}
+        if self.by_place and self.X is not None:
+            at = {"t": at["t"][:, None], "X": self.X[:, 0], "Y": self.X[:, 1]}
+        values = np.stack([part(**at) for part in parts], axis=-1)
+        return values[: np.size(t)] if np.ndim(t) else values[0]
 
 
 def _refused(parts: object, name: str) -> InputError:
@@ -209,6 +208,20 @@ class Pin:
             with suppress(InputError):  # not finite, as of sqrt(t)**3 at 0 by the chain rule
                 return self.motion.velocity(t)
         return difference_quotient(self.displacement, t, since)
+
+    def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Displacements and speeds (m, 1 or k, 3) at times (m,), to the bits of single ones.
+
+        None where a time needs a call of its own: of functions, and where a value is not finite.
+        """
+        motion, velocity = self.motion, self.velocity
+        if not isinstance(motion, Motion) or not isinstance(velocity, Motion | None):
+            return None
+        with suppress(InputError):
+            shape = len(times), -1, 3
+            speeds = velocity(times) if velocity else motion.velocity(times)
+            return motion(times).reshape(shape), speeds.reshape(shape)
+        return None
 
     def check_shape(self, value: np.ndarray, nodes: int) -> None:
         """Refuse a motion with another number of rows than the pin has nodes."""

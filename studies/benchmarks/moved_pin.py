@@ -22,6 +22,11 @@ LIMIT = 1.3
 MOTIONS = {
     "moved along z": ["0", "0", "0.1 * sin(2 * pi * t)"],
     "moved along all axes": ["0.1 * t", "0.1 * t**2", "0.1 * cos(20 * t) - 0.1"],
+    "moved by formulas of t and Y": [
+        "0.01 * sqrt(1 + t * Y)",
+        "0.02 * sin(9 * t) * (1 - Y)",
+        "0.03 * sin(7 * t + 2 * Y) * where(t < 0.4, t, 0.4)",
+    ],
 }
 
 

@@ -15,7 +15,10 @@ FABRIC = fc.Fabric(
 )
 GRAVITY, FIXED = fc.Gravity((1.0, 2.0, -9.0)), ["left"]
 SLIDES = ["left", fc.Slide("right", normal=(1.0, 0.5, 0.2))]
-MOVED = [fc.Pin("left", ["0", "0.1*sin(50*t)", "0.1*X*t"]), SLIDES[1]]
+MOVED = [
+    fc.Pin("left", ["0", "0.1*sin(50*t + 9*Y)*where(t < 0.35, t, 0.35)", "0.1*X*t"]),
+    SLIDES[1],
+]
 LOADS = [fc.PointForce("right", (1, 2, 3)), fc.UserForce((1, 2, 3.0)), fc.Pressure(30.0)]
 PLATE = [fc.PlateBending(), fc.BendingDamping(1e-2)]
 CASES = {

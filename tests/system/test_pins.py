@@ -1,12 +1,15 @@
 """Pins in a run, and their prescribed motion."""
 
+import itertools
+
 import numpy as np
 import pytest
 from conftest import flat
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.system.constraints import Constraints
+from fecloth.system.constraints import AT_ONCE, Constraints, MotionRows
+from fecloth.system.pins import Motion
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -154,3 +157,67 @@ def test_a_motion_is_evaluated_once_for_each_time(small, isotropic):
     for step in range(4):
         target(0.25 * step, 0.25, x)
     assert times == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+GENERAL = ["0.1*(t*Y)**1.5", "0.02*sin(9*t)*(1 - Y)", "0.03*sin(7*t + 2*Y)*where(t < 0.4, t, 0.4)"]
+OF_TIME = ["exp(-t)*(1 + t)**1.7", "0.02*sin(9*t)", "where(t < 0.4, t, 0.4)"]
+
+
+@pytest.mark.parametrize("motion", [GENERAL, OF_TIME, ["0.1*Y**t", 0, 0]])
+@pytest.mark.parametrize("nodes", [1, 3, 21])
+def test_times_evaluated_at_once_have_the_bits_of_single_ones(motion, nodes, rng):
+    pin = fc.Pin("left", motion).at(rng.uniform(0.1, 1.0, (nodes, 2)))
+    times = np.append(rng.uniform(0.01, 1.0, 60), [2.0, 1.0])
+    for some in (times, times[-2:], times[-1:]):
+        for all_, single in zip(pin.at_once(some), (pin.displacement, pin.speed), strict=True):
+            assert all_.shape == (len(some), nodes if "Y" in str(motion) else 1, 3)
+            for t, row in zip(some, all_, strict=True):
+                assert np.array_equal(row.ravel(), single(float(t)).ravel())
+
+
+@pytest.mark.parametrize("dt", [1e-4, None], ids=["fixed steps", "stable steps"])
+@pytest.mark.parametrize("method", [fc.CentralDifference(), fc.SymplecticEuler()], ids=repr)
+def test_formulas_are_evaluated_for_many_steps_at_once(dt, method, small, isotropic, monkeypatch):
+    """Also where a march is resumed and where fused steps are taken; the bits are the same."""
+    system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", GENERAL)])
+    start, calls, original = system.rest(), [], Motion.__call__
+
+    def counted(motion, t):
+        calls.append(t)
+        return original(motion, t)
+
+    monkeypatch.setattr(Motion, "__call__", counted)
+    march = fc.march(system, method, start, dt, 1.0)
+    opened = next(march)  # it warns of jumps, for which it evaluates many times
+    calls.clear()
+    taken = [opened, *itertools.islice(march, 299)]
+    states, infos = zip(*taken, strict=True)
+    assert 3 <= len(calls) <= 2 * (2 + 300 // AT_ONCE + (300 // 16 if dt is None else 0))
+    at = infos[199]
+    going = fc.march(system, method, at.result.state, dt, 1.0, memory=at.memory)
+    again = [state.x for state, _ in itertools.islice(going, 100)]
+    assert all(np.array_equal(x, state.x) for x, state in zip(again, states[200:], strict=True))
+    assert abs(again[-1] - start.x).max() > 1e-6
+    for first in (0, 100):  # begins, sizes and ends as fused steps have them
+        some = infos[first : first + 150]
+        times = np.array([some[0].old.t, *(info.t for info in some)])
+        calls.clear()
+        rows = MotionRows.evaluate(system.constraints, times, np.array([i.size for i in some]))
+        assert len(calls) <= 3 * 3
+        left = system.constraints.nodes
+        for row, info in zip(rows.speed, some, strict=True):
+            assert np.array_equal(row, info.result.state.v[left])
+
+
+def test_a_value_that_is_not_finite_ahead_does_not_stop_a_run(small, isotropic):
+    """Times after the end of a run, and speeds that are difference quotients, as of √t³ at 0."""
+    ends = np.linspace(0.1, 2.0, 20)
+    for motion in (["0.1*Y*log(1.05 - t)", 0, 0], ["0.1*Y*sqrt(1.05 - t)**3", 0, 0]):
+        system = fc.System(small, isotropic, [fc.StVK()], [fc.Pin("left", motion)])
+        ((pin, left),) = system.constraints.groups.values()
+        system.constraints.expect(ends)
+        x, v = system.constraints.target(0.0, 0.1, system.rest().x)
+        change = pin.displacement(0.1) - pin.displacement(0.0)
+        assert change.any()
+        assert np.array_equal(x[left], system.rest().x[left] + change)
+        assert np.array_equal(v[left], pin.speed(0.1))

@@ -141,7 +141,7 @@ def _motion(motion: Motion) -> Values:
     if not motion.by_place or motion.X is None:
         return motion
     few = replace(motion, X=_few(motion.X))
-    return lambda times: few(times[:, None]).reshape(len(times), -1)
+    return lambda times: few(times).reshape(len(times), -1)
 
 
 def _force(bound, state: State, t: float) -> np.ndarray:
