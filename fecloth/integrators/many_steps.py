@@ -89,9 +89,7 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
     return state
 
 
-@lru_cache(
-    maxsize=1
-)  # calls follow one another, and it takes as long as 500 steps of 2,000 triangles
+@lru_cache(maxsize=1)  # it takes as long as 500 steps of 2,000 triangles
 def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
     """The fused steps of a system, and who may use them."""
     if threads not in (1, system.threads):

@@ -112,12 +112,10 @@ class FusedMarch:
         left: object = taken.memory
         step = taken.step
         if limited:
-            before = replace(
-                limited, steps=limited.steps + taken.number, method_memory=taken.memory
-            )
-            left = before
+            number = limited.steps + taken.number
+            left = replace(limited, steps=number, method_memory=taken.memory)
             if step:
-                after = replace(before, steps=before.steps + 1, method_memory=step.memory)
+                after = replace(limited, steps=number + 1, method_memory=step.memory)
                 step = replace(step, memory=after)
         seconds = time.perf_counter() - begin
         return Skipped(taken.number, taken.state, left, step, taken.flows, seconds)

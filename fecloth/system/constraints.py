@@ -43,14 +43,12 @@ class _MovedGroup:
             assert isinstance(self.pin.motion, Motion)
             after, speeds = values
             return after - self.pin.motion(begins).reshape(after.shape), speeds
-        paths = []
+        pairs = []
         for t, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            before = self.displacement(t)
-            after, speed = self.end(end, since=t)
-            paths.append(np.broadcast_arrays(after - before, speed))
-        shape = len(ends), -1, 3
-        both = np.array(paths)
-        return both[:, 0].reshape(shape), both[:, 1].reshape(shape)
+            before, (after, speed) = self.displacement(t), self.end(end, since=t)
+            pairs.append(np.broadcast_arrays(after - before, speed))
+        both = np.array(pairs).reshape(len(ends), 2, -1, 3)
+        return both[:, 0], both[:, 1]
 
     def _look_ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Evaluate the times that are expected from t on; None if t is none of them."""
