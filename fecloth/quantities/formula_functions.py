@@ -232,9 +232,7 @@ def _smoothstep(a: float, b: float, t: float) -> float:
 
 def _power_of_arrays(a: Any, b: Any) -> Any:
     """a ** b; exponents get a place each, as NumPy rounds differently where one is for many."""
-    if np.ndim(b):
-        b = np.array(np.broadcast_to(b, np.broadcast_shapes(np.shape(a), np.shape(b))))
-    return a**b
+    return a ** (np.array(np.broadcast_arrays(a, b)[1]) if np.ndim(b) else b)
 
 
 ARRAYS = Arithmetic(

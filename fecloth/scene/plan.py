@@ -94,8 +94,7 @@ def _threads_and_memory(problem: Problem) -> str:
     if problem.linear in ("pcg", "multigrid"):
         return f"{loops}, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
-    factored = estimate_memory(problem.system)
-    count = mkl_pardiso.threads()  # None before the MKL is loaded, which takes 0.5 s
+    factored, count = estimate_memory(problem.system), mkl_pardiso.threads()  # None: not loaded
     words = f"{loops}{f', {count} in factorisations' if count else ''}"
     return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 

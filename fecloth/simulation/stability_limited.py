@@ -85,8 +85,7 @@ class StabilityLimited(ChosenSteps):
         limited = memory or self._start(now, state)
         if limited.steps % LOOK == 0:
             limited = self._update(now, state, limited)
-            sizes = np.full(AT_ONCE, limited.dt)
-            system.constraints.expect(np.add.accumulate(np.append(state.t, sizes))[1:])
+            system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
         step = take_step(self.method, system, state, dt, solver, limited.method_memory, history)
         if limited.steps == 0:

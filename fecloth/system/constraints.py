@@ -142,10 +142,7 @@ class Constraints:
         return x, v
 
     def expect(self, times: np.ndarray) -> None:
-        """Let `target` evaluate formulas at many of these ascending times at once.
-
-        The times are the ends of steps to come. Only the cost depends on them, no value does.
-        """
+        """Let `target` evaluate formulas at many of these ends of steps at once, to equal bits."""
         for group in self._moved:
             group.expected = times
 

@@ -194,9 +194,8 @@ class Pin:
         """(3,) or (k, 3) [m]."""
         if not callable(self.motion):  # None: `__post_init__` makes formulas a `Motion`
             return np.zeros(3)
-        if isinstance(self.motion, Motion):  # its values are finite and of this shape
-            return self.motion(t)
-        return self._checked(self.motion, t, "motion")
+        is_formula = isinstance(self.motion, Motion)  # its values are finite and of this shape
+        return self.motion(t) if is_formula else self._checked(self.motion, t, "motion")
 
     def speed(self, t: float, since: float = -math.inf) -> np.ndarray:
         """(3,) or (k, 3) velocity [m/s]; a difference takes no displacement before `since`."""
