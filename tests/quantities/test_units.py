@@ -226,7 +226,8 @@ def test_every_number_of_a_scene_has_its_units_or_is_listed_as_plain():
 def documented(cls, key):
     """The units in square brackets that a class's docstring has for a parameter."""
     entry = rf"^    (?:\w+, )*{key}(?:, \w+)*\n((?:        .*\n|\n)+)"
-    text = re.search(entry, f"{cls.__doc__}\n", re.MULTILINE)[1]
+    docs = [f"{base.__doc__}\n" for base in cls.__mro__]  # `Shape` says how all shapes move
+    text = next(text[1] for doc in docs if (text := re.search(entry, doc, re.MULTILINE)))
     spelt = str.maketrans({"²": "^2", "³": "^3", " ": "*"})
     inside = ", ".join(re.findall(r"\[(.*?)\]", text))
     return {unit.translate(spelt) for unit in re.split(r", |; | or | for ", inside)}
