@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.elements import ELEMENTS
 
 ROUND_OFF = 1e-14  # of the coordinates: the rounding error of their differences
 MOST_NEIGHBOURS, SAMPLE = 500, 500
@@ -176,36 +177,44 @@ class Enclosure:
     [1.0, 1.0]
     """
 
-    triangles: np.ndarray  # (m, 3) oriented corners
-    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle.
+    triangles: np.ndarray  # (m, k) nodes in the order of `Cloth.cells`: P1 or P2
+    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle; for P2
+    # (r, 3): their midpoints follow.
     rim: np.ndarray
     centre: sparse.csr_matrix  # (rims, n) matrix from nodal positions to the mean of each rim
     part: np.ndarray  # (r,) rim of each edge
 
     @classmethod
     def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Self:
-        """Find the rims of triangles (m, 3) over so many nodes."""
-        corners = triangles.astype(np.int64)
+        """Find the rims of triangles (m, 3), or P2 (m, 6), over so many nodes."""
+        cells = triangles.astype(np.int64)
+        corners, midpoints = cells[:, :3], cells[:, 3:].reshape(3 * len(cells), -1)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
         is_rim = ~np.isin(edges @ (nodes, 1), edges @ (1, nodes))
-        rim = edges[is_rim]
-        graph = sparse.csr_matrix((np.ones(len(rim)), rim.T), shape=(nodes, nodes))
+        rim = np.hstack([edges, midpoints])[is_rim]
+        graph = sparse.csr_matrix((np.ones(len(rim)), rim[:, :2].T), shape=(nodes, nodes))
         label = connected_components(graph, directed=False)[1]
         _, part = np.unique(label[rim[:, 0]], return_inverse=True)
-        entries = np.ones(len(rim)), (part, rim[:, 0])
+        own = np.delete(rim, 1, axis=1)  # each node of a rim once
+        entries = np.ones(own.size), (np.repeat(part, own.shape[1]), own.ravel())
         centre = sparse.csr_matrix(entries, shape=(part.max(initial=-1) + 1, nodes))
         share = sparse.diags(1.0 / np.asarray(centre.sum(axis=1)).ravel())
-        return cls(corners, rim, share @ centre, part)
+        return cls(cells, rim, share @ centre, part)
 
     def volume(self, x: np.ndarray) -> float:
-        """Return V = Σ x₁ · (x₂ × x₃) / 6 over triangles and caps for positions x (n, 3) [m³].
+        """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³].
 
-        V is positive where the oriented normals point out of it. For P2 the corners count.
+        V is positive where the oriented normals point out of it. Triangles and edges of P2 are
+        curved; the rule of its energy is exact for V.
         """
-        surface = _signed_volume(*(x[corner] for corner in self.triangles.T))
-        first, second = self.rim.T
-        return surface + _signed_volume((self.centre @ x)[self.part], x[second], x[first])
-
-
-def _signed_volume(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    return float(np.einsum("ei,ei->", a, np.cross(b, c))) / 6
+        kind = ELEMENTS["P1" if self.triangles.shape[1] == 3 else "P2"]
+        places, total = x[self.triangles], 0.0
+        for N, slopes, weight in zip(kind.values, kind.slopes, kind.rule[1], strict=True):
+            at, *sides = (np.einsum("k,eki->ei", c, places) for c in (N, *slopes))
+            total += weight / 3 * np.vdot(at, np.cross(*sides))
+        # A cap to c: ⅙ c · ∫ r' × r dt; r has the ends a, b and the bulge m − (a + b)/2.
+        a, b = x[self.rim[:, 0]], x[self.rim[:, 1]]
+        swept = np.cross(b, a)
+        if self.rim.shape[1] == 3:
+            swept -= 4 / 3 * np.cross(x[self.rim[:, 2]] - (a + b) / 2, b - a)
+        return float(total + np.vdot((self.centre @ x)[self.part], swept) / 6)

@@ -109,7 +109,7 @@ class Observer:
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> Observer:
         probes, cloth = _distinct(probes), system.cloth
         weights = {p.name: p.weights(cloth) for p in probes}
-        enclosure = Enclosure.from_triangles(cloth.triangles, len(cloth.X)) if shape else None
+        enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X)) if shape else None
         return cls(system, start, weights, enclosure)
 
     def row(self, old: State | None, step) -> dict[str, float]:

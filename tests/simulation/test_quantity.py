@@ -202,6 +202,26 @@ def test_the_volume_under_a_dome_and_in_a_tube():
     assert_allclose(Enclosure.from_triangles(tube, 2 * n).volume(x), exact, rtol=1e-12)
 
 
+def test_the_volume_of_quadratic_triangles_takes_their_curved_sides():
+    """V = ∫ z dA less the cap over a curved rim: P2 has both paraboloid and cap exactly.
+
+    The cap to the apex c is ∫ z dA = (4 c + ∮ z ds) / 3 over a square whose sides are at 1 of c.
+    """
+    cloth = fc.Cloth.rectangle(2.0, 2.0, h=1.0, pattern="right", element="P2")
+    X, Y = cloth.X.T - 1
+    enclosure = Enclosure.from_triangles(cloth.cells, len(X))
+    Z = 2 - X**2 - Y**2 / 2
+    apex = Z[np.maximum(abs(X), abs(Y)) == 1].mean()  # the mean of the rim's nodes
+    sides = 2 * (3 - 2 / 3) + 2 * (2 - 1 / 3)  # ∮ z ds, along X and along Y
+    exact = 8 - 4 / 3 - 2 / 3 - (4 * apex + sides) / 3
+    assert_allclose(enclosure.volume(np.column_stack([X, Y, Z])), exact, rtol=1e-12)
+    elsewhere = np.column_stack([Z, X, Y]) + [3, -1, 2]
+    assert_allclose(enclosure.volume(elsewhere), exact, rtol=1e-12)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], mass="consistent")
+    row = Observer.bind(system, system.state(elsewhere), shape=True).row(None, None)
+    assert_allclose(row["volume"], exact, rtol=1e-12)
+
+
 def test_an_observer_records_stretches_and_volume_where_asked():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
