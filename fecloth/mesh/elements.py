@@ -71,10 +71,10 @@ class Element:
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """(q, 2, k) derivatives of N_a by ξ and η of the unit triangle at the points of the rule."""
+        """(q, 2, k) derivatives of N_a by ξ and η, at the points of the unit triangle."""
         k, points = len(self.reference_mass), self.rule[0]
-        slopes = [self.shapes.lbasis(points, a)[1] + np.zeros_like(points) for a in range(k)]
-        return np.stack(slopes, axis=-1).swapaxes(0, 1)
+        slopes = [self.shapes.lbasis(points, a)[1] for a in range(k)]
+        return np.stack([s + 0 * points for s in slopes], axis=-1).swapaxes(0, 1)
 
     def basis(self, mesh: skfem.MeshTri, order: int) -> skfem.CellBasis:
         """Scalar scikit-fem basis whose quadrature is exact to polynomial degree `order`."""

@@ -97,6 +97,7 @@ class Probe:
 class Observer:
     """The quantities recorded at every step, bound to a system and its start.
 
+    `sag` is the greatest fall of a node since the start, whatever shape the cloth starts in [m].
     With `shape` these are also the largest and least principal stretch and the enclosed volume.
     """
 

@@ -69,8 +69,8 @@ class Result:
     energies
         Column of the ledger → (s + 1,) [J]; see `Ledger`.
     observed
-        Column → (s + 1,): probe paths, mean displacement, sag, area, reactions of the pins and
-        obstacles, least distance from each obstacle.
+        Column → (s + 1,): probe paths, mean displacement, sag (greatest fall since the
+        start), area, reactions of the pins and obstacles, least distance from each obstacle.
     seconds
         Wall seconds by phase.
     solver

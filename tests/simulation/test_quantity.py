@@ -222,6 +222,16 @@ def test_the_volume_of_quadratic_triangles_takes_their_curved_sides():
     assert_allclose(row["volume"], exact, rtol=1e-12)
 
 
+def test_sag_is_the_greatest_fall_since_the_start_also_from_an_arc():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
+    arc = system.rest().x - np.outer(cloth.X[:, 0] * (1 - cloth.X[:, 0]), [0, 0, 1])
+    end = system.state(arc - np.outer(0.05 * cloth.X[:, 0], [0, 0, 1]))
+    row = Observer.bind(system, system.state(arc)).row_at_rest(end)
+    assert_allclose(row["sag"], 0.05)  # of the side at X = 1, where the depth at X = ½ is 0.275
+    assert_allclose(-end.x[:, 2].min(), 0.275)
+
+
 def test_an_observer_records_stretches_and_volume_where_asked():
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
