@@ -91,10 +91,10 @@ class Recorder:
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
         return self._progress(problem.state, problem.first_memory, accounts)
 
-    def _progress(self, state: State, memory, accounts: Accounts, warnings=()) -> Progress:
+    def _progress(self, state, memory, accounts: Accounts, warnings=(), wanted=None) -> Progress:
         """Return the progress with what the files have now."""
         frames, sizes = len(self.files.frames.times), self.files.sizes
-        return Progress(state, memory, accounts, warnings, frames, sizes)
+        return Progress(state, memory, accounts, warnings, wanted, frames, sizes)
 
     def _resume(self, found: Restart) -> None:
         """Remove what an earlier run wrote after its restart file."""
@@ -145,7 +145,7 @@ class Recorder:
         problem, before = self.problem, self.progress
         if before.state.t >= problem.t_end:  # it was killed while it closed
             return
-        steps = problem.march(self.solver, before.state, before.memory)
+        steps = problem.march(self.solver, before.state, before.memory, before.wanted)
         given = self.run, problem.observer, before.accounts, problem.next_row
         for record in record_steps(steps, *given):
             info = record.info
@@ -177,7 +177,8 @@ class Recorder:
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
                 accounts = self._frame(record.state, accounts, info.t >= self.problem.t_end)
-            self.progress = self._progress(record.state, info.memory, accounts, before.warnings)
+            later = before.warnings, record.wanted
+            self.progress = self._progress(record.state, info.memory, accounts, *later)
         except BaseException:
             self.progress = before
             self.files.cut(before)

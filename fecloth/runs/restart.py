@@ -24,11 +24,12 @@ from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.simulation.account import Accounts
+from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import Memory
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
-FORMAT = 7
+FORMAT = 8
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest")  # keys that do not change a run
@@ -44,6 +45,7 @@ class Progress:
     memory: Memory
     accounts: Accounts
     warnings: tuple[str, ...]  # since the first step
+    wanted: Wanted | None  # the next step to record; None: each
     # Number of frames, and the bytes of each table.
     frames: int
     tables: Mapping[str, int]

@@ -89,7 +89,11 @@ class Problem:
         return Wanted(step, t)
 
     def march(
-        self, solver: SolverContext, state: State | None = None, memory: Memory | None = None
+        self,
+        solver: SolverContext,
+        state: State | None = None,
+        memory: Memory | None = None,
+        wanted: Wanted | None = None,
     ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
         """March to the end from the start, or from a later state with the `Memory` of its step.
 
@@ -97,4 +101,5 @@ class Problem:
         dt.
         """
         run = self.system, self.steps, state or self.state, None, self.t_end
-        return march(*run, stops=self.stops, solver=solver, memory=memory or self.first_memory)
+        memory = memory or self.first_memory
+        return march(*run, stops=self.stops, solver=solver, memory=memory, wanted=wanted)

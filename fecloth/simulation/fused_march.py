@@ -24,6 +24,7 @@ from fecloth.simulation.stability_limited import (
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
+from fecloth.terms.records import remembered
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
 FEWEST = 1  # more steps are worth the copies of a call
@@ -32,6 +33,7 @@ CHECK_EVERY = 8  # explicit steps between two looks at the stretches
 LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all finite at the end
 
 
+@remembered
 @dataclass(frozen=True)
 class Wanted:
     """The next step that a loop over `march` needs, given by ``send``.

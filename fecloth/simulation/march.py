@@ -101,6 +101,7 @@ def march(
     newton: Newton | None = None,
     most_stretch: float = 20.0,
     memory: Memory | None = None,
+    wanted: Wanted | None = None,
 ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
     """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
 
@@ -131,6 +132,8 @@ def march(
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
         state: bit for bit, if that called `SolverContext.drop` at this step.
+    wanted
+        The first step that the consumer of a continued march needs, as by ``send``.
 
     Raises
     ------
@@ -163,9 +166,14 @@ def march(
     number, last_memory, good = begin.step, begin.method_memory, state
     history, is_informed = begin.history, needs_history(solver)
     system.constraints.expect(targets)
-    place, fused, skipped = 0, Skipping(system, steps, most_stretch, targets, stops), None
-    while place < len(targets):
-        target = targets[place]
+    fused = Skipping(system, steps, most_stretch, targets, stops)
+    while state.t < targets[-1]:
+        skipped = None if records else fused.skip(state, last_memory, number, wanted)
+        if skipped:
+            state, last_memory = skipped.state, skipped.memory
+            number += skipped.number
+            good = good if _problem(system, state, most_stretch, True) else state
+        target = targets[np.searchsorted(targets, state.t, side="right")]
         number, horizon = number + 1, target - state.t
         if is_informed:
             solver = history.inform(solver, system, steps.traits, state)
@@ -191,12 +199,6 @@ def march(
         info = StepInfo(number, state, result, after, skipped, is_part)
         state, last_memory, records = new, result.memory, result.history
         wanted = yield state, info
-        skipped = None if records else fused.skip(state, last_memory, number, wanted)
-        if skipped:
-            state, last_memory = skipped.state, skipped.memory
-            number += skipped.number
-            good = good if _problem(system, state, most_stretch, True) else state
-        place += int(np.searchsorted(targets[place:], state.t, side="right"))
 
 
 def refuse_arguments(system, method, state, newton, most_stretch):

@@ -28,6 +28,7 @@ class Record:
     info: StepInfo
     accounts: Accounts  # after the step
     rows: dict[str, dict[str, float]]  # of the tables "energies", "observed" and "steps"
+    wanted: Wanted | None  # the step to record next; None: each
     seconds: float  # wall time of the recording
 
 
@@ -50,23 +51,27 @@ def record_steps(
         begin = time.perf_counter()
         accounts = accounts.follow(run, info)
         rows = accounts.rows(observer.row(info.old, info.result))
-        yield Record(state, info, accounts, rows, time.perf_counter() - begin)
-        taken = _advance(steps, info, next_row, accounts.due)
+        wanted = next_row and _with_due(next_row(info), info, accounts.due)
+        yield Record(state, info, accounts, rows, wanted, time.perf_counter() - begin)
+        taken = _advance(steps, wanted)
 
 
-def _advance(steps, info: StepInfo, next_row: Callable[[StepInfo], Wanted] | None, due: int):
-    """Return the next recorded step, or None.
+def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
+    """Return the next step to record: the step `due` for an account is always recorded.
 
-    The step `due` for an account is always one, and takes the place of a row that is wanted shortly
-    before.
+    It takes the place of a row that is wanted shortly before.
     """
-    if next_row is None or not isinstance(steps, Generator):
-        return next(steps, None)
-    wanted = next_row(info)
     if info.step + LATE * (wanted.t - info.t) / info.dt >= due:
         wanted = replace(wanted, t=math.inf)
+    return replace(wanted, step=min(wanted.step, due))
+
+
+def _advance(steps, wanted: Wanted | None):
+    """Return the next recorded step, or None."""
+    if wanted is None or not isinstance(steps, Generator):
+        return next(steps, None)
     with suppress(StopIteration):
-        return steps.send(replace(wanted, step=min(wanted.step, due)))
+        return steps.send(wanted)
     return None
 
 

@@ -287,6 +287,23 @@ def test_an_interrupted_run_goes_on_without_restart_steps(scene, tmp_path):
     assert {name: whole[name] == broken.get(name) for name in whole} == dict.fromkeys(whole, True)
 
 
+def test_sparse_rows_of_fused_steps_are_the_same_after_any_chain_of_interruptions(scene, tmp_path):
+    sparse = UNASKED.replace("every = 0.01", "rows = 9, frames = 2")
+    scene.write_text(sparse.replace("t_end = 0.06", "dt = 1e-4, t_end = 0.1"))
+    counted = []
+    run_scene(load_scene(scene), tmp_path / "whole", report=lambda info: counted.append(info.step))
+    assert counted[-1] > 3 * len(counted)  # most steps are fused
+    broken = tmp_path / "broken"
+    for resume, after in enumerate(counted[21:-1:43]):
+        assert interrupted(scene, broken, after, resume > 0).status == "interrupted"
+    go(scene, broken, resume=True)
+    expected, found = written(tmp_path / "whole"), written(broken)
+    assert [name for name in expected if found[name] != expected[name]] == []
+    summaries = [json.loads((f / "summary.json").read_text()) for f in (tmp_path / "whole", broken)]
+    whole, resumed = ({**summary, "seconds": 0, "peak_memory_MB": 0} for summary in summaries)
+    assert resumed == whole
+
+
 def test_an_interruption_between_two_restarts_costs_no_bit(scene, tmp_path):
     """With a kept factor the run goes back to the last regular restart."""
     run_scene(load_scene(scene), tmp_path / "whole")

@@ -47,7 +47,7 @@ def names(read):
 
 def restart_at(state, memory):
     """A restart file's record of a run that accounts for nothing."""
-    progress = restart.Progress(state, memory, Accounts({}), (), 0, {})
+    progress = restart.Progress(state, memory, Accounts({}), (), None, 0, {})
     return restart.Restart("", "", "", progress, True, {})
 
 
