@@ -22,7 +22,7 @@ def load(where: str) -> Any:
         import ipctk
     except ImportError as error:
         remedy = "In the clone, pip install '.[contact]'."
-        raise InputError(where, "needs the package ipctk", where, remedy) from error
+        raise InputError(where, "needs the package ipctk", remedy=remedy) from error
     ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
     return ipctk
 
