@@ -7,8 +7,11 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 
-def check_system(system: object, state: object, where: str) -> None:
-    """Raise `InputError` for what is no system, or no state of it; `where` names the function."""
+def check_system(system: object, state: object, where: str, starts: bool = True) -> None:
+    """Raise `InputError` for what is no system, or no state of it; `where` names the function.
+
+    A state that `starts` a motion must be outside of obstacles, too.
+    """
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
         allowed = "must be a System(cloth, fabric, terms, pins)"
@@ -20,7 +23,7 @@ def check_system(system: object, state: object, where: str) -> None:
         raise InputError(f"state.t = {state.t!r}", "must be a finite number [s]", where)
     for name in ("x", "v"):
         _array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
-    for term in system.bound:
+    for term in system.bound if starts else ():
         term.check_start(state.x, state.t, where)
 
 

@@ -118,7 +118,7 @@ def space_error(system: System, state: State) -> SpaceError:
     error in space about 17 % of stress and moment
     error in space about 8.5 % of stress and moment
     """
-    check_system(system, state, "space_error")
+    check_system(system, state, "space_error", starts=False)
     m = len(system.cloth.triangles)
     if reason := _refusal(system):
         return SpaceError(math.nan, np.full(m, math.nan), reason)

@@ -150,6 +150,15 @@ def test_a_state_that_has_crossed_is_refused_by_name():
         refuse_crossed(system, system.state(through))
 
 
+def test_the_error_in_space_of_a_state_that_has_crossed_is_no_error():
+    """A run ends with its result, whatever is known of it."""
+    system, start = two_layers([ITSELF, FLOOR], 1.0)
+    below = system.state(start.x - [0, 0, 0.01])
+    assert fc.space_error(system, below).reason
+    with pytest.raises(fc.InputError, match="inside"):
+        next(fc.march(system, fc.BackwardEuler(), below, 0.01, 0.1))
+
+
 def test_a_held_node_that_is_led_into_an_obstacle_is_named():
     cloth = fc.Cloth.rectangle(0.1, 0.1, 0.05, pattern="right")
     down = fc.Pin("left", motion=(0, 0, "-t"))
