@@ -131,9 +131,8 @@ def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
     folder.text("scene.resolved.toml", scene.to_toml())
     folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
     folder.log(f"{_sizes(problem)}; solver {why}")
-    for line in (problem.note, *(f"warning: {words}" for words in warnings)):
-        if line:
-            folder.log(line)
+    for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
+        folder.log(line)
 
 
 def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:

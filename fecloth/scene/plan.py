@@ -42,9 +42,8 @@ def plan(problem: Problem, why: str) -> list[str]:
         _threads_and_memory(problem),
         *_weight_line(system),
         *_wrinkle_line(system),
+        *problem.notes(),
     ]
-    if problem.note:
-        lines.append(problem.note)
     limit = element_bound(system, "central_difference")
     if np.isfinite(limit) and not problem.is_static:
         fastest = f"fastest wave in the fabric {max(map(wave_speed, system.panel.fabrics)):.3g} m/s"

@@ -11,7 +11,7 @@ from fecloth.integrators.protocol import StepChoice
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.before_run import NOTES, OF_SCENES, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -71,9 +71,17 @@ class Problem:
 
     def warnings(self) -> list[str]:
         """Return a sentence for each likely problem of the run, with its remedy."""
+        return list(find_warnings(self._planned, OF_SCENES))
+
+    def notes(self) -> list[str]:
+        """Return lines to print before the run: facts that are easily overlooked."""
+        noted = (f"note: {words}" for words in find_warnings(self._planned, NOTES))
+        return [*filter(None, [self.note]), *noted]
+
+    @property
+    def _planned(self) -> PlannedRun:
         ends = np.append(self.stops, self.t_end)
-        run = PlannedRun(self.system, self.state, self.steps, ends)
-        return list(find_warnings(run, OF_SCENES))
+        return PlannedRun(self.system, self.state, self.steps, ends)
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""

@@ -197,10 +197,17 @@ def _dissipation(term, over, step, dt):
 def _work(term, old, step, explicit):
     """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
 
-    The air's, whose force also dissipates, is its power at the stages.
+    The air's, whose force also dissipates, is its power at the stages. A quadratic energy U(x, t),
+    of a tether, is moved by the change of U from t to t + dt, as a mean over both ends of the step.
     """
+    new = step.state
     if has_power_column(term):
-        return (step.state.t - old.t) * _mean(term.supply, step.stages)
+        work = (new.t - old.t) * _mean(term.supply, step.stages)
+        if term.conserves:  # a mean of the rate of U would not see a jump
+            work += (
+                sum(term.energy(at.x, new.t) - term.energy(at.x, old.t) for at in (old, new)) / 2
+            )
+        return work
     f = np.zeros_like(old.x)
     for at in step.stages:
         term.add_force(at.x, at.v, at.t, f)

@@ -203,7 +203,10 @@ class BoundTerm:
         return 0.0
 
     def supply(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
-        """Power f · v [W] of a load without an energy: its work gets a column of the ledger."""
+        """Power f · v [W] of a load without an energy: its work gets a column of the ledger.
+
+        With an energy that `conserves`, the ledger adds what changes that energy with t alone.
+        """
         return 0.0
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:

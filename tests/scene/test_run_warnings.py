@@ -63,7 +63,6 @@ WARNINGS = {  # overrides for the warning, and what its remedy adds to them
     ),
     "If you meant ms, write 0.005": (["time.dt=5", "time.t_end=10"], ["time.dt=0.005"]),
     "3113 times shorter than even an explicit": (["time.dt=1e-7"], ["time.dt=1e-4"]),
-    "starts in a plane": (HUNG, ['start={position=["X", "0.001 * sin(9 * X)", "Y"]}']),
     "may gain energy": ([MIDPOINT], ["time.method=energy_momentum"]),
     "and damping takes 5e-10 % a step from them": (
         [MIDPOINT, TERMS.format("HingeBending", "MassDamping", ", rate=1e-9")],
@@ -83,10 +82,6 @@ WARNINGS = {  # overrides for the warning, and what its remedy adds to them
         ["pins.0={inside='X < 0.01 and Y > 0.48'}"],
         ["pins.0={inside='X < 0.01 and Y > 0.44'}"],
     ),
-    "the pins lie on a line": (
-        ["fabric.bending_rigidity=2e-3"],
-        ["pins.0={inside='X < 0.051'}"],
-    ),
     "the cloth is 40 m long": (
         [
             "cloth.width=40",
@@ -98,6 +93,26 @@ WARNINGS = {  # overrides for the warning, and what its remedy adds to them
         ["cloth.width=0.4", "cloth.height=0.2", "cloth.h=0.02"],
     ),
 }
+
+NOTES = {  # overrides for the note, and what takes it away
+    "starts in a plane": (HUNG, ['start={position=["X", "0.001 * sin(9 * X)", "Y"]}']),
+    "the pins lie on a line": (
+        ["fabric.bending_rigidity=2e-3"],
+        ["pins.0={inside='X < 0.051'}"],
+    ),
+}
+
+
+@pytest.mark.parametrize("words", NOTES)
+def test_a_fact_that_makes_nothing_wrong_is_a_note_and_no_warning(words, scene):
+    overrides, other = NOTES[words]
+    problem = load_scene(scene, overrides).build()
+    (note,) = problem.notes()
+    assert note.startswith("note: the ")
+    assert words in note
+    assert note in plan.plan(problem, "")
+    assert problem.warnings() == []
+    assert load_scene(scene, [*overrides, *other]).build().notes() == []
 
 
 @pytest.mark.parametrize("words", WARNINGS)
@@ -116,15 +131,22 @@ def test_few_long_steps_of_backward_euler_seek_a_state_of_rest(dt, steps, settle
     assert any("is large" in words for words in warnings_of(scene, *given)) != settles
 
 
+def notes_of(scene, *overrides):
+    return load_scene(scene, overrides).build().notes()
+
+
+def test_no_note_of_a_plane_that_the_cloth_leaves(scene):
+    assert notes_of(scene, *HUNG, 'start.velocity=["0", "1e-3", "0"]') == []
+    assert notes_of(scene, *HUNG, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
+    motion = 'pins.0.motion=["0", "1e-3 * sin(t)", "0"]'
+    assert notes_of(scene, *HUNG, motion, "time.t_end=1") == []
+
+
 def test_no_warning_without_a_reason(scene):
     assert warnings_of(scene) == []
     damped = TERMS.format("HingeBending", "StrainRateDamping", ", time=0.001")
     assert warnings_of(scene, MIDPOINT, damped) == []
     assert warnings_of(scene, *SOFT, "pins=[]") == []
-    assert warnings_of(scene, *HUNG, 'start.velocity=["0", "1e-3", "0"]') == []
-    assert warnings_of(scene, *HUNG, "terms.2.acceleration=[0, 1e-3, -0.01]") == []
-    motion = 'pins.0.motion=["0", "1e-3 * sin(t)", "0"]'
-    assert warnings_of(scene, *HUNG, motion, "time.t_end=1") == []
     assert warnings_of(scene, *SOFT, "terms.2.acceleration=[0, 0, -1]") == []
     assert warnings_of(scene, *EULER, TERMS.format("HingeBending", "MassDamping", ", rate=3")) == []
 

@@ -21,7 +21,6 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     terms.find_gas_without_pressure,
     terms.find_cutting_edges,
     pins.find_idle_pins,
-    pins.find_free_turn,
     jumps.find_motion_jumps,
     course.find_step_beyond_end,
     unseen.find_missed,
@@ -32,11 +31,11 @@ OF_SCENES: tuple[Doubt, ...] = (
     *DOUBTS,
     course.find_slivers,
     course.find_large_weight,
-    course.find_flat_start,
     course.find_fast_waves,
     course.find_short_steps,
     course.find_numerical_damping,
 )
+NOTES: tuple[Doubt, ...] = (pins.find_free_turn, course.find_flat_start)  # facts, no doubts
 
 
 def find_warnings(run: PlannedRun, doubts: Iterable[Doubt] = DOUBTS) -> Iterator[str]:

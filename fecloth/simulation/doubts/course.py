@@ -61,7 +61,7 @@ def find_large_weight(run: PlannedRun) -> Iterator[str]:
 
 
 def find_flat_start(run: PlannedRun) -> Iterator[str]:
-    """Warn of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
+    """Say of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
     system, state = run.system, run.state
     if not has_kind(system.terms, "bending"):
         return

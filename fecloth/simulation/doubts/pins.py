@@ -82,7 +82,7 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 
 
 def find_free_turn(run: PlannedRun) -> Iterator[str]:
-    """Warn of pins on a line if the load turns a cloth about it that a clamp would hold up."""
+    """Say of pins on a line if the load turns a cloth about it that a clamp would hold up."""
     system, state = run.system, run.state
     motion = rotation_about_pins(system, state.x)
     bends = has_kind(system.terms, "bending")

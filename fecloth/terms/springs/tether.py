@@ -20,7 +20,7 @@ class Tether:
     """C = x − p(t), energy ½ k |x − p|² for each node: a spring of no length to the point p(t).
 
     Force −k (x − p) − k_d (v − ṗ); K = k I and D = k_d I, exactly, for C is linear. The ledger
-    books the power of the hand, Σ f·ṗ, as the tether's work.
+    books the work of the hand, ∫ Σ f·dp, as the tether's work, jumps of p included.
 
     Source: the condition loop with ∂C = I, Baraff and Witkin (1998), Large Steps in Cloth
     Simulation, eqs. 7, 8, 11, 13.
@@ -88,10 +88,11 @@ class BoundTether(bound_condition.BoundCondition):
         return self.point.rate(t)
 
     def supply(self, x, v, t) -> float:
-        """Power of the hand, Σ f·ṗ [W]."""
-        f = np.zeros_like(x)
-        self.add_force(x, v, t, f)
-        return float(f.sum(axis=0) @ self.speed(t))
+        """Power of the hand on the damping, −Σ k_d (v − ṗ)·ṗ [W]; the ledger adds ∂U/∂t."""
+        f, w, speed = np.zeros_like(x), v - self.speed(t), self.speed(t)
+        super().add_force(x, w, t, f)
+        super().add_force(x, np.zeros_like(x), t, still := np.zeros_like(x))
+        return float((f - still).sum(axis=0) @ speed)
 
     def power(self, x, v, t) -> float:
         return super().power(x, v - self.speed(t), t)

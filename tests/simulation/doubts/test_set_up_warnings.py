@@ -8,7 +8,8 @@ import pytest
 from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.simulation.doubts.pins import rotation_about_pins
+from fecloth.simulation.doubts.before_run import DOUBTS
+from fecloth.simulation.doubts.pins import find_free_turn, rotation_about_pins
 
 CLOTH = {name: fc.Cloth.rectangle(0.3, 0.2, h=0.05, pattern=name) for name in ("right", "cross")}
 FABRIC = {"areal_density": 0.2, "tensile_stiffness": 500.0, "poisson_ratio": 0.0}
@@ -206,7 +207,8 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
 def find(cloth=CLOTH["right"], start=None, dt=0.01, terms=(), pins=(), fabric=None):
     system = fc.System(cloth, fc.Fabric(**fabric), terms, pins)
     state = system.state(start(cloth)) if start else system.rest()
-    return warnings_before(system, dt, state=state)
+    doubts = (*DOUBTS, find_free_turn)
+    return warnings_before(system, dt, max(1.0, 2 * dt), state=state, doubts=doubts)
 
 
 @pytest.mark.parametrize(("words", "wrong", "right"), CASES)
