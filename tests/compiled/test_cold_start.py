@@ -22,7 +22,7 @@ fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.05)
 """
 KERNELS = {
     # the terms
-    "membrane_loops": {"energy", "add_force", "add_tangent", "add_moduli"},
+    "membrane_loops": {"energy", "add_force", "add_tangent", "add_moduli", "add_stress"},
     "plate_loops": {"add_curvatures", "add_force", "add_measures", "add_products"}
     | {"fill_gradients", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},
@@ -36,7 +36,7 @@ KERNELS = {
     "threads": {"wait"},
     # the errors in time and space, and the shape
     "recovery": {"_fit", "_add_blend"},
-    "rigid_motion": {"_add_difference", "_add_products", "_distance", "_rms_without_rigid"},
+    "rigid_motion": {"_add_difference", "_rms_without_rigid"},
     "kinematics": {"_extreme_stretches"},
     "probes": {"_area"},
 }
