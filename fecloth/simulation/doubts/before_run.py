@@ -21,6 +21,7 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     terms.find_gas_without_pressure,
     terms.find_cutting_edges,
     pins.find_idle_pins,
+    pins.find_uneven_start,
     jumps.find_motion_jumps,
     course.find_step_beyond_end,
     unseen.find_missed,

@@ -16,6 +16,9 @@ DROPPED = 0.01  # part of a motion along its slide that is reported
 REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
 CORNER = 0.5  # rad, between two edges of the border
 STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well
+UNEVEN = (1e-6, 3e-3)  # extents of the cloth: what interpolation moves nodes by
+ROUGH = 0.5  # of the deviation from a uniform stretch; a wave of 6 nodes has it from node to node
+FEWEST = 6  # nodes; the deviation of fewer is rough in any case
 TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 
@@ -76,6 +79,46 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
     a, b = (cloth.X[e[e != node][0]] - cloth.X[node] for e in ends)
     turn = np.pi - np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
     return bool(turn < CORNER)
+
+
+# --- held nodes that start beside their places ----------------------------------------------------
+
+
+def find_uneven_start(run: PlannedRun) -> Iterator[str]:
+    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh.
+
+    A pin holds its nodes where they start. What a uniform stretch and a turn leave of their places
+    is smooth where it is meant; errors of interpolation change from node to node, and are small.
+    """
+    cloth = run.system.cloth
+    for name, (pin, nodes) in run.system.constraints.groups.items():
+        off = _zigzag(cloth, nodes, run.state.x[nodes] @ (np.eye(3) - pin.projector))
+        if UNEVEN[0] < off / cloth.extent < UNEVEN[1]:
+            yield (
+                f"pin {name!r} holds its nodes where they start, and they start up to "
+                f"{1e3 * off:.3g} mm beside their neighbours' line, as after interpolation from "
+                "another mesh: set x[nodes] to the places that the pin is to hold"
+            )
+
+
+def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
+    """Return how far nodes at x (k, 3) lie off the mean of their neighbours [m]; 0 if smoothly."""
+    if len(nodes) < FEWEST:
+        return 0.0
+    affine = np.column_stack([np.ones(len(nodes)), cloth.X[nodes]])
+    off = x - affine @ np.linalg.lstsq(affine, x, rcond=None)[0]
+    parts = cloth.cells[:, list(cloth.kind.parts)].reshape(-1, 3)
+    pairs = np.stack([parts, np.roll(parts, 1, axis=1)], axis=-1).reshape(-1, 2)
+    number = np.full(len(cloth.X), -1)
+    number[nodes] = np.arange(len(nodes))
+    pairs = number[pairs]
+    pairs = pairs[(pairs >= 0).all(axis=1)]
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    sums, counts = np.zeros_like(off), np.bincount(pairs[:, 0], minlength=len(nodes))
+    np.add.at(sums, pairs[:, 0], off[pairs[:, 1]])
+    inner = counts > 1
+    apart = np.linalg.norm(off[inner] - sums[inner] / counts[inner, None], axis=1).max(initial=0)
+    return float(apart) if apart > ROUGH * np.linalg.norm(off, axis=1).max() else 0.0
 
 
 # --- a line of pins about which the cloth turns ---------------------------------------------------

@@ -125,6 +125,43 @@ def door(sticks_out=6.0, turns=5.0):
     return warnings_before(held, DT, doubts=[pins.find_free_turn])
 
 
+def zigzag(apart=1e-4, rough=None, nodes=9):
+    """A held side whose nodes lie so many extents off their neighbours' mean, on a shallow arc."""
+    cloth = fc.Cloth.rectangle(1.0, 1 / (nodes - 1), h=1 / (nodes - 1), pattern="right")
+    held = bound(cloth=cloth, pins=["bottom"])
+    side, x = cloth.nodes("bottom"), held.rest().x
+    z = (-1.0) ** np.arange(nodes) * apart * cloth.extent / 2
+    arc = (cloth.X[side, 0] - 0.5) ** 2
+
+    def part(k):
+        off = z + k * apart * arc
+        off = off - np.polyval(np.polyfit(cloth.X[side, 0], off, 1), cloth.X[side, 0])
+        return abs(off[1:-1] - (off[:-2] + off[2:]) / 2).max() / abs(off).max()
+
+    if rough:
+        z = z + brentq(lambda k: part(k) - rough, 0, 1000) * apart * arc
+    x[side, 2] = z
+    doubts = [pins.find_uneven_start]
+    return warnings_before(held, DT, state=held.state(x), doubts=doubts)
+
+
+def test_a_start_interpolated_from_another_mesh_is_said_to_miss_its_pins():
+    """A held circle is off its plane between the nodes of the coarse mesh; formulas are smooth."""
+    coarse = fc.Cloth.disk(1.0, 0.2)
+    for element in ("P1", "P2"):
+        fine = fc.Cloth.disk(1.0, 0.1, element=element)
+        held = fc.System(fine, FABRIC, [fc.StVK()], ["boundary"])
+        dome = np.column_stack([coarse.X, 0.1 * (1 - (coarse.X**2).sum(axis=1))])
+        x = coarse.interpolator(fine.X) @ dome
+        told = warnings_before(held, DT, state=held.state(x), doubts=[pins.find_uneven_start])
+        assert len(told) == 1
+        assert "pin 'boundary' holds its nodes where they start" in told[0]
+        smooth = held.rest().x * [1.3, 0.7, 1]  # drawn by hand, and bent to a wave
+        smooth[:, 2] = 0.3 * np.sin(4 * fine.X[:, 0] + fine.X[:, 1])
+        x[fine.nodes("boundary")] = smooth[fine.nodes("boundary")]
+        assert warnings_before(held, state=held.state(x), doubts=[pins.find_uneven_start]) == []
+
+
 # --- motions and loads ----------------------------------------------------------------------------
 
 
@@ -238,6 +275,9 @@ ABOVE = {  # the words about a quantity of f times its threshold, which are ther
     "a motion along a slide": slide,
     "a region that reaches another node": region,
     "a weight that turns": lambda f: door(turns=f),
+    "held nodes beside their line": lambda f: zigzag(f * 1e-6),
+    "held nodes rougher than an arc": lambda f: zigzag(rough=f * 0.5),
+    "a side of several nodes": lambda f: zigzag(nodes=round(f * 6)),
     "a jump": jump,
     "a load between steps": lambda f: missed(f * 0.25, DT),
     "an oscillation beside a way": lambda f: fast("10 * t", f * 1e-3 * 10.0),
@@ -254,6 +294,7 @@ BELOW = {  # the same, for f < 1
     "a light fabric": lambda f: fabric(density=f * 0.004),
     "a soft fabric": lambda f: fabric(stiffness=f * 10.0),
     "a small cloth": lambda f: size(f * 0.002),
+    "a zigzag that is meant": lambda f: zigzag(f * 3e-3),
     "no membrane": softer,
     "an empty gas": gas,
     "a straight border": corner,
