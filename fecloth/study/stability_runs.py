@@ -1,6 +1,7 @@
 """The runs of a stability map: a problem with each method and with steps from long to short."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,12 +22,15 @@ from fecloth.study.run_problems import Runs, run_here, run_stored
 from fecloth.study.setups import Setup, setup_of_scene
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
-from fecloth.study.workload import Workload, check_size
+from fecloth.study.workload import ANYWAY, Workload, check_size
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
 ENERGY = 0.05  # energy made by the method, relative to the energy that moved
 COUNTS = (8, 16, 32, 64, 128, 256)  # steps of a run with an implicit method
 AROUND = (2**1.5, 2**0.5, 2**-0.5, 2**-1.5)  # times the predicted limit: explicit methods
+CLOSE = (1.06, 2**0.25)  # times the predicted limit and over it: least and most of two more runs
+GROWTH = 24.0  # half the logarithm of the growth that shows an unstable mode, from round-off
+MINUTE = 60.0  # s; a map that takes longer says what it can do in this time
 SUMS = ("pins", "numerical", "total", "remainder")
 CROSSING = "passes through itself"  # in a warning that says nothing about steps
 
@@ -88,14 +92,19 @@ def make_method(name: str):
 def counts_of(span: float, predicted: float | None) -> list[int]:
     """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one.
 
+    With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
+    next to the limit are so close to it that this is seen within the run.
+
     Examples
     --------
     >>> counts_of(1.0, 0.01), counts_of(1.0, math.inf)
-    ([36, 71, 142, 283], [8, 16, 32, 64, 128, 256])
+    ([36, 71, 95, 106, 142, 283], [8, 16, 32, 64, 128, 256])
     """
     if not predicted or math.isinf(predicted):
         return list(COUNTS)
-    return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in AROUND))
+    r = min(max(math.cosh(min(GROWTH * predicted / span, 1.0)), CLOSE[0]), CLOSE[1])
+    parts = sorted((*AROUND, r, 1 / r), reverse=True)
+    return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in parts))
 
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
@@ -112,7 +121,12 @@ def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[
 
 def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     """Return a row for each run; first print the size of all."""
-    check_size([run.size for run in listed], runs.jobs, runs.most_seconds, listed[0].problem.name)
+    less = offer_less(listed, runs.jobs)
+    remedy = f"{less or 'fewer methods or values'}; {ANYWAY}"
+    sizes, name = [run.size for run in listed], listed[0].problem.name
+    check_size(sizes, runs.jobs, runs.most_seconds, name, remedy)
+    if less:
+        print(less, file=sys.stderr, flush=True)
     if all(run.problem.is_importable for run in listed):
         cases = [run.case for run in listed]
         of_scene = isinstance(listed[0].problem, SceneProblem)
@@ -121,6 +135,24 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     else:
         rows = run_here(listed, lambda run: _run_here(run, runs.time_limit))
     return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
+
+
+def offer_less(listed: Sequence[Run], jobs: int) -> str:
+    """Return which methods, or which h, take a minute; "" where all take no longer."""
+    costs = dict.fromkeys((run.method for run in listed), 0.0)
+    for run in listed:
+        costs[run.method] += run.size.seconds / jobs
+    if sum(costs.values()) <= MINUTE:
+        return ""
+    costs = dict(sorted(costs.items(), key=lambda cost: cost[1]))
+    fitting = [m for m, s in zip(costs, np.cumsum([*costs.values()]), strict=True) if s <= MINUTE]
+    ways = [f"the methods {', '.join(fitting)}"] if fitting else []
+    h = listed[0].problem.h
+    for k in (2, 4, 8, 16):
+        if h and sum(run.size.coarser(k).seconds for run in listed) <= MINUTE * jobs:
+            ways.append(f"all methods with h = {k * h:.3g} m")
+            break
+    return f"within a minute: {', or '.join(ways)}" if ways else ""
 
 
 def _run_here(run: Run, time_limit: float | None) -> dict:

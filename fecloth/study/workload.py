@@ -23,6 +23,7 @@ ITERATIONS = "Newton iterations"  # of an equilibrium
 LOAD_STEP = 10  # steps in time that take as long as a load step: its Newton iterations factorise
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
+ANYWAY = "most_seconds = None, as a command --yes, runs it anyway."
 COARSE = 30, 5, 1  # times h, for the area of a shape from a file
 
 
@@ -42,6 +43,11 @@ class Workload:
         if self.is_explicit:
             step, least = EXPLICIT_STEP, EXPLICIT_LEAST
         return self.triangles * BINDING + self.steps * (least + self.triangles * step)
+
+    def coarser(self, k: float) -> Workload:
+        """Return the size with k h: explicit steps are k times as long."""
+        steps = self.steps / k if self.is_explicit else self.steps
+        return Workload(self.triangles / k**2, steps, self.is_explicit, self.unit)
 
     @classmethod
     def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> Workload:
@@ -110,7 +116,7 @@ def check_size(
     jobs: int,
     most_seconds: float | None,
     where: str,
-    remedy: str = "most_seconds = None, as a command --yes, runs it anyway.",
+    remedy: str = ANYWAY,
 ) -> None:
     """Print the size of a study before it begins: cases, triangles, steps and predicted time."""
     seconds = sum(case.seconds for case in cases) / jobs
