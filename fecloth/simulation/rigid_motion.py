@@ -10,51 +10,6 @@ from fecloth.compiled.jit import inner, kernel
 FLAT = 1e-12  # of the sum of the moments of inertia: below, a body is not turned about that axis
 
 
-def deformation(weights: np.ndarray, start: np.ndarray, x: np.ndarray) -> float:
-    """Return the rms distance [m] of x (n, 3) from the nearest rigid copy of `start` (n, 3).
-
-    Source: Kabsch (1976), A solution for the best rotation to relate two sets of vectors, Acta
-    Crystallographica A 32.
-    """
-    a, b, products = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    total = _add_products(weights, start, x, a, b, products)
-    u, _, v = np.linalg.svd(products)
-    v[2] *= np.sign(np.linalg.det(u @ v))  # a rotation, not a reflection
-    return math.sqrt(_distance(weights, start, x, a, b, u @ v) / total)
-
-
-@kernel
-def _add_products(w, x, y, a, b, products):
-    """Return Σ w; a and b += the means of x and y, products += Σ w x yᵀ (3, 3) from these means."""
-    total = 0.0
-    for i in range(len(w)):
-        total += w[i]
-        for k in range(3):
-            a[k] += w[i] * x[i, k]
-            b[k] += w[i] * y[i, k]
-    for k in range(3):
-        a[k] /= total
-        b[k] /= total
-    for i in range(len(w)):
-        for j in range(3):
-            for k in range(3):
-                products[j, k] += w[i] * (x[i, j] - a[j]) * (y[i, k] - b[k])
-    return total
-
-
-@kernel
-def _distance(w, x, y, a, b, R):
-    """Σ w ‖y − b − (x − a) R‖²."""
-    total = 0.0
-    for i in range(len(w)):
-        for k in range(3):
-            d = y[i, k] - b[k]
-            for j in range(3):
-                d -= (x[i, j] - a[j]) * R[j, k]
-            total += w[i] * d * d
-    return total
-
-
 def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     """Return the rms of y (n, 3), with weights w (n,), less its nearest field c + ω × x (n, 3)."""
     return _rms_without_rigid(w, x, y, np.zeros((3, 3)), np.zeros((3, 3)))
