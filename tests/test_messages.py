@@ -261,6 +261,7 @@ SYSTEM = [
     (lambda: fc.System(cloth(), ISOTROPIC, fc.StVK()), r"must be a list, as in \[StVK\(\)\]"),
     (lambda: fc.System(cloth(), ISOTROPIC, [], pins="left"), "pins = 'left': must be a list"),
     (lambda: system(pins=[3]), "pin 3: must be such as Pin"),
+    (lambda: system(object()), r"term <.*: must be such as StVK\(\) with a method `bind`"),
     (lambda: system(pins=["lft"]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin("lft")]), "node set 'lft'.* Did you mean 'left'"),
     (lambda: system(pins=[fc.Pin(lambda X: X[:, 0] > 9)]), "no node is selected"),

@@ -158,11 +158,11 @@ class DistributedSystem(System):
         """Nodes, memory and CPU seconds of each process."""
         return {"processes": self.crew.call("usage")}
 
-    def stiffness(self, state: State) -> sparse.bsr_matrix:
+    def stiffness(self, state: State) -> sparse.csr_matrix:
         """Refused: no process has the whole matrix."""
         raise _in_parts("the matrix K")
 
-    def damping(self, state: State) -> sparse.bsr_matrix:
+    def damping(self, state: State) -> sparse.csr_matrix:
         """Refused: no process has the whole matrix."""
         raise _in_parts("the matrix D")
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -56,6 +56,11 @@ class Equilibrium(State):
     space_error: float = math.nan
     space_error_reason: str = ""
     solver_error: float = math.nan
+
+    @property
+    def state(self) -> Self:
+        """Itself: a function of a result reads ``result.state`` of a run and of an equilibrium."""
+        return self
 
     def __repr__(self) -> str:
         return f"<Equilibrium of {len(self.x)} nodes at t = {self.t:g} s: {self.reason}>"

@@ -37,7 +37,7 @@ def solver_for(
     validation.number("dt", dt, 0.0, "solver_for")
     if method.traits.explicit:
         method.check(system)
-        return SolverContext(None, None, options or Newton()), "no linear solver: explicit"
+        return SolverContext(None, None, options or Newton()), "none, as the method is explicit"
     if choice not in ("auto", *select.NAMES):
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")

@@ -390,16 +390,16 @@ class System(Arguments):
         """What summary.json says of the processes that share the system; nothing of one."""
         return {}
 
-    def stiffness(self, state: State) -> sparse.bsr_matrix:
+    def stiffness(self, state: State) -> sparse.csr_matrix:
         """K = −∂f/∂x over all nodes, (3n, 3n) [N/m], without what `dense` gives."""
         K = self.assemble(BlockMatrix.zeros(self.pattern), state, wx=1.0)
         part = self.coupling(state, wx=1.0)
-        return (K if part is None else K.plus(part)).to_scipy()
+        return (K if part is None else K.plus(part)).to_scipy().tocsr()
 
-    def damping(self, state: State) -> sparse.bsr_matrix:
+    def damping(self, state: State) -> sparse.csr_matrix:
         """D = −∂f/∂v over all nodes, (3n, 3n) [N s/m]."""
         J = BlockMatrix.zeros(self.pattern)
-        return self.assemble(J, state, wv=1.0).to_scipy()
+        return self.assemble(J, state, wv=1.0).to_scipy().tocsr()
 
     @cached_property
     def mass(self) -> sparse.csr_matrix:
@@ -459,5 +459,6 @@ def _several(values, name: str, example: str, is_one: Callable[[object], bool]) 
     values = tuple(values)
     for value in values:
         if isinstance(value, type) or not is_one(value):
-            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}", where)
+            needs = " with a method `bind`" if name == "terms" else ""
+            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}{needs}", where)
     return values

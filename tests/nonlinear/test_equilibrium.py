@@ -27,6 +27,7 @@ def solved(system, state, **options):
     assert np.linalg.norm(f) < max(1e-8 * scale, 1e-11)  # of about 1e3 N/m × 1 m, rounded
     assert found.residual <= options.get("tolerance", 1e-9)
     assert not found.v.any()
+    assert found.state is found
     assert found.t == state.t
     return found, iterations
 

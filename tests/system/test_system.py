@@ -204,3 +204,11 @@ def test_sums_over_parts_of_a_cloth_go_through_one_object(sheet, isotropic, rng)
     expected = {name: 2 * energy for name, energy in whole.energies(state).items()}
     assert half.energies(state) == expected
     assert half.total_mass == 2 * whole.total_mass == pytest.approx(2 * 0.2 * 0.6)
+
+
+def test_the_operators_can_be_sliced(sheet, isotropic):
+    """The block of one degree of freedom, by NumPy's rules."""
+    system = fc.System(sheet, isotropic, [fc.StVK(), fc.StrainRateDamping(0.1)])
+    for A in (system.stiffness(system.rest()), system.damping(system.rest()), system.mass):
+        d = system.free[:7]
+        np.testing.assert_array_equal(A[d][:, d].toarray(), A.toarray()[np.ix_(d, d)])
