@@ -22,7 +22,7 @@ class LinearMembrane:
         cloth = panel.cloth
         system = fc.System(cloth, panel.fabrics[0], [fc.StVK()])
         x = np.column_stack([self.stretch * cloth.X, np.zeros(len(cloth.X))])
-        K = system.stiffness(system.state(x))
+        K = system.stiffness(system.state(x)).tobsr((3, 3))
         return BoundLinear(K, x, slots(cloth.stencil), cloth.stencil, 0.0)
 
 
