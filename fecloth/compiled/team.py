@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from statistics import median
 from typing import Any, TypeVar
 
 import numba
@@ -54,11 +55,12 @@ def number_of_threads(threads: Any, where: str = "System") -> int:
 ONE, ALL = False, True  # thread or threads
 TRIALS = 3  # calls of each that a calibration compares
 GAIN = 0.95  # all threads must take less than this share of the time of one
-WORST = 2.0  # times the time of one thread: then all threads are given up at once
-BUDGET = 0.03  # of the time of a loop, for calibrations
-LEAST_LOSS = 2.0, 4e-3  # what a calibration counts at least: of a call, and [s]
+WORST = 2.0  # times the time of one thread: most trials above it end a calibration
+BUDGET = 0.08  # of the time of a loop, that may be lost
+CREDIT = 0.2  # [s] that all threads have gained and may lose again
+REST = 0.5  # [s] of a loop, from a calibration to the next one, at least
 SHORTEST = 1e-4  # [s] of a unit of work, below which one thread does it
-PORTION = 2e-3  # [s] of the units that are timed at once
+PORTION = 2e-3, 1e-2  # [s] of the units that are timed at once, in calibrations and between them
 MOST_UNITS = 64  # in a portion
 
 
@@ -68,11 +70,13 @@ class ThreadChoice:
 
     On an idle machine two threads halve the time of a long loop; on a busy one they wait for each
     other, and a loop of 2,000 triangles took 20 to 500 times as long. So a few calls of each are
-    timed in turn, after one of each that sets up the loop, and the faster does the loop from then
-    on: all threads with their mean, as they are slow where one of them is interrupted, and one
-    thread with its shortest time. The loop is calibrated again when a call on all threads takes
-    twice as long as one thread did, and when what the calibration has lost is 3 % of the time
-    since. So a machine that becomes busy, or idle, is noticed.
+    timed in turn, after one of each that sets up the loop. The mode with the smaller median does
+    the loop from then on, so that one call that was interrupted decides nothing. The medians do not
+    see rare calls that take very long. So the calls on all threads that follow are summed up, and
+    one thread takes over when they have lost more than two calls, or `BUDGET` of a `REST`, to what
+    one thread would have taken, beside what they had gained, of which `CREDIT` counts. The loop is
+    calibrated again when what was lost is `BUDGET` of the time since. So a machine that becomes
+    busy, or idle, is noticed.
 
     Examples
     --------
@@ -80,7 +84,7 @@ class ThreadChoice:
     >>> for call in range(100):
     ...     mode = choice.ask()
     ...     choice.tell(mode, seconds[mode])
-    >>> choice.best is ALL, choice.spent[ONE] < 0.2 * choice.spent[ALL]
+    >>> choice.best is ALL, choice.spent[ONE] < 0.3 * choice.spent[ALL]
     (True, True)
     """
 
@@ -90,7 +94,8 @@ class ThreadChoice:
     usual: float = 0.0  # of one thread [s a unit]
     _times: dict[bool, list[float]] = field(default_factory=lambda: {ONE: [], ALL: []})
     _set_up: set[bool] = field(default_factory=set)
-    _lost: float = 0.0  # by the calibration [s]
+    _tried: tuple[float, float] = 0.0, 0.0  # seconds and units of this calibration
+    _lost: float = 0.0  # by all threads since one thread rested [s]; negative where they gain
     _rest: float = 0.0  # until the next one [s]
 
     def ask(self) -> bool:
@@ -103,31 +108,42 @@ class ThreadChoice:
         """Record a call with so many units of work."""
         self.spent[mode] += seconds
         if self._rest > 0:
-            is_busy = mode == ALL and seconds > WORST * units * self.usual
-            self._rest = 0.0 if is_busy else self._rest - seconds
+            self._rest -= seconds
+            lost = seconds - units * self.usual if mode == ALL else 0.0
+            self._lost = max(self._lost + lost, -CREDIT)
+            if self._lost > max(2 * units * self.usual, BUDGET * REST):
+                self._begin_rest(ONE, self._lost)
             return
-        self._lost += max(0.0, seconds - units * self.usual) if mode == ALL else 0.0
+        self._tried = self._tried[0] + seconds, self._tried[1] + units
         if mode in self._set_up:
             self._times[mode].append(seconds / units)
-            self.usual = min(self._times[ONE])
-            self._conclude(units)
+            self._conclude()
         self._set_up.add(mode)
 
-    def _conclude(self, units: float) -> None:
+    def _conclude(self) -> None:
         """End the calibration if enough is known."""
-        all_, limit = self._times[ALL], WORST * self.usual
-        is_slow = self.usual < SHORTEST or any(each > limit for each in all_)
-        if len(all_) < TRIALS and not is_slow:
+        one, all_ = self._times[ONE], self._times[ALL]
+        self.usual = median(one)
+        slow = sum(each > WORST * self.usual for each in all_)
+        is_hopeless = self.usual < SHORTEST or 2 * slow > TRIALS
+        if len(all_) < TRIALS and not is_hopeless:
             return
-        self.best = not is_slow and sum(all_) / len(all_) < GAIN * self.usual
-        part, least = LEAST_LOSS
-        self._rest = max(self._lost, part * units * self.usual, least) / BUDGET
-        self._lost, self._times = 0.0, {ONE: [], ALL: []}
+        on_all = median(all_) if all_ else math.inf
+        seconds, units = self._tried
+        lost = seconds - units * min(self.usual, on_all)
+        self._begin_rest(not is_hopeless and on_all < GAIN * self.usual, lost)
+
+    def _begin_rest(self, mode: bool, lost: float) -> None:
+        """Take a mode until the seconds that were lost are `BUDGET` of the time."""
+        self.best, self._rest = mode, max(lost / BUDGET, REST)
+        self._lost = min(self._lost, 0.0)
+        self._tried, self._times = (0.0, 0.0), {ONE: [], ALL: []}
 
     @property
     def portion(self) -> int:
         """Units of work to do in the next call of a loop that iterates."""
-        return min(MOST_UNITS, math.ceil(PORTION / self.usual)) if self.usual else 1
+        seconds = PORTION[self._rest > 0]
+        return min(MOST_UNITS, math.ceil(seconds / self.usual)) if self.usual else 1
 
 
 class Team:
