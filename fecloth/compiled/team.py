@@ -70,22 +70,10 @@ class ThreadChoice:
 
     On an idle machine two threads halve the time of a long loop; on a busy one they wait for each
     other, and a loop of 2,000 triangles took 20 to 500 times as long. So a few calls of each are
-    timed in turn, after one of each that sets up the loop. The mode with the smaller median does
-    the loop from then on, so that one call that was interrupted decides nothing. The medians do not
-    see rare calls that take very long. So the calls on all threads that follow are summed up, and
-    one thread takes over when they have lost more than two calls, or `BUDGET` of a `REST`, to what
-    one thread would have taken, beside what they had gained, of which `CREDIT` counts. The loop is
-    calibrated again when what was lost is `BUDGET` of the time since. So a machine that becomes
-    busy, or idle, is noticed.
-
-    Examples
-    --------
-    >>> choice, seconds = ThreadChoice(), {ONE: 2.0, ALL: 1.0}
-    >>> for call in range(100):
-    ...     mode = choice.ask()
-    ...     choice.tell(mode, seconds[mode])
-    >>> choice.best is ALL, choice.spent[ONE] < 0.3 * choice.spent[ALL]
-    (True, True)
+    timed in turn, after one of each that sets up the loop. The smaller median decides: one call
+    that was interrupted changes nothing. Then one thread takes over when the calls on all threads
+    have lost more than two calls, or `BUDGET` of a `REST`, and what they had gained, up to
+    `CREDIT`. The loop is calibrated again when what was lost is `BUDGET` of the time since.
     """
 
     # The mode between calibrations, and the seconds of all calls in each mode.
@@ -109,8 +97,8 @@ class ThreadChoice:
         self.spent[mode] += seconds
         if self._rest > 0:
             self._rest -= seconds
-            lost = seconds - units * self.usual if mode == ALL else 0.0
-            self._lost = max(self._lost + lost, -CREDIT)
+            if mode == ALL:
+                self._lost = max(self._lost + seconds - units * self.usual, -CREDIT)
             if self._lost > max(2 * units * self.usual, BUDGET * REST):
                 self._begin_rest(ONE, self._lost)
             return
@@ -124,13 +112,12 @@ class ThreadChoice:
         """End the calibration if enough is known."""
         one, all_ = self._times[ONE], self._times[ALL]
         self.usual = median(one)
-        slow = sum(each > WORST * self.usual for each in all_)
-        is_hopeless = self.usual < SHORTEST or 2 * slow > TRIALS
+        is_slow = 2 * sum(each > WORST * self.usual for each in all_) > TRIALS
+        is_hopeless = self.usual < SHORTEST or is_slow
         if len(all_) < TRIALS and not is_hopeless:
             return
         on_all = median(all_) if all_ else math.inf
-        seconds, units = self._tried
-        lost = seconds - units * min(self.usual, on_all)
+        lost = self._tried[0] - self._tried[1] * min(self.usual, on_all)
         self._begin_rest(not is_hopeless and on_all < GAIN * self.usual, lost)
 
     def _begin_rest(self, mode: bool, lost: float) -> None:

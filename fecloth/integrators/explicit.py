@@ -7,6 +7,7 @@ step; moved pins are exactly at their prescribed positions.
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +77,7 @@ class Explicit:
     def __post_init__(self) -> None:
         flag("beyond_limit", self.beyond_limit, type(self).__name__)
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:
         """The constants of the class, with the `beyond_limit` of this object."""
         return replace(self.constants, beyond_limit=self.beyond_limit)

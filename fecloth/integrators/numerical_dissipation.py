@@ -42,7 +42,7 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     stays in the ledger's remainder. Added is `work_beyond_dissipation`.
     """
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
-    beyond = system.scalar_mass @ (step.a - dv / dt) + step.mean_force(system) - step.solved_force
+    beyond = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
     energy += work_beyond_dissipation(system, old, step) + barrier_dissipation(system, old, step)
@@ -100,7 +100,7 @@ def _between_velocities(system: System, old: State, step: Step) -> float:
     """M Δv · (Δx/dt − v̄) of the free directions."""
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
-    return system.sums.dot(system.scalar_mass @ dv, free)
+    return system.sums.dot(system.mass_times(dv), free)
 
 
 def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> float:

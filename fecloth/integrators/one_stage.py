@@ -92,7 +92,7 @@ class StageMethod:
         if theta == 0.5:
             return 0.0
         dv = step.state.v - old.v
-        kinetic = system.sums.dot(dv, system.scalar_mass @ dv)
+        kinetic = system.sums.dot(dv, system.mass_times(dv))
         lost = (theta - 0.5) * (kinetic + stiffness_product(system, old, step))
         lost += work_beyond_dissipation(system, old, step)
         return lost + barrier_dissipation(system, old, step)

@@ -133,14 +133,14 @@ def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> f
     """Return `Deformation.kinetic`; `pin_v` (n, 3) are the velocities of the pins."""
     if not system.movable_pieces:
         return kinetic
-    M, m = system.scalar_mass, system.nodal_mass
     if _is_one_free_body(system):
-        return 0.5 * system.total_mass * rms_without_rigid(m, state.x, state.v) ** 2
-    p, mass_x, w = M @ state.v, M @ state.x, state.v.copy()
+        rms = rms_without_rigid(system.nodal_mass, state.x, state.v)
+        return 0.5 * system.total_mass * rms**2
+    p, mass_x, w = system.mass_times(state.v), system.mass_times(state.x), state.v.copy()
     for piece in system.movable_pieces:
-        w[piece.nodes] -= piece.rigid_velocity(state.x, p, m, mass_x, pin_v)
+        w[piece.nodes] -= piece.rigid_velocity(state.x, p, system.nodal_mass, mass_x, pin_v)
     system.constraints.project(w)
-    return 0.5 * system.sums.dot(w, M @ w)
+    return 0.5 * system.sums.dot(w, system.mass_times(w))
 
 
 def _is_one_free_body(system: System) -> bool:

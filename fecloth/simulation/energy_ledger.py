@@ -101,7 +101,7 @@ class Ledger(Account):
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return dissipation and work of a step."""
         dt, acting = step.state.t - old.t, (step.over or system).bound
-        inertia = system.scalar_mass @ (step.state.v - old.v)
+        inertia = system.mass_times(step.state.v - old.v)
         dissipated = {
             name: _dissipation(term, over, step, dt)
             for name, term, over in zip(system.names, system.bound, acting, strict=True)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -135,7 +136,7 @@ class Adaptive(ChosenSteps):
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._stepper, self._error_constant  # raise for methods without a step or an estimate
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:
         """The method's traits, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)

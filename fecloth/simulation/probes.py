@@ -34,7 +34,7 @@ def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
         a, f = (step.state.v - old.v) / (step.state.t - old.t), step.mean_force(system)
     else:
         a, f = step.a, step.solved_force
-    return _held_forces(system, system.scalar_mass @ a - f)
+    return _held_forces(system, system.mass_times(a) - f)
 
 
 def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:

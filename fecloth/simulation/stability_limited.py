@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class StabilityLimited(ChosenSteps):
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:
         """The traits of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)

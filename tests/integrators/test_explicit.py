@@ -1,8 +1,11 @@
 """Explicit methods: order, stability limits, energy, momentum, pins, ledger; no matrix."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sparse
 from conftest import affine, flat, taut_start
 from support.linear_term import LinearDamping, LinearMembrane
 
@@ -226,3 +229,25 @@ def test_a_taut_damped_sheet_breaks_within_two_percent_of_the_prediction(
     assert abs(end.x - rest.x).max() < 1e-8
     with pytest.raises(fc.StepFailed):
         list(fc.march(system, method, start, 1.02 * dt, 1500 * dt))
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_rows_need_no_sparse_products_and_no_new_traits(small, isotropic, monkeypatch, moves):
+    products, traits = [], []
+
+    class CountedMass(sparse.csr_matrix):
+        def __matmul__(self, other):
+            products.append(other)
+            return super().__matmul__(other)
+
+    def counted(*arguments, **changes):
+        traits.append(changes)
+        return replace(*arguments, **changes)
+
+    monkeypatch.setattr("fecloth.integrators.explicit.replace", counted)
+    pin = fc.Pin("left", motion=(lambda t: (0.0, 0.0, t)) if moves else None)
+    system = fc.System(small, isotropic, [fc.StVK(), fc.Gravity()], [pin])
+    vars(system)["scalar_mass"] = CountedMass(system.scalar_mass)
+    result = fc.run(system, CentralDifference(), taut_start(system), 1e-6, 2e-5)
+    assert len(result.energies["kinetic"]) == 21
+    assert (len(products), len(traits)) == (0, 1)

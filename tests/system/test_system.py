@@ -96,6 +96,13 @@ def test_mass_meets_scikit_fem(sheet, orthotropic):
     np.testing.assert_allclose(np.repeat(consistent.nodal_mass, 3), rows, rtol=1e-12)
 
 
+@pytest.mark.parametrize("mass", MASSES)
+def test_mass_times_is_the_product_with_the_matrix(sheet, orthotropic, rng, mass):
+    system = fc.System(sheet, orthotropic, [], mass=mass)
+    v = rng.normal(size=system.rest().x.shape)
+    assert np.array_equal(system.mass_times(v), system.scalar_mass @ v)
+
+
 def test_kinetic_energy_of_a_turning_sheet(sheet, orthotropic):
     """½ ρ ω² ∫ |X|² dA = ½ ρ ω² (w³h + wh³)/3 about a corner, exact for the consistent mass."""
     x = affine(sheet, np.eye(3)[:, :2])

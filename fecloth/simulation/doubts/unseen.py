@@ -108,10 +108,9 @@ def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
 
 def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
     """Return g (m, s, k) at times (m, s) less the line in t nearest to it."""
-    t = (times - times[0, 0]) / (times[-1, -1] - times[0, 0])
-    A = np.stack([np.ones(t.size), t.ravel()], axis=1)
-    flat = g.reshape(t.size, -1)
-    return (flat - A @ np.linalg.lstsq(A, flat, rcond=None)[0]).reshape(g.shape)
+    t, flat = (times - times.mean()).ravel(), g.reshape(times.size, -1)
+    slope = np.einsum("a,ak->k", t, flat) / (t @ t)
+    return (flat - flat.mean(axis=0) - t[:, None] * slope).reshape(g.shape)
 
 
 # --- shorter than steps that are chosen in the run ------------------------------------------------

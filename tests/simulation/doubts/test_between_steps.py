@@ -7,7 +7,7 @@ import pytest
 from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
-from fecloth.simulation.doubts.unseen import find_missed
+from fecloth.simulation.doubts.unseen import _without_uniform_motion, find_missed
 
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
@@ -127,3 +127,10 @@ def test_run_warns():
         warnings.simplefilter("always")
         fc.run(one, fc.BDF2(), one.rest(), dt=0.001, t_end=0.01)
     assert not any("acts between" in str(other.message) for other in others)
+
+
+def test_the_uniform_motion_is_the_line_of_least_squares(rng):
+    times, g = 7.0 + np.sort(rng.random(20)).reshape(4, 5), rng.normal(size=(4, 5, 3))
+    slope, level = np.polyfit(times.ravel(), g.reshape(20, 3), 1)
+    expected = g - (slope * times[..., None] + level)
+    np.testing.assert_allclose(_without_uniform_motion(times, g), expected, atol=1e-12)
