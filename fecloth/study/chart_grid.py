@@ -60,7 +60,7 @@ def make_settings(
     settings = [made for names in combinations for made in _settings(opened, names, meshes)]
     refusals = [setting.run["cause"] for setting in settings if isinstance(setting.run, dict)]
     if len(refusals) == len(settings):
-        raise InputError(opened.name, f"refuses every setting: {refusals[0]}", "chart")
+        raise InputError(opened.source, f"refuses every setting: {refusals[0]}", "chart")
     return settings
 
 

@@ -52,6 +52,8 @@ class FunctionProblem(CommonProblem):
     def name(self) -> str:  # type: ignore[override]  # read only
         return getattr(self.function, "__name__", "problem")
 
+    source = name
+
     @property
     def probes(self) -> tuple[str, ...]:
         """Names of the probes."""

@@ -78,7 +78,7 @@ def refine_graded(
 
 def _require_gradable(opened: Problem, refine: str) -> None:
     """Raise `InputError` for a problem whose meshes cannot be graded."""
-    what, where = "grade = True", opened.name
+    what, where = "grade = True", opened.source
     if refine == "dt":
         raise InputError(what, 'needs refine = "h" or "both"', where)
     if opened.is_explicit:

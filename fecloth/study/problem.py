@@ -28,6 +28,7 @@ class CommonProblem:
     """
 
     name: str
+    source: str  # what errors name
     first: Setup
     quantities: tuple[Quantity, ...]
 
@@ -61,7 +62,7 @@ class CommonProblem:
             self.check_quantity(quantity)
         if len({quantity.how == "mode" for quantity in chosen}) > 1 and not self.is_static:
             allowed = "needs a study of its own: a scene in time is not run for its modes"
-            raise InputError("frequency(k) beside other quantities", allowed, self.name)
+            raise InputError("frequency(k) beside other quantities", allowed, self.source)
         return chosen
 
     def choose_quantity(self, asked: Asked | None) -> Quantity:

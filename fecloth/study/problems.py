@@ -30,8 +30,8 @@ def open_problem(
             remedy = "Change the scene."
             raise InputError(f"{given[0]} = …", "is for a function's problem", "problem", remedy)
         scene = problem if isinstance(problem, Scene) else load_scene(problem)
-        stem = Path(str(scene.source).partition(" with ")[0]).stem
-        return SceneProblem(scene, scene.title or stem)
+        file = Path(scene.source.partition(" with ")[0])
+        return SceneProblem(scene, scene.title or file.stem, file.name)
     if not callable(problem):
         allowed = "must be a scene, its path, or a function of h and dt"
         raise InputError(f"problem = {problem!r}", allowed)

@@ -65,7 +65,7 @@ class Point:
 def check_points(points: Sequence[Point], runs: Runs) -> None:
     """Print the size of all, and refuse what takes too long."""
     sizes = [point.size for point in points]
-    check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.name)
+    check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.source)
 
 
 def run_or_skip(
@@ -82,7 +82,7 @@ def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
     if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
         size = opened.workload(level)
         if size.seconds > runs.most_seconds:
-            check_size([size], 1, runs.most_seconds, opened.name)  # says how long, and raises
+            check_size([size], 1, runs.most_seconds, opened.source)  # says how long, and raises
 
 
 def print_warnings(opened: Problem) -> tuple[str, ...]:

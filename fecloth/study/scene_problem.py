@@ -31,6 +31,7 @@ class SceneProblem(CommonProblem):
 
     scene: Scene
     name: str
+    source: str  # what errors name: the file's name; "the scene" without a file
 
     @cached_property
     def tables(self) -> dict:
@@ -108,25 +109,25 @@ class SceneProblem(CommonProblem):
             remedy = "Give a .geo file and h, or a shape."
             if self.tables["cloth"].get("shape") == "join":
                 remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
-            raise InputError("a mesh of one size", "has no cloth.h to refine", self.name, remedy)
+            raise InputError("a mesh of one size", "has no cloth.h to refine", self.source, remedy)
         if self.scene.equilibrium:
             if refine != "h":
-                raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.name)
+                raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.source)
             return
         explicit = self.scene.time.method.type in EXPLICIT and self.scene.time.rtol is None
         if refine == "dt" and not self.can_refine("dt"):
-            raise InputError('dt = "auto"', "cannot be refined", self.name, "Give time.dt.")
+            raise InputError('dt = "auto"', "cannot be refined", self.source, "Give time.dt.")
         if refine == "both" and not (explicit or self.can_refine("dt")):
             remedy = "Give time.dt; or refine h: the steps follow their tolerance."
-            raise InputError('dt = "auto"', "cannot be refined", self.name, remedy)
+            raise InputError('dt = "auto"', "cannot be refined", self.source, remedy)
 
     def changed(self, change: Change) -> SceneProblem:
         """Return the problem with a change; raise `InputError` with its name if it is refused."""
         try:
             tables = change.apply(self._without_defaults(change))
-            return SceneProblem(scene_of(tables, self.scene.trusts_geo), self.name)
+            return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
         except InputError as error:
-            where = f"{self.name} with {change.name}" if change.name else ""
+            where = f"{self.source} with {change.name}" if change.name else self.source
             raise InputError(error.what, error.allowed, where, error.remedy) from None
 
     def _without_defaults(self, change: Change) -> dict:
@@ -162,7 +163,7 @@ class SceneProblem(CommonProblem):
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
         if self.scene.cloth.grading:
             remedy = "Leave grade or the gradings out."
-            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.name, remedy)
+            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.source, remedy)
         entries = list(map(table_of_grading, gradings))
         return self.changed(Change(values={"cloth.grading": entries}))
 

@@ -123,8 +123,8 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     """Return a row for each run; first print the size of all."""
     less = offer_less(listed, runs.jobs)
     remedy = f"{less or 'fewer methods or values'}; {ANYWAY}"
-    sizes, name = [run.size for run in listed], listed[0].problem.name
-    check_size(sizes, runs.jobs, runs.most_seconds, name, remedy)
+    sizes, where = [run.size for run in listed], listed[0].problem.source
+    check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
     if less:
         print(less, file=sys.stderr, flush=True)
     if all(run.problem.is_importable for run in listed):

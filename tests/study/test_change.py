@@ -1,10 +1,13 @@
 """One way to change a problem: what applies, what is refused, and which cases are the same."""
 
+from dataclasses import replace
+
 import pytest
 from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.scene.scene import scene_of
 from fecloth.study.cases import Case
 from fecloth.study.change import AS_IS, Change, Level
 from fecloth.study.problems import open_problem
@@ -69,9 +72,14 @@ def test_a_type_of_a_term_comes_without_the_defaults_of_the_old_type(scene):
     assert changed.scene.terms[0].type == "Springs"
 
 
-def test_a_refused_change_names_the_problem_the_change_and_the_key(scene):
-    with pytest.raises(InputError, match="^strip with cloth.h = true: cloth.h = True: must"):
-        scene.changed(Change.of({"cloth.h": "true"}))
+def test_a_refused_change_names_the_file_the_change_and_the_key(scene):
+    titled = replace(scene, name="A flag")
+    with pytest.raises(InputError, match=r"^strip\.toml with cloth.h = true: cloth.h = True: must"):
+        titled.changed(Change.of({"cloth.h": "true"}))
+    with pytest.raises(InputError, match=r"^strip\.toml: refine = 'dt': an equilibrium has no dt"):
+        titled.check("dt")
+    with pytest.raises(InputError, match="^the scene: refine = 'dt'"):
+        open_problem(scene_of(scene.tables)).check("dt")
     with pytest.raises(InputError, match="speed = 3: the function takes h, dt, stiffness"):
         open_problem(strip, h=0.25).changed(Change.of({"speed": 3}))
 

@@ -70,13 +70,13 @@ class Original:
         """
         (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
-            raise StudyFailed(f"{self.problem.name}: the scene itself fails: {row['cause']}")
+            raise StudyFailed(f"{self.problem.source}: the scene itself fails: {row['cause']}")
         pairs = zip(self.quantities, self._records(row), strict=True)
         if not any(size_of(quantity, record) for quantity, record in pairs):
             names = ", ".join(quantity.text for quantity in self.quantities)
             remedy = "Name another with --quantity or in [interest]."
-            where = self.problem.name
-            raise InputError(f"{names} = 0", "cannot show what changes it", where, remedy)
+            where, allowed = self.problem.source, "cannot show what changes it"
+            raise InputError(f"{names} = 0", allowed, where, remedy)
         return row
 
     @cached_property

@@ -97,7 +97,7 @@ def simplify(
     original = open_original(opened, quantity, chosen, runs)
     tried = original.list_variants()
     at_once = 1 if runs.scheduler else runs.jobs
-    check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.name)
+    check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
     opened = original.problem  # with the quantities in its [interest]
     numbers = Numbers.of(opened.scene) if isinstance(opened, SceneProblem) else None
     checks = run_variants(original, [variant for variant in tried if variant.is_check], numbers)
