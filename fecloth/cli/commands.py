@@ -166,7 +166,7 @@ COMMANDS = {
         [
             QUANTITIES,
             SET,
-            tolerance("error"),
+            tolerance("error", default=None),
             BUDGET,
             flag("--model", "leave out terms, or take cheaper ones, where that changes little"),
             METHODS,

@@ -88,10 +88,10 @@ def levels(default: int, words: str = "from 3 to 10") -> Option:
     return option("--levels", f"{words} ({default})", type=int, default=default, metavar="N")
 
 
-def tolerance(what: str) -> Option:
+def tolerance(what: str, default: str | None = "1%") -> Option:
     """Return the option for the largest `what` of a quantity."""
     words = f"largest {what} of each quantity, as 1%% or 0.01 (1%%)"
-    return option("--tolerance", words, default="1%", metavar="T")
+    return option("--tolerance", words, default=default, metavar="T")
 
 
 def names(name: str, example: str, default: str) -> Option:

@@ -403,6 +403,7 @@ def test_the_table_has_each_run_once_and_names_runs_of_other_terms(strip):
     [
         ({"tolerance": "0%"}, "between 0 and 100 %"),
         ({"budget": "soon"}, "budget"),
+        ({"tolerance": "1%", "budget": 1.0}, "only one of them may be given"),
         ({"budget": -1.0}, "must be a time > 0"),
         ({"methods": ["bdf2"]}, "an equilibrium has no method"),
         ({"elements": ["P3"]}, "must be one of P1, P2"),

@@ -52,7 +52,7 @@ SHARPER = 100.0  # divides the solver's tolerance in the run that shows its erro
 
 def tune(
     problem: Scene | str | Path | Callable | Opened,
-    tolerance: float | str = 0.01,
+    tolerance: float | str | None = None,
     quantity: str | Quantity | Sequence[str | Quantity] | None = None,
     *,
     budget: float | str | None = None,
@@ -79,13 +79,13 @@ def tune(
         As for `of`. What the function takes as `method` and
         `element` varies as `methods` and `elements` say; h and dt vary always.
     tolerance
-        Largest relative error of each quantity, as 0.01 or "1%".
+        Largest relative error of each quantity, as 0.01 or "1%"; None for 1 % without a budget.
     quantity
         One or more; by default all of [interest], the paths of the probes (in a static scene their
         ends), or the displacement.
     budget
         Longest CPU time of the tuned run, as 60.0 [s] or "60 s". The most accurate setting within
-        it is sought in place of the cheapest one; the tolerance is not used.
+        it is sought in place of the cheapest one, so that a tolerance beside it is refused.
     model
         Whether terms may be left out or replaced by cheaper ones, if that changes the quantities
         by less than a quarter of the tolerance.
@@ -198,9 +198,13 @@ def _say(phase: str) -> None:
     print(f"tune: {phase}", file=sys.stderr, flush=True)
 
 
-def _goal(tolerance: float | str, budget: float | str | None) -> Goal:
+def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
     if budget is None:
-        return Goal(tolerance=read_tolerance(tolerance))
+        return Goal(tolerance=read_tolerance(0.01 if tolerance is None else tolerance))
+    if tolerance is not None:
+        what = f"tolerance = {tolerance!r} and budget = {budget!r}"
+        remedy = "A budget seeks the most accurate setting, a tolerance the cheapest."
+        raise InputError(what, "only one of them may be given", "tune", remedy)
     seconds = read_quantity("budget", str(budget), TIME) if isinstance(budget, str) else budget
     if not 0 < seconds < math.inf:
         raise InputError(
