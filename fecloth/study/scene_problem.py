@@ -31,7 +31,7 @@ class SceneProblem(CommonProblem):
 
     scene: Scene
     name: str
-    source: str  # what errors name: the file's name; "the scene" without a file
+    source: str = "the scene"  # what errors name: the name of the file, if there is one
 
     @cached_property
     def tables(self) -> dict:
