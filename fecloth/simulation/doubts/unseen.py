@@ -103,7 +103,7 @@ def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
     most = missed.sum(axis=0).max()
     if not most > least * size.sum():
         return 0.0, int(chosen[0])
-    return float(most / whole.max()), int(chosen[missed.max(axis=1).argmax()])
+    return float(most / max(most, whole.max())), int(chosen[missed.max(axis=1).argmax()])
 
 
 def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:

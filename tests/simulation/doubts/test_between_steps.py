@@ -134,3 +134,11 @@ def test_the_uniform_motion_is_the_line_of_least_squares(rng):
     slope, level = np.polyfit(times.ravel(), g.reshape(20, 3), 1)
     expected = g - (slope * times[..., None] + level)
     np.testing.assert_allclose(_without_uniform_motion(times, g), expected, atol=1e-12)
+
+
+def test_a_load_that_no_shifted_step_sees_is_missed_wholly(recwarn):
+    """It acts in the second half of the last step alone: no sample of the other grid meets it."""
+    load = fc.PointForce((0.5, 0.3), along_z("where(t < 0.395, 0, 20)"))
+    (sentence,) = missed(0.01, 0.4, load)
+    assert "100 % of it is not seen" in sentence
+    assert not recwarn.list
