@@ -4,9 +4,9 @@
 
 Strips, plates, membranes and sheets on P1 and P2: stiff (Y L²/B from 1e2 to 1e8), thin, taut,
 pressed, slack, buckled, on an obstacle; two have 500,000 triangles. Each is solved with the default
-tolerance. The answer is then held against a fine solve: the positions are disturbed by 1e-5 of the
-largest displacement, and Newton steps with the public operators f and K, solved by SciPy
-without any line search, lead back until they no longer shrink. The error is the largest distance of
+tolerance. A second solution checks the positions: they are disturbed by 1e-5 of the largest
+displacement, and Newton steps with the public operators f and K, solved by SciPy without any line
+search, lead back until they no longer shrink. The error is the largest distance of
 a node over the largest displacement. On the two large problems `fc.equilibrium` leads back.
 
 An error above 1e-5 needs a reason that names the round-off. The table of the full form is
@@ -15,6 +15,7 @@ studies/newton_catalogue/statics.md.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -248,6 +249,11 @@ def _short(value):
     return f"{value:.3g}" if isinstance(value, float) else value
 
 
+def is_stated(row: dict) -> bool:
+    """Whether the equilibrium states an error; it has none where its tangent is not definite."""
+    return not math.isnan(row["stated"])
+
+
 def is_sound(row: dict) -> bool:
     """Whether the error is small, or the reason says that round-off limits it."""
     return not row["failure"] and (row["error"] <= ALLOWED or "round-off" in row["reason"])
@@ -270,7 +276,9 @@ def main(argv: list[str] | None = None) -> int:
         ),
         study.Finding(
             "stated errors that are below a third of the error, and above round-off",
-            sum(row["error"] > max(3 * row["stated"], ROUND_OFF) for row in solved),
+            sum(
+                row["error"] > max(3 * row["stated"], ROUND_OFF) for row in solved if is_stated(row)
+            ),
             high=0,
         ),
     ]

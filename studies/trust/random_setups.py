@@ -96,7 +96,7 @@ def error_on_halved_mesh(drawn: Drawn, run: Run, x: np.ndarray, times: np.ndarra
     _, y = march_through(fine, times)
     if len(y) != len(x):
         return math.inf
-    error, moved = errors_of(run, x, np.array([_between(fine, run, one) for one in y]))
+    error, moved = errors_of(run, x, np.array([_between(fine, run, places) for places in y]))
     return error / moved
 
 
@@ -171,10 +171,12 @@ def main(argv: list[str] | None = None) -> int:
     lines = [table_line(row) for row in rows]
     options.out.mkdir(parents=True, exist_ok=True)
     study.write_csv(lines, options.out / "random_setups.csv")
-    findings = findings_of(rows, 3, 0.0) if options.quick else findings_of(rows, options.count // 3)
+    findings = findings_of(rows, 3, -math.inf) if options.quick else findings_of(rows, options.count // 3)
     command = f"python -m studies.trust.random_setups --seed {seed} --count {len(rows)}"
     head = f"# Random set-ups\n\nMade by `{command}`."
-    text = "\n\n".join([head, "\n".join(f"- {one}" for one in findings), markdown_table(lines)])
+    text = "\n\n".join(
+        [head, "\n".join(f"- {finding}" for finding in findings), markdown_table(lines)]
+    )
     (options.out / "random_setups.md").write_text(text + "\n", encoding="utf-8")
     tables = {"Random set-ups": lines}
     return study.write_report(
