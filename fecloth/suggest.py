@@ -18,9 +18,9 @@ def closest(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
     >>> closest("cosine", ["sin", "cos"])
     'cos'
     """
-    plain = {_plain(one): one for one in names}
+    plain = {_plain(each): each for each in names}
     word = _plain(name)
-    begins = sorted((one for one in plain if len(one) > 2 and word.startswith(one)), key=len)
+    begins = sorted((key for key in plain if len(key) > 2 and word.startswith(key)), key=len)
     close = difflib.get_close_matches(word, list(plain), n=1, cutoff=cutoff)
     both = [*begins[-1:], *close]  # as "cosine" with "cos", but "tipp.z" with "tip.z"
     likeness = [difflib.SequenceMatcher(None, each, word).ratio() for each in both]

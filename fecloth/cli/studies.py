@@ -8,7 +8,7 @@ from pathlib import Path
 from fecloth.cli.commands import Command
 from fecloth.cli.options import SET, reading, running
 
-LONGEST = 80  # characters of the name of a folder that say what was asked
+LONGEST = 80  # characters of the question in the name of a folder
 SHARED = {"scene", SET.key, *(shared.key for shared in running("", 0.0))}
 
 

@@ -25,7 +25,7 @@ ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact o
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
 EXPLORED = 12  # whole steps within which the potential must fall below the end of a search
 SLOW = 0.5  # of the residual left after a whole step with a definite matrix: it is slow
-CREPT, REFINED = 3, 30  # slow steps in a row before `refine`, and its most iterations
+PATIENCE, REFINED = 3, 30  # slow steps in a row before `refine`, and its most iterations
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
 
@@ -139,7 +139,7 @@ class _Work:
         self.moves = False  # whether the last iteration moved the cloth
         self.pause = self.waited = 0  # iterations without `explore` after steps in vain
         self.longest = 0.0  # the longest way [m] of a node in the next step that was cut short
-        self.crept = 0  # slow iterations in a row
+        self.slow_steps = 0  # in a row
         self.cut_short = False  # whether conjugate gradients stopped before the last direction
 
     def at(self, y: np.ndarray, scale: float) -> Point:
@@ -163,7 +163,7 @@ class _Work:
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
         may = bool(self.equation.explores and self.equation.potential)
         slow = self.remedies.order[last].shift > 0.0 and point.norm > SLOW * before.norm
-        self.crept = self.crept + 1 if may and slow and length >= 1.0 else 0
+        self.slow_steps = self.slow_steps + 1 if may and slow and length >= 1.0 else 0
         self.left.correct(self.system, point.y - before.y, whole)
         self.left.move(point.y, self.relative(point))
 
@@ -311,7 +311,7 @@ class _Work:
             self.cut_short = True
             return self.shorten(self.system.constraints.project(failure.so_far))
         reuse.record_factor(self.equation.key(remedy), self.linear_solver)
-        return self.refine(point, step) if remedy.shift and self.crept >= CREPT else step
+        return self.refine(point, step) if remedy.shift and self.slow_steps >= PATIENCE else step
 
     def refine(self, point: Point, step: np.ndarray) -> np.ndarray:
         """The step of the exact matrix, by conjugate gradients with the factor that made `step`.

@@ -187,7 +187,10 @@ def solve(
 
 
 def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
-    """The unknowns (n, 3) near q and zero that all contacts allow; the same where one has none."""
+    """The unknowns (n, 3) near q and zero that all contacts allow; twice the same if only one is.
+
+    Raises `NewtonFailed` where neither has such an unknown; it names held nodes that are inside.
+    """
     guesses = [there for each in (q, zero) if (there := _admitted(system, stage, each)) is not None]
     if not guesses:
         x, _, _ = stage.at(zero)
@@ -205,12 +208,13 @@ def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray | None:
 
 
 def _name_held(system: System, x: np.ndarray, t: float) -> str:
-    """Why there is no guess: which nodes that pins hold are inside which obstacle."""
+    """Return why there is no guess: which nodes that pins hold are inside which obstacle."""
     held = set(system.constraints.nodes.tolist())
     for name, term in zip(system.names, system.bound, strict=True):
         way = term.way(t)
         inside = [] if way is None else [i for i in way.contact.inside(x, t) if i in held]
         if inside:
             numbers = ", ".join(map(str, inside[:NAMED]))
-            return f"the step leads {len(inside)} held nodes into {name}: {numbers}"
-    return "no place of the cloth was seen at which no two contacts are in the way of each other"
+            which = "a held node" if len(inside) == 1 else f"{len(inside)} held nodes"
+            return f"the step leads {which} into {name}: {numbers}"
+    return "no positions were found for the start of Newton's iteration that all contacts allow"

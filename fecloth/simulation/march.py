@@ -59,7 +59,7 @@ class StepInfo:
     result: Step  # of the method
     memory: Memory  # continues `march` from here
     skipped: Skipped | None = None  # the steps since the one yielded before; see `Wanted`
-    is_part: bool = False  # whether it ends within a step of the size that was asked for
+    is_part: bool = False  # whether it is a part of a step of dt, which was divided as it failed
 
     @property
     def t(self) -> float:

@@ -54,7 +54,7 @@ SLOW = {"length": 1.0, "norm": 0.6, "shift": 1.0, "explores": True, "potential":
 
 
 @pytest.mark.parametrize(
-    ("change", "crept"),
+    ("change", "slow_steps"),
     [
         ({}, 1),
         ({"norm": 0.4}, 0),  # of the residual before: half of it is allowed
@@ -64,26 +64,26 @@ SLOW = {"length": 1.0, "norm": 0.6, "shift": 1.0, "explores": True, "potential":
         ({"potential": None}, 0),
     ],
 )
-def test_which_iterations_are_slow(change, crept):
+def test_which_iterations_are_slow(change, slow_steps):
     case = SimpleNamespace(**SLOW | change)
     equation = SimpleNamespace(
         explores=case.explores, potential=case.potential, wx=1.0, takes_short_solves=False
     )
     work = SimpleNamespace(
         remedies=SimpleNamespace(last=0, order=[Remedy(case.shift, True)]),
-        **{"cut_short": False, "equation": equation, "crept": 0, "system": None},
+        **{"cut_short": False, "equation": equation, "slow_steps": 0, "system": None},
         left=SimpleNamespace(correct=lambda *a: None, move=lambda *a: None),
         relative=lambda point: point.norm,
     )
     before, after = (SimpleNamespace(y=np.ones((1, 3)), norm=norm) for norm in (1.0, case.norm))
     iteration._Work.correct(work, before, after, case.length)
-    assert work.crept == crept
+    assert work.slow_steps == slow_steps
 
 
-@pytest.mark.parametrize(("crept", "refines"), [(2, False), (3, True), (4, True)])
-def test_three_slow_iterations_in_a_row_are_enough(crept, refines, monkeypatch):
+@pytest.mark.parametrize(("slow_steps", "refines"), [(2, False), (3, True), (4, True)])
+def test_three_slow_iterations_in_a_row_are_enough(slow_steps, refines, monkeypatch):
     work, point, _ = make_work(-0.05)
     monkeypatch.setattr(iteration._Work, "refine", lambda *arguments: None)
-    work.crept = crept
+    work.slow_steps = slow_steps
     assert (work.direction(point, Remedy(1.0, True)) is None) == refines
     assert work.direction(point, Remedy(0.0, False)) is not None  # the exact matrix itself

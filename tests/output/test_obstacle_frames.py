@@ -94,8 +94,8 @@ def test_a_formula_whose_surface_is_far_away_is_not_drawn(tmp_path, formula, sho
     for i in range(3):
         frames.add(i, fc.State(0.1 * i, x, 0 * x))
     read = [read_obstacles(tmp_path, i) for i in range(3)]
-    assert [min(len(one.triangles), 1) for one in read] == shown
-    assert [min(len(one.points), 1) for one in read] == shown
+    assert [min(len(surface.triangles), 1) for surface in read] == shown
+    assert [min(len(surface.points), 1) for surface in read] == shown
     low, high = x.min(axis=0), x.max(axis=0)
     if not any(shown):
         assert ground_of(low, high, read) == ground_of(low, high, [])

@@ -237,7 +237,7 @@ def test_a_rigid_rotation_is_judged_rightly(method):
             system, method, start, dt, 0.1, report=lambda i: seen.append(i.result.state)
         )
         fine = fc.run(system, fc.ImplicitMidpoint(), start, 0.0004, 0.1)
-    true = rms(mass, seen[-1].x - fine.state.x) / max(rms(mass, one.x - r) for one in seen)
+    true = rms(mass, seen[-1].x - fine.state.x) / max(rms(mass, state.x - r) for state in seen)
     assert 1 / 3 < result.time_error / true < 3
 
 
@@ -277,7 +277,7 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     with pytest.warns(fc.FeclothWarning, match=r"a load jumps at t = 0.00368 s.* would give 1 %"):
         result = fc.run(system, method, system.rest(), dt, 20 * dt)
     assert result.time_error == pytest.approx(math.sqrt(2) / 4 / 2.17, rel=0.2)
-    (words,) = (one for one in result.warnings if "jumps" in one)
+    (words,) = (words for words in result.warnings if "jumps" in words)
     finer = float(words.split("dt = ")[1].split()[0])
     result = fc.run(system, method, system.rest(), finer, 20 * dt)
     assert result.time_error < 0.02
