@@ -38,21 +38,6 @@ class Cloth:
     mass of P2 is consistent unless a system has ``mass="lumped"``, which explicit methods need.
     Each term states the elements that it supports.
 
-    Attributes
-    ----------
-    X
-        (n, 2) reference coordinates of the nodes along warp and weft [m].
-    triangles
-        (m, 3) int32 corners, counter-clockwise. The orientation is stored here and not in
-        scikit-fem's ``mesh.t``, which sorts the corners.
-    node_sets, edge_sets, triangle_sets
-        Named node indices, (k, 2) pairs of corners, and triangles (regions).
-    source_nodes, source_triangles
-        Node i is node ``source_nodes[i]`` of the input mesh, or −1 for the midpoint of an edge;
-        likewise for triangles.
-    element
-        "P1" or "P2".
-
     Examples
     --------
     >>> cloth = Cloth.rectangle(width=1.0, height=1.0, h=0.5, pattern="right")
@@ -65,14 +50,16 @@ class Cloth:
     (25, (8, 6), 5)
     """
 
-    X: np.ndarray
+    X: np.ndarray  # (n, 2) reference coordinates of the nodes along warp and weft [m]
+    # (m, 3) int32 corners, counter-clockwise: scikit-fem's ``mesh.t`` sorts its own
     triangles: np.ndarray
-    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
-    edge_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named node indices
+    edge_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named (k, 2) pairs of corners
+    # Node i is node ``source_nodes[i]`` of the input mesh, or −1 for the midpoint of an edge
     source_nodes: np.ndarray | None = None
-    source_triangles: np.ndarray | None = None
-    element: str = "P1"
-    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    source_triangles: np.ndarray | None = None  # likewise for triangles
+    element: str = "P1"  # "P1" or "P2"
+    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named triangles (regions)
 
     # --- constructors -------------------------------------------------------------------------
 

@@ -32,29 +32,16 @@ SMALLEST = 1 / 64  # of the first load increment
 @remembered
 @dataclass(frozen=True, eq=False)
 class Equilibrium(State):
-    """A `State` in equilibrium, and how it was found.
+    """A `State` in equilibrium, and how it was found."""
 
-    Attributes
-    ----------
-    residual
-        ‖f‖ of the free directions over Σ ‖f_term‖ of all directions. It is 0 where no force
-        exceeds its round-off.
-    iterations, factorisations
-        Of all load steps together.
-    reason
-        A sentence: why the iteration ended.
-    space_error, space_error_reason
-        The estimated relative error in space, or NaN and why there is none: see `space_error`.
-    solver_error
-        The estimated error [m] that the iteration left in x; NaN where it is not estimated.
-    """
-
+    # ‖f‖ of the free directions over Σ ‖f_term‖ of all; 0 where no force exceeds its round-off
     residual: float
-    iterations: int
-    factorisations: int
-    reason: str
-    space_error: float = math.nan
-    space_error_reason: str = ""
+    iterations: int  # of all load steps together
+    factorisations: int  # of all load steps together
+    reason: str  # a sentence: why the iteration ended
+    space_error: float = math.nan  # the estimated relative error in space: see `space_error`
+    space_error_reason: str = ""  # why there is none, or ""
+    # The estimated error [m] that the iteration left in x; NaN where it is not estimated
     solver_error: float = math.nan
 
     @property

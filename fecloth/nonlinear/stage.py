@@ -25,28 +25,17 @@ class Stage:
     A `StageMethod` then takes as its new state
 
         x₁ = x_end + w_end q,   v₁ = v₀ + dt a
-
-    Attributes
-    ----------
-    t
-        Time at which the forces balance [s].
-    x, v, a
-        (n, 3) x̃ [m], ṽ [m/s], ã [m/s²].
-    wx, wv, wa
-        Weights of q.
-    x_end, w_end
-        (n, 3) position at the end of the step for q = 0 [m], and the weight of q there.
     """
 
-    t: float
-    x: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    wx: float
+    t: float  # time at which the forces balance [s]
+    x: np.ndarray  # (n, 3) x̃ [m]
+    v: np.ndarray  # (n, 3) ṽ [m/s]
+    a: np.ndarray  # (n, 3) ã [m/s²]
+    wx: float  # weights of q
     wv: float
     wa: float
-    x_end: np.ndarray
-    w_end: float
+    x_end: np.ndarray  # (n, 3) position at the end of the step for q = 0 [m]
+    w_end: float  # the weight of q there
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, v, a of an unknown q (n, 3)."""

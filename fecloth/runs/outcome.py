@@ -19,25 +19,14 @@ DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SceneResult(Result):
-    """How the run of a scene ended: a `Result`, its arrays read from the tables of the folder.
+    """How the run of a scene ended: a `Result`, its arrays read from the tables of the folder."""
 
-    Attributes
-    ----------
-    status
-        "done", "failed" or "interrupted".
-    folder, summary
-        Folder of the run, and the content of summary.json.
-    error
-        The cause of a failure.
-    resumes
-        Time from which `--resume` goes on [s], or None.
-    """
-
-    status: str
+    status: str  # "done", "failed" or "interrupted"
+    # Folder of the run, and the content of summary.json
     folder: Path
     summary: dict
-    error: FeclothError | None = None
-    resumes: float | None = None
+    error: FeclothError | None = None  # the cause of a failure
+    resumes: float | None = None  # time from which `--resume` goes on [s], or None
 
     @property
     def ledger(self) -> Ledger:

@@ -21,21 +21,12 @@ LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, the errors that the verdict names
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Chart(StudyResult):
-    """What `chart` found: the table has a row for each setting.
+    """What `chart` found: the table has a row for each setting."""
 
-    Attributes
-    ----------
-    quantity
-        Text of the quantity.
-    limit
-        The converged limit of the problem: value, uncertainty, order; None if it was not found.
-    size
-        Size of the quantity, in its unit; errors are a percentage of it.
-    """
-
-    quantity: str = ""
+    quantity: str = ""  # text of the quantity
+    # The converged limit of the problem: value, uncertainty, order; None if it was not found
     limit: Convergence | None = None
-    size: float = math.nan
+    size: float = math.nan  # size of the quantity, in its unit; errors are a percentage of it
 
     @property
     def front(self) -> Table:

@@ -21,48 +21,29 @@ REFINED = {
 
 @dataclass(frozen=True)
 class Difference:
-    """A variant against the first one, in % or in the unit of the quantity.
+    """A variant against the first one, in % or in the unit of the quantity."""
 
-    Attributes
-    ----------
-    as_given
-        On the mesh and with the step that are given.
-    limit, uncertainty
-        Of the extrapolated values: the exact difference is expected in limit ± uncertainty.
-    """
-
-    as_given: float
+    as_given: float  # on the mesh and with the step that are given
+    # Of the extrapolated values: the exact difference is expected in limit ± uncertainty
     limit: float
     uncertainty: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(StudyResult):
-    """What `compare` found; the table has a row for each variant.
+    """What `compare` found; the table has a row for each variant."""
 
-    Attributes
-    ----------
-    quantity, unit
-        Text of the quantity, and its SI unit.
-    refine
-        "h", "dt" or "both".
-    studies
-        The `Convergence` of each variant that ran.
-    differences
-        Of each variant from the first in `studies`.
-    scale
-        Value that is 100 %; NaN if it is zero within its uncertainty: then differences have the
-        unit of the quantity.
-    overlay
-        End of the first two variants as given; None where there are none.
-    """
-
-    quantity: str = ""
-    unit: str = ""
-    refine: str = "h"
+    quantity: str = ""  # text of the quantity
+    unit: str = ""  # its SI unit
+    refine: str = "h"  # "h", "dt" or "both"
+    # The `Convergence` of each variant that ran
     studies: Mapping[str, Convergence] = field(default_factory=dict)
+    # Of each variant from the first in `studies`
     differences: Mapping[str, Difference] = field(default_factory=dict)
+    # Value that is 100 %; NaN if it is zero within its uncertainty: then differences have the unit
+    # of the quantity
     scale: float = math.nan
+    # End of the first two variants as given; None where there are none
     overlay: Overlay | None = None
     remarks: tuple[str, ...] = ()
 

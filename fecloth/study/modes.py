@@ -35,31 +35,17 @@ SHOWN = 0.1  # extents of the cloth by which the files show a mode
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(StudyResult):
-    """The modes of lowest frequency, as `modes` returns them.
+    """The modes of lowest frequency, with `warnings` if they are in doubt."""
 
-    Attributes
-    ----------
-    system, state
-        What vibrates, and the state about which it does.
-    frequencies
-        (count,) [Hz], ascending. A negative one is −√(−ω²)/(2π) of an unstable mode, which grows
-        by the factor e in 1/(2π |f|) seconds.
-    eigenvalues
-        (count,) ω² [1/s²].
-    shapes
-        (count, n, 3) u with u · M u = 1 [1/√kg], zero in the directions that pins hold.
-    zero
-        Frequency [Hz] up to which a mode counts as one without stiffness, such as the motion of a
-        rigid body: round-off hides whether it is more.
-    warnings
-        A sentence for each reason to doubt the modes.
-    """
-
-    system: System
-    state: State
+    system: System  # what vibrates
+    state: State  # the state about which it vibrates
+    # (count,) [Hz], ascending. A negative frequency is −√(−ω²)/(2π) of an unstable mode, which
+    # grows by the factor e in 1/(2π |f|) seconds.
     frequencies: np.ndarray
-    eigenvalues: np.ndarray
-    shapes: np.ndarray
+    eigenvalues: np.ndarray  # (count,) ω² [1/s²]
+    shapes: np.ndarray  # (count, n, 3) u with u · M u = 1 [1/√kg], zero where pins hold
+    # Frequency [Hz] up to which a mode counts as one without stiffness, such as the motion of a
+    # rigid body: round-off hides whether it is more.
     zero: float
 
     @property

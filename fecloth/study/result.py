@@ -82,23 +82,12 @@ def _text(value: Cell) -> str:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What a study found.
+    """What a study found."""
 
-    Attributes
-    ----------
-    title
-        What was studied.
-    verdict
-        The answer in words.
-    table
-        One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
-    """
-
-    title: str
-    verdict: str
-    table: Table
+    title: str  # what was studied
+    verdict: str  # the answer in words
+    table: Table  # one row for each run or level; see `Table`
+    # A sentence for each likely mistake in the set-up of what was studied
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:

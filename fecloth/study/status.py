@@ -82,22 +82,12 @@ def status_of(error: BaseException) -> str:
 
 @dataclass(frozen=True)
 class Seconds:
-    """Duration of a call.
+    """Duration of a call."""
 
-    Attributes
-    ----------
-    wall, cpu
-        Wall-clock and processor time of the fastest call, each [s].
-    first
-        Wall-clock time of the first call [s], which compiles and does not count.
-    value
-        Result of the last call.
-    """
-
-    wall: float
-    cpu: float
-    first: float
-    value: object = None
+    wall: float  # wall-clock time of the fastest call [s]
+    cpu: float  # its processor time [s]
+    first: float  # wall-clock time of the first call [s], which compiles and does not count
+    value: object = None  # result of the last call
 
     @property
     def compiling(self) -> float:

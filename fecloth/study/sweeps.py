@@ -39,19 +39,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(StudyResult):
-    """What `sweep` found: the table has a row for each combination of values.
+    """What `sweep` found: the table has a row for each combination of values."""
 
-    Attributes
-    ----------
-    keys, quantities
-        Names of the columns that were varied, and of the columns that were computed.
-    units
-        SI unit of each quantity.
-    """
-
-    keys: tuple[str, ...] = ()
-    quantities: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
+    keys: tuple[str, ...] = ()  # names of the columns that were varied
+    quantities: tuple[str, ...] = ()  # names of the columns that were computed
+    units: tuple[str, ...] = ()  # SI unit of each quantity
 
     def figure(self) -> Figure:
         """Return a panel for each quantity over the first key, a line for each other value."""

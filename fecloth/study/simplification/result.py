@@ -24,38 +24,20 @@ SHADES = {"needed": COLOURS[1], "by chance": COLOURS[1], "resolved": "0.6", "not
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simplification(StudyResult):
-    """What `simplify` found: the table has a row for each variant, by its change.
+    """What `simplify` found: the table has a row for each variant, by its change."""
 
-    Attributes
-    ----------
-    tolerance
-        Largest relative change of a quantity.
-    quantities
-        Texts of the quantities.
-    resolved
-        Whether the errors of the scene itself are within the tolerance, as far as known.
-    scene
-        Path of the reduced scene in the folder that was given, or None.
-    reduced, file
-        Its text, and the name of its file: reduced.toml; for a function reduced.txt, a list.
-    change, saved
-        Of the reduced scene: its largest change, and the part of the CPU seconds that it saves;
-        0 if nothing can be simpler.
-    numbers
-        Dimensionless numbers of the scene, from which the predictions are.
-    remarks
-        Sentences on the errors of the scene, and on the validity of the predictions.
-    """
-
-    tolerance: float = 0.01
-    quantities: tuple[str, ...] = ()
+    tolerance: float = 0.01  # largest relative change of a quantity
+    quantities: tuple[str, ...] = ()  # texts of the quantities
+    # Whether the errors of the scene itself are within the tolerance, as far as known
     resolved: bool = True
-    scene: Path | None = None
-    reduced: str = ""
-    file: str = "reduced.toml"
-    change: float = 0.0
-    saved: float = 0.0
+    scene: Path | None = None  # path of the reduced scene in the folder that was given, or None
+    reduced: str = ""  # the text of the reduced scene
+    file: str = "reduced.toml"  # the name of its file; for a function reduced.txt, a list
+    change: float = 0.0  # largest change of the reduced scene
+    saved: float = 0.0  # part of the CPU seconds that it saves; 0 if nothing can be simpler
+    # Dimensionless numbers of the scene, from which the predictions are
     numbers: Table = field(default_factory=lambda: Table(()))
+    # Sentences on the errors of the scene, and on the validity of the predictions
     remarks: tuple[str, ...] = ()
 
     def notes(self) -> list[str]:
