@@ -8,16 +8,9 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth import terms as named
+from fecloth.distributed import partition
 from fecloth.distributed.crew import Crew, Link, RemoteTerm
 from fecloth.distributed.distributed_solver import KINDS, DistributedSolver
-from fecloth.distributed.partition import (
-    Part,
-    PartDescription,
-    cut_pins,
-    cut_springs,
-    find_owners,
-    make_part,
-)
 from fecloth.errors import InputError, brief
 from fecloth.linalg.block_matrix import BlockMatrix, MatrixLayout
 from fecloth.linalg.protocol import LinearSolver
@@ -48,13 +41,13 @@ class DistributedSystem(System):
     # --- the parts ------------------------------------------------------------------------------
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[partition.Part]:
         """The part of each process."""
         _refuse(self.terms)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
-        owner = find_owners(self.cloth, size)
-        return [make_part(self.cloth, owner, rank, rings) for rank in range(size)]
+        owner = partition.find_owners(self.cloth, size)
+        return [partition.make_part(self.cloth, owner, rank, rings) for rank in range(size)]
 
     @cached_property
     def _is_shared(self) -> list[bool]:
@@ -78,13 +71,13 @@ class DistributedSystem(System):
         descriptions = []
         for part in self.parts:
             there = State(start.t, start.x[part.nodes], start.v[part.nodes])
-            pins = cut_pins(part, self.constraints.groups)
+            pins = partition.cut_pins(part, self.constraints.groups)
             own_terms = [
-                cut_springs(part, term) if isinstance(term, KnownSprings) else term
+                partition.cut_springs(part, term) if isinstance(term, KnownSprings) else term
                 for term in shared
             ]
             own = self.fabric, own_terms, pins, self.mass_kind, self.grain, there
-            descriptions.append(PartDescription(part, *own))
+            descriptions.append(partition.PartDescription(part, *own))
         return Crew.begin(self.link, descriptions)
 
     def _known(self, term):

@@ -7,14 +7,7 @@ import numpy as np
 
 from fecloth.linalg import mkl_pardiso
 from fecloth.scene.problem import Problem
-from fecloth.simulation.dimensionless import (
-    is_surrounded_by_pins,
-    mean_edge,
-    unsupported_length,
-    wave_speed,
-    weight_over_stiffness,
-    wrinkle_length,
-)
+from fecloth.simulation import dimensionless
 from fecloth.simulation.doubts.pins import rotation_about_pins
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
@@ -46,7 +39,8 @@ def plan(problem: Problem, why: str) -> list[str]:
     ]
     limit = element_bound(system, "central_difference")
     if np.isfinite(limit) and not problem.is_static:
-        fastest = f"fastest wave in the fabric {max(map(wave_speed, system.panel.fabrics)):.3g} m/s"
+        speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
+        fastest = f"fastest wave in the fabric {speed:.3g} m/s"
         needs = f"an explicit method would need dt <= {limit:.3g} s (bound at rest)"
         if system.mass_kind != "lumped":
             needs = 'a consistent mass allows no explicit method, mass = "lumped" would'
@@ -100,13 +94,16 @@ def _threads_and_memory(problem: Problem) -> str:
 
 def _weight_line(system: System) -> Iterator[str]:
     """Yield weight over bending stiffness, which tells whether bending matters."""
-    number, length = weight_over_stiffness(system), unsupported_length(system)
+    number, length = (
+        dimensionless.weight_over_stiffness(system),
+        dimensionless.unsupported_length(system),
+    )
     if number:
         yield (
             f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, "
             + (
                 "twice the reach from the pins around"
-                if is_surrounded_by_pins(system)
+                if dimensionless.is_surrounded_by_pins(system)
                 else "the reach from the pins"
             )
         )
@@ -114,8 +111,8 @@ def _weight_line(system: System) -> Iterator[str]:
 
 def _wrinkle_line(system: System) -> Iterator[str]:
     """Yield the length of wrinkles and of edges; a run warns if they matter."""
-    if wave := wrinkle_length(system):
-        edge = mean_edge(system)
+    if wave := dimensionless.wrinkle_length(system):
+        edge = dimensionless.mean_edge(system)
         yield f"wrinkles under its own weight: about {wave:.2g} m long, edges {edge:.2g} m"
 
 

@@ -7,15 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, is_number
-from fecloth.integrators.protocol import (
-    Integrator,
-    MethodTraits,
-    check_method,
-    check_step,
-    is_method,
-    take_step,
-    takes_steps,
-)
+from fecloth.integrators import protocol
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -113,7 +105,7 @@ class Adaptive(ChosenSteps):
     (0.2, True)
     """
 
-    method: Integrator
+    method: protocol.Integrator
     rtol: float = 1e-3
     atol: float = 0.0
     longest: float | None = None
@@ -129,15 +121,15 @@ class Adaptive(ChosenSteps):
             allowed = "must be a number > 0 [s], or None"
             raise InputError(f"longest = {self.longest!r}", allowed, "Adaptive")
         method = self.method
-        if takes_steps(method):
-            check_method(method, "Adaptive")
-        if not is_method(method):
+        if protocol.takes_steps(method):
+            protocol.check_method(method, "Adaptive")
+        if not protocol.is_method(method):
             allowed = "must be a method such as BDF2(), and none that chooses its own steps"
             raise InputError(f"method {method!r}", allowed, "Adaptive")
         _ = self._stepper, self._error_constant  # raise for methods without a step or an estimate
 
     @cached_property
-    def traits(self) -> MethodTraits:
+    def traits(self) -> protocol.MethodTraits:
         """The method's traits, with chosen steps, which stay below an explicit method's limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
@@ -181,11 +173,11 @@ class Adaptive(ChosenSteps):
                 break
             size = dt
             try:
-                step = take_step(
+                step = protocol.take_step(
                     self._stepper, system, state, dt, solver, control.method_memory, history
                 )
                 if memory is None:
-                    check_step(step, self.method)
+                    protocol.check_step(step, self.method)
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:

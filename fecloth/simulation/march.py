@@ -9,14 +9,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, SolveFailed, StepFailed
-from fecloth.integrators.protocol import (
-    check_history,
-    check_method,
-    check_step,
-    check_terms,
-    method_of,
-    take_step,
-)
+from fecloth.integrators import protocol
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -162,7 +155,7 @@ def march(
             warnings.warn(words, FeclothWarning, stacklevel=2)
     check_every = CHECK_EVERY if steps.traits.explicit else 1
     records = begin.term_history or system.start_history(state)
-    check_history(system, steps, records)
+    protocol.check_history(system, steps, records)
     number, last_memory, good = begin.step, begin.method_memory, state
     history, is_informed = begin.history, needs_history(solver)
     system.constraints.expect(targets)
@@ -179,11 +172,13 @@ def march(
             solver = history.inform(solver, system, steps.traits, state)
         try:
             known = skipped.step if skipped else None
-            result = known or take_step(steps, system, state, horizon, solver, last_memory, records)
+            result = known or protocol.take_step(
+                steps, system, state, horizon, solver, last_memory, records
+            )
         except (NewtonFailed, SolveFailed) as failure:
             raise step_failed(system, state, number, horizon, failure) from failure
         if number == begin.step + 1:
-            check_step(result, method_of(steps))
+            protocol.check_step(result, protocol.method_of(steps))
         new = _snap_to_target(result.state, target, horizon)
         taken, last = new.t - state.t, new.t == targets[-1]
         if new.t < target and (words := coarse_clock(new.t, taken)):
@@ -203,9 +198,9 @@ def march(
 
 def refuse_arguments(system, method, state, newton, most_stretch):
     """Raise `InputError` for arguments that are swapped, of a wrong type or of another cloth."""
-    check_method(method)
+    protocol.check_method(method)
     check_system(system, state, "march")
-    check_terms(system, method, "march")
+    protocol.check_terms(system, method, "march")
     if newton is not None:
         validation.instance("newton", newton, Newton, "Newton(tolerance=1e-8)", "march")
     validation.number("most_stretch", most_stretch, 1.0, "march", infinite=True)

@@ -6,12 +6,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, brief
-from fecloth.integrators.protocol import (
-    StepChoice,
-    check_method,
-    check_offers,
-    has_symmetric_matrix,
-)
+from fecloth.integrators import protocol
 from fecloth.linalg import select
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
@@ -33,7 +28,7 @@ def solver_for(
     conjugate gradients and changes to multigrid or a factorisation, and back, by the work that it
     counts; see `select`.
     """
-    check_method(method)
+    protocol.check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
     if method.traits.explicit:
         method.check(system)
@@ -42,7 +37,7 @@ def solver_for(
         allowed = f"must be one of auto, {', '.join(select.NAMES)}"
         raise InputError(f"solver = {brief(choice)}", allowed, "march")
     options = options or Newton()
-    symmetric = has_symmetric_matrix(system, method)
+    symmetric = protocol.has_symmetric_matrix(system, method)
     symmetric |= options.definiteness == "clamp"  # clamped tangents all are
     chosen, matrix, why = system.linear_solver(choice, symmetric)
     return SolverContext(chosen, matrix, options), f"{chosen.name} ({why})"
@@ -50,13 +45,13 @@ def solver_for(
 
 def resolve(
     system: System,
-    steps: StepChoice | Auto,
+    steps: protocol.StepChoice | Auto,
     state: State,
     t_end: float,
     solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
-) -> tuple[StepChoice, SolverContext, str]:
+) -> tuple[protocol.StepChoice, SolverContext, str]:
     """Return the choice of steps, their solver, and in words why these.
 
     `Auto` is replaced by its choice; `record(method, old, step)` is the work after each step,
@@ -68,7 +63,7 @@ def resolve(
             raise InputError("solver = a SolverContext", allowed, "march")
         return steps, solver, "given"
 
-    def solver_of(chosen: StepChoice) -> tuple[SolverContext, str]:
+    def solver_of(chosen: protocol.StepChoice) -> tuple[SolverContext, str]:
         dt = chosen.dt or (t_end - state.t) / 1000
         return solver_for(system, chosen.method, dt, solver, newton)
 
@@ -85,19 +80,19 @@ def choose_steps(
     method,
     dt: float | Sequence[float] | None,
     tolerances: Mapping[str, float] | None = None,
-) -> StepChoice | Auto:
+) -> protocol.StepChoice | Auto:
     """Decide which steps a run takes; a method that chooses its own is returned unchanged.
 
     They have the size `dt`, or each its own of a list. Where that is None, an explicit method goes
     near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a
     mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
     """
-    check_method(method)
+    protocol.check_method(method)
     if method.traits.chooses_dt:
         if dt is not None:
             allowed = f"must be left out: {type(method).__name__} chooses its steps"
             raise InputError(f"dt = {dt!r}", allowed, "march")
-        check_offers(method, ("end_times", "check_start", "dt"), "march")
+        protocol.check_offers(method, ("end_times", "check_start", "dt"), "march")
         return method
     if dt is None and method.traits.explicit and not tolerances:
         return StabilityLimited(method)
@@ -108,7 +103,7 @@ def choose_steps(
     return FixedStep(method, dt)  # type: ignore[arg-type]  # it refuses None
 
 
-def method_to_report(steps: StepChoice | Auto):
+def method_to_report(steps: protocol.StepChoice | Auto):
     """Return the object that reports name.
 
     It is the method itself where steps are fixed, because dt is reported separately; else it is

@@ -7,13 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, brief
-from fecloth.integrators.protocol import (
-    ExplicitIntegrator,
-    MethodTraits,
-    check_step,
-    is_method,
-    take_step,
-)
+from fecloth.integrators import protocol
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.stability.critical_step import critical_dt, estimate
@@ -58,17 +52,17 @@ class StabilityLimited(ChosenSteps):
         `CentralDifference()` or `SymplecticEuler()`.
     """
 
-    method: ExplicitIntegrator
+    method: protocol.ExplicitIntegrator
 
     def __post_init__(self):
         method = self.method
-        if not (is_method(method) and method.traits.explicit and method.traits.stability):
+        if not (protocol.is_method(method) and method.traits.explicit and method.traits.stability):
             allowed = "has no stable step to choose"
             remedy = "Take CentralDifference or SymplecticEuler."
             raise InputError(f"method {brief(self.method)}", allowed, "StabilityLimited", remedy)
 
     @cached_property
-    def traits(self) -> MethodTraits:
+    def traits(self) -> protocol.MethodTraits:
         """The traits of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
@@ -88,9 +82,11 @@ class StabilityLimited(ChosenSteps):
             limited = self._update(now, state, limited)
             system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
-        step = take_step(self.method, system, state, dt, solver, limited.method_memory, history)
+        step = protocol.take_step(
+            self.method, system, state, dt, solver, limited.method_memory, history
+        )
         if limited.steps == 0:
-            check_step(step, self.method)
+            protocol.check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
         return replace(step, memory=after, size=dt)
 

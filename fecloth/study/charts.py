@@ -11,6 +11,7 @@ from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of, value_of
+from fecloth.study import run_problems
 from fecloth.study.change import Level
 from fecloth.study.chart_grid import Setting, change_names, make_settings
 from fecloth.study.chart_result import Chart, describe_chart, find_front
@@ -19,15 +20,6 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import refine_problem
 from fecloth.study.result import Table
-from fecloth.study.run_problems import (
-    Point,
-    Runs,
-    check_points,
-    print_warnings,
-    record_at,
-    refuse_huge,
-    run_or_skip,
-)
 from fecloth.study.status import OK
 from fecloth.study.workload import in_words
 
@@ -119,8 +111,8 @@ def chart(
         raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
     opened, timed = study.problem, replace(study.runs(LONGEST_CASE), timed=True)
     runs = replace(timed, time_limit=None, timed=False)
-    refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
-    warned = print_warnings(opened)
+    run_problems.refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
+    warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantity(quantity)
     if chosen.how == "mode":
         raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
@@ -146,7 +138,9 @@ def chart(
     )
 
 
-def find_limit(opened: Problem, quantity: Quantity, levels: int, runs: Runs) -> Limit | None:
+def find_limit(
+    opened: Problem, quantity: Quantity, levels: int, runs: run_problems.Runs
+) -> Limit | None:
     """Refine the problem in h and dt; with a method of second order, which has the same limit."""
     problem = _for_limit(opened)
     in_h = problem.can_refine("h")
@@ -157,7 +151,7 @@ def find_limit(opened: Problem, quantity: Quantity, levels: int, runs: Runs) -> 
     study, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
     if study.estimate is None:
         return None
-    return Limit(study, quantity, record_at(rows[-1], quantity))
+    return Limit(study, quantity, run_problems.record_at(rows[-1], quantity))
 
 
 def _for_limit(opened: Problem) -> Problem:
@@ -175,17 +169,17 @@ def _for_limit(opened: Problem) -> Problem:
     return opened.changed(change_names(opened, names))
 
 
-def _run(listed: Sequence[Setting], quantity: Quantity, runs: Runs) -> list[Mapping]:
+def _run(listed: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
     """Return a row for each setting; refused and too long ones do not run."""
     able = [_skip_long(setting.run, runs.time_limit or math.inf) for setting in listed]
-    if points := [run for run in able if isinstance(run, Point)]:
-        check_points(points, runs)
-    return run_or_skip(able, [quantity], runs)
+    if points := [run for run in able if isinstance(run, run_problems.Point)]:
+        run_problems.check_points(points, runs)
+    return run_problems.run_or_skip(able, [quantity], runs)
 
 
-def _skip_long(run: Point | dict, limit: float) -> Point | dict:
+def _skip_long(run: run_problems.Point | dict, limit: float) -> run_problems.Point | dict:
     """Return a run, or a row in place of one that is predicted to take longer than the limit."""
-    if isinstance(run, Point) and run.size.seconds > limit:
+    if isinstance(run, run_problems.Point) and run.size.seconds > limit:
         cause = f"predicted: about {in_words(run.size.seconds)}"
         return {"status": "skipped", "cause": cause}
     return run
@@ -202,7 +196,7 @@ def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limi
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
     line |= {"triangles": row["triangles"], "steps": row["steps"], "seconds": row["cpu_seconds"]}
     try:
-        error = limit.error(record_at(row, quantity))
+        error = limit.error(run_problems.record_at(row, quantity))
     except InputError as refusal:  # as where a signal has no period
         return line | {"status": "no value", "cause": str(refusal).splitlines()[0]}
     line |= {"error": error, "uncertainty": limit.study.uncertainty}

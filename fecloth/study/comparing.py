@@ -12,6 +12,7 @@ from fecloth.errors import InputError, MeshError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of, value_of
+from fecloth.study import run_problems
 from fecloth.study.change import Level
 from fecloth.study.comparison import (
     Comparison,
@@ -28,15 +29,6 @@ from fecloth.study.overlay import Overlay
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, levels_to_run, other_shares, summarise
 from fecloth.study.result import Table
-from fecloth.study.run_problems import (
-    Point,
-    Runs,
-    check_points,
-    print_warnings,
-    record_at,
-    refuse_huge,
-    run_points,
-)
 from fecloth.study.status import NO_VALUE, OK, failure
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from fecloth.study.variants import (
@@ -115,8 +107,8 @@ def compare(
     study = open_study(problem, shared)
     opened, runs = _open(study.problems, variants), study.runs()
     for variant in opened.values():
-        refuse_huge(variant, runs)
-    warned = print_warnings(next(iter(opened.values())))
+        run_problems.refuse_huge(variant, runs)
+    warned = run_problems.print_warnings(next(iter(opened.values())))
     chosen = next(iter(opened.values())).choose_quantity(quantity)
     plans = {
         name: _levels(variant, chosen, refine, levels, ratio) for name, variant in opened.items()
@@ -161,15 +153,17 @@ def _levels(
     return levels_to_run(opened, quantity, refine, levels, ratio)
 
 
-def _run(opened: Mapping, plans: Mapping, quantity: Quantity, runs: Runs) -> dict[str, list[dict]]:
+def _run(
+    opened: Mapping, plans: Mapping, quantity: Quantity, runs: run_problems.Runs
+) -> dict[str, list[dict]]:
     """Return the rows of all levels by the name of the variant."""
     points = [
-        Point(opened[name], level, f"{name}, {level}", opened[name].workload(level))
+        run_problems.Point(opened[name], level, f"{name}, {level}", opened[name].workload(level))
         for name, levels in plans.items()
         for level in levels
     ]
-    check_points(points, runs)
-    rows = iter(run_points(points, [quantity], runs))
+    run_problems.check_points(points, runs)
+    rows = iter(run_problems.run_points(points, [quantity], runs))
     return {name: [next(rows) for _ in levels] for name, levels in plans.items()}
 
 
@@ -225,7 +219,7 @@ def _differences(
         return math.nan, True, {}
     first, *others = judged
     scale = find_scale(judged[first].study)
-    numbers = is_number(quantity, record_at(judged[first].rows[0], quantity))
+    numbers = is_number(quantity, run_problems.record_at(judged[first].rows[0], quantity))
     differences = {
         name: _difference(judged[first], judged[name], quantity, scale, numbers) for name in others
     }
@@ -271,7 +265,7 @@ def _refine_difference(
 
 def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
     """Return the difference of two runs, in % or in the unit of the quantity."""
-    a, b = record_at(row, quantity), record_at(other, quantity)
+    a, b = run_problems.record_at(row, quantity), run_problems.record_at(other, quantity)
     if not is_number(quantity, a):
         return difference_of(quantity, a, b) * (1.0 if math.isnan(scale) else 100 / abs(scale))
     first, second = value_of(quantity, a), value_of(quantity, b)

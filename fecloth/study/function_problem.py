@@ -15,18 +15,10 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study import measured_runs
+from fecloth.study import measured_runs, setups
 from fecloth.study.change import REFINED, Change, Level
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.problem import CommonProblem, quantities_of
-from fecloth.study.setups import (
-    Setup,
-    accepted,
-    describe_term,
-    setup_of_function,
-    table_of_grading,
-    with_terms,
-)
 from fecloth.study.workload import ITERATIONS, STEPS, Workload
 
 STATIC = 20  # iterations of an equilibrium, for the predicted time
@@ -65,7 +57,7 @@ class FunctionProblem(CommonProblem):
         return self.t_end
 
     @cached_property
-    def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
+    def first(self) -> setups.Setup:  # type: ignore[override]  # computed when it is first needed
         return self.setup()
 
     @property
@@ -109,7 +101,7 @@ class FunctionProblem(CommonProblem):
         """What edits can change, in the form of a scene's tables."""
         first = self.first
         cloth: dict = {"element": first.cloth.element} | ({} if self.h is None else {"h": self.h})
-        terms = [describe_term(term, i) for i, term in enumerate(first.system.terms)]
+        terms = [setups.describe_term(term, i) for i, term in enumerate(first.system.terms)]
         tables = {"cloth": cloth, "terms": terms, "output": {}}
         if first.is_static:
             return tables | {"equilibrium": {}}
@@ -121,7 +113,7 @@ class FunctionProblem(CommonProblem):
         """Return the problem with a change: other arguments, or other terms, h and dt."""
         sizes: dict[str, Any] = {k: change.values[k] for k in ("h", "dt") if k in change.values}
         rest = {key: value for key, value in change.values.items() if key not in sizes}
-        accepted(self.function, rest)
+        setups.accepted(self.function, rest)
         if change.edits:
             tables = replace(change, values={}).apply(self.tables)
             sizes |= {"h": tables["cloth"].get("h"), "terms": tables["terms"]}
@@ -141,7 +133,9 @@ class FunctionProblem(CommonProblem):
             remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
             needed = "needs a function with the argument grading"
             raise InputError("grade = True", needed, self.name, remedy)
-        return self.changed(Change(values={"grading": list(map(table_of_grading, gradings))}))
+        return self.changed(
+            Change(values={"grading": list(map(setups.table_of_grading, gradings))})
+        )
 
     def arguments(self) -> tuple[dict[str, object], float | None]:
         """Return the arguments of the function, with h and dt, and dt, of equal steps."""
@@ -154,12 +148,12 @@ class FunctionProblem(CommonProblem):
             settings["dt"] = dt
         return settings, dt
 
-    def setup(self) -> Setup:
+    def setup(self) -> setups.Setup:
         """Call the function, and put other terms in place of its own."""
         settings, dt = self.arguments()
         run = self.function, settings, dt, self.t_end
-        made = setup_of_function(*run, self.placed, self.sharper)
-        return made if self.terms is None else with_terms(made, self.terms)
+        made = setups.setup_of_function(*run, self.placed, self.sharper)
+        return made if self.terms is None else setups.with_terms(made, self.terms)
 
     runner = staticmethod(measured_runs.run_function)
 

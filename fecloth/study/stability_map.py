@@ -11,6 +11,7 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
+from fecloth.study import variants
 from fecloth.study.change import describe_values
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
@@ -29,12 +30,6 @@ from fecloth.study.stability_words import (
     draw_map,
     range_of,
     shorten,
-)
-from fecloth.study.variants import (
-    combine,
-    make_variants,
-    read_ranges,
-    with_first_values,
 )
 from fecloth.suggest import closest, did_you_mean
 
@@ -141,13 +136,13 @@ def stability(
     (['8.11 ms', '4.05 ms'], ['0.92–1.1', '0.94–1.1'])
     """
     chosen = known_methods(studied_by("stability") if methods is None else methods)
-    ranges = read_ranges(over) if over else {}
-    combinations = combine(ranges)
+    ranges = variants.read_ranges(over) if over else {}
+    combinations = variants.combine(ranges)
     study = open_study(problem, shared)
-    opened, runs = with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
+    opened, runs = variants.with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
-    made = zip(combinations, make_variants(opened, combinations), strict=True)
+    made = zip(combinations, variants.make_variants(opened, combinations), strict=True)
     cells = run_all([run for pair in made for run in list_runs(*pair, chosen)], runs)
     rows = [_line(method, values, cells) for method in chosen for values in combinations]
     return StabilityMap(

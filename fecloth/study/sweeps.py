@@ -11,19 +11,12 @@ from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
+from fecloth.study import run_problems
 from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.result import StudyResult, Table
-from fecloth.study.run_problems import (
-    Point,
-    check_points,
-    print_warnings,
-    record_at,
-    refuse_huge,
-    run_points,
-)
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.variants import (
     combine,
@@ -114,16 +107,16 @@ def sweep(
     combinations = combine(ranges)
     study = open_study(problem, shared)
     opened, runs = with_first_values(study.problem, ranges), study.runs()
-    refuse_huge(opened, runs)
-    warned = print_warnings(opened)
+    run_problems.refuse_huge(opened, runs)
+    warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
     variants = zip(combinations, make_variants(opened, combinations), strict=True)
     points = [
-        Point(variant, FIRST, describe_values(values), size_of(opened, variant))
+        run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
         for values, variant in variants
     ]
-    check_points(points, runs)
-    rows = run_points(points, chosen, runs)
+    run_problems.check_points(points, runs)
+    rows = run_problems.run_points(points, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
     lines = [_line(*pair, chosen) for pair in zip(combinations, rows, strict=True)]
@@ -147,7 +140,7 @@ def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict
     line = dict(values)
     for quantity in quantities:
         try:
-            line[quantity.text] = value_of(quantity, record_at(row, quantity))
+            line[quantity.text] = value_of(quantity, run_problems.record_at(row, quantity))
         except InputError as error:  # as where a signal has no period
             line |= failure(NO_VALUE, error)
     counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}

@@ -19,16 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.output import frame_reader
 from fecloth.output.atomic_files import DiskFull, replace_file, replacing
-from fecloth.output.frame_reader import (
-    FIELDS,
-    Frame,
-    Series,
-    clip_to_drawable,
-    field_values,
-    rim,
-    straight,
-)
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
@@ -73,7 +65,7 @@ def render(
     """
     target = Path(target)
     _check_arguments(target, field, size, fps, time)
-    series = Series.open(folder)
+    series = frame_reader.Series.open(folder)
     shot = _shot(series, field, size)
     frames: Sequence[int] = range(len(series.times))
     if target.suffix == ".png":
@@ -88,8 +80,8 @@ def render(
 
 
 def _check_arguments(target: Path, field, size, fps, time) -> None:
-    if field not in (*FIELDS, CHECKS):
-        names = *FIELDS, CHECKS
+    if field not in (*frame_reader.FIELDS, CHECKS):
+        names = *frame_reader.FIELDS, CHECKS
         allowed = f"must be one of {', '.join(names)}"
         raise InputError(f"field {field!r}", allowed, remedy=did_you_mean(field, names))
     if target.suffix not in SUFFIXES:
@@ -151,13 +143,13 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
 # --- camera and colours ---------------------------------------------------------------------------
 
 
-def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
+def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Shot:
     """Fit the colours and the camera to the whole motion."""
     values, points, lows, highs = [], [], [], []
     for i in range(len(series.times)):
         frame = series.read(i)
         if field != CHECKS:
-            shown = field_values(frame, field)
+            shown = frame_reader.field_values(frame, field)
             values.append(shown[:: 1 + len(shown) // PER_FRAME])
         points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
         lows.append(frame.points.min(axis=0))
@@ -165,7 +157,9 @@ def _shot(series: Series, field: str, size: tuple[int, int]) -> Shot:
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
     colours = (
-        tuple(np.percentile(clip_to_drawable(np.concatenate(values)), PERCENT)) if values else None
+        tuple(np.percentile(frame_reader.clip_to_drawable(np.concatenate(values)), PERCENT))
+        if values
+        else None
     )
     distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
     bodies = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
@@ -191,14 +185,17 @@ def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
 # --- drawing --------------------------------------------------------------------------------------
 
 
-def _draw_frames(series: Series, frames, shot: Shot) -> Iterator[np.ndarray]:
+def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     """Yield an image (h, w, 3) for each frame."""
     pyvista = _import_package("pyvista")
     first = series.read(frames[0])
-    triangles, parts = straight(first.cells), len(straight(first.cells)) // len(first.cells)
+    triangles, parts = (
+        frame_reader.straight(first.cells),
+        len(frame_reader.straight(first.cells)) // len(first.cells),
+    )
     cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
     shadow = cloth.copy()
-    edges = rim(triangles)
+    edges = frame_reader.rim(triangles)
     border = pyvista.PolyData(first.points.astype(float), lines=np.insert(edges, 0, 2, axis=1))
     _update_cloth(cloth, first, shot, parts)
     plotter = _make_plotter(pyvista, shot)
@@ -235,13 +232,13 @@ def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
     plotter.add_mesh(mesh, color=OBSTACLE, name="obstacles", reset_camera=False, **smooth)
 
 
-def _update_cloth(cloth, frame: Frame, shot: Shot, parts: int) -> None:
+def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> None:
     """Set the mesh's points, values and normals from a frame."""
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
         X = checker_pattern.material_coordinates(frame)
         cloth.active_texture_coordinates = X / (2 * checker_pattern.square_side(X))
-    elif len(values := field_values(frame, shot.field)) == len(frame.points):
+    elif len(values := frame_reader.field_values(frame, shot.field)) == len(frame.points):
         cloth.point_data["shown"] = values
     else:
         cloth.cell_data["shown"] = np.repeat(values, parts)
@@ -293,7 +290,7 @@ def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
 
 def _colour_bar(shot: Shot) -> dict:
     """Return the colour bar: a third of a wide picture, up to 0.8 of a tall one, fonts to fit."""
-    field, (width, height) = FIELDS[shot.field], shot.size
+    field, (width, height) = frame_reader.FIELDS[shot.field], shot.size
     long = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))
     scale = min(height / 720, long * width / (0.34 * 1280))
     title = f"{field.title} [{field.unit}]" if field.unit else field.title

@@ -17,16 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.output import frame_reader
 from fecloth.output.atomic_files import replace_file
-from fecloth.output.frame_reader import (
-    FIELDS,
-    Frame,
-    Series,
-    clip_to_drawable,
-    field_values,
-    rim,
-    straight,
-)
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view import checker_pattern
 from fecloth.view.templates import render, unescaped
@@ -77,7 +69,7 @@ def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles |
 
 def write_view(folder: str | Path) -> Path:
     """Write ``folder``/view.html, which opens at the last frame, and return its path."""
-    series = Series.open(folder)
+    series = frame_reader.Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
     unit = unit_of(series.folder)
@@ -93,15 +85,15 @@ def write_view(folder: str | Path) -> Path:
     return file
 
 
-def shown_fields(frame: Frame) -> list[str]:
+def shown_fields(frame: frame_reader.Frame) -> list[str]:
     """Return the fields of `SHOWN` that a frame has."""
     arrays = frame.point_data.keys() | frame.cell_data.keys()
-    return [name for name in SHOWN if FIELDS[name].array in arrays]
+    return [name for name in SHOWN if frame_reader.FIELDS[name].array in arrays]
 
 
-def keep_shown(frame: Frame) -> Frame:
+def keep_shown(frame: frame_reader.Frame) -> frame_reader.Frame:
     """Return the frame with the arrays of `SHOWN` alone, which take less memory."""
-    names = {FIELDS[name].array for name in SHOWN}
+    names = {frame_reader.FIELDS[name].array for name in SHOWN}
     points, cells = (
         {name: values for name, values in arrays.items() if name in names}
         for arrays in (frame.point_data, frame.cell_data)
@@ -109,7 +101,7 @@ def keep_shown(frame: Frame) -> Frame:
     return replace(frame, point_data=points, cell_data=cells)
 
 
-def select_frames(series: Series, fields: int) -> list[int]:
+def select_frames(series: frame_reader.Series, fields: int) -> list[int]:
     """Return the indices of evenly spaced frames that fit into `MOST_BYTES`."""
     first = series.read(0)
     values = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
@@ -164,12 +156,12 @@ def pack_frames(
         times.append(frame.t)
         clouds.append(frame.points)
         for name in fields:
-            values[name].append(field_values(frame, name))
+            values[name].append(frame_reader.field_values(frame, name))
     if not times or not len(clouds[0]):
         raise InputError("no frames", "a view needs at least one")
-    points = clip_to_drawable(np.array(clouds))
+    points = frame_reader.clip_to_drawable(np.array(clouds))
     low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-    view, triangles = view_of(low, high), straight(frame.cells)
+    view, triangles = view_of(low, high), frame_reader.straight(frame.cells)
     return {
         "times": times,
         "unit": unit,
@@ -183,11 +175,11 @@ def pack_frames(
         "elevation": view.elevation,
         "points": _to_16_bits(points, low, high),
         "triangles": _to_base64(triangles.astype("<u4")),
-        "rim": _to_base64(rim(triangles).astype("<u4")),
+        "rim": _to_base64(frame_reader.rim(triangles).astype("<u4")),
         "fields": [
             _field(
                 name,
-                clip_to_drawable(np.array(values[name])),
+                frame_reader.clip_to_drawable(np.array(values[name])),
                 values[name][0].size == points.shape[1],
             )
             for name in fields
@@ -210,7 +202,7 @@ def _obstacles(frames: Sequence[Obstacles | None]) -> list[dict]:
     return packed
 
 
-def _checks(frame: Frame) -> dict | None:
+def _checks(frame: frame_reader.Frame) -> dict | None:
     """Return the material coordinates of the nodes in squares, and the side of a square [m]."""
     if "displacement" not in frame.point_data:
         return None
@@ -223,8 +215,8 @@ def _field(name: str, values: np.ndarray, nodal: bool) -> dict:
     """Return the values (frames, count) of a field and the ends of its colour bar."""
     low, high = float(values.min()), float(values.max())
     return {
-        "title": FIELDS[name].title,
-        "unit": FIELDS[name].unit,
+        "title": frame_reader.FIELDS[name].title,
+        "unit": frame_reader.FIELDS[name].unit,
         "per": "node" if nodal else "cell",
         "count": values.shape[1],
         "low": low,

@@ -170,7 +170,7 @@ def test_any_division_will_do(case, monkeypatch):
                 owner[cloth.stencil[:, midpoint]] = owner[cloth.stencil[:, end]]
         return owner
 
-    monkeypatch.setattr(distributed_system, "find_owners", quarters)
+    monkeypatch.setattr(distributed_system.partition, "find_owners", quarters)
     check_parts(*both(case, 3, most=1.1))
 
 

@@ -147,7 +147,7 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
 def test_a_variant_that_is_refused_ends_the_study_before_a_run(
     scene, variants, message, monkeypatch, capsys
 ):
-    monkeypatch.setattr(comparing, "run_points", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr(comparing.run_problems, "run_points", lambda *_: pytest.fail("it ran"))
     assert cli.main(["compare", str(scene), "--variants", variants]) == 2
     assert message in capsys.readouterr().err
 

@@ -18,6 +18,7 @@ from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.result import Table, read_tolerance
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
+from fecloth.study.simplification import result
 from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import (
@@ -29,13 +30,6 @@ from fecloth.study.simplification.outcome import (
     find_resolutions,
 )
 from fecloth.study.simplification.predictions import find_limits, predict_change
-from fecloth.study.simplification.result import (
-    Simplification,
-    describe_predictions,
-    describe_resolved,
-    make_table,
-    make_verdict,
-)
 from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.workload import Workload, check_size
@@ -49,7 +43,7 @@ def simplify(
     folder: str | Path | None = None,
     repeats: int = 3,
     **shared: Any,
-) -> Simplification:
+) -> result.Simplification:
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
     First half of h and half of dt (or a quarter of rtol) show whether the scene itself is resolved.
@@ -188,7 +182,7 @@ def combine_variants(
 
 def summarise(
     original: Original, findings: Findings, numbers: Numbers | None, folder: str | Path | None
-) -> Simplification:
+) -> result.Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
     change, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, fits in attempts if fits]
@@ -200,11 +194,11 @@ def summarise(
     name = "the reduced scene" if folder is None else file
     limits = find_limits(numbers) if numbers else ["they need a scene"]
     has_h = "h" in tables["cloth"]
-    return Simplification(
+    return result.Simplification(
         title=original.problem.name,
         warnings=original.problem.warnings,
-        verdict=make_verdict(findings, taken[-1] if taken else "", final, name),
-        table=make_table(findings, attempts, final),
+        verdict=result.make_verdict(findings, taken[-1] if taken else "", final, name),
+        table=result.make_table(findings, attempts, final),
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),
         resolved=not findings.unresolved,
@@ -215,7 +209,7 @@ def summarise(
         saved=final.saved if final else 0.0,
         numbers=Table(tuple(table_of_numbers(numbers)) if numbers else ()),
         remarks=(
-            *describe_resolved(findings.resolutions, has_h),
-            describe_predictions(findings, limits),
+            *result.describe_resolved(findings.resolutions, has_h),
+            result.describe_predictions(findings, limits),
         ),
     )
