@@ -26,13 +26,6 @@ def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
 
     Raises `TypeError` for another number of arguments, a parameter that is assigned to, a return
     before the end, and a global name that has another meaning in the template.
-
-    Examples
-    --------
-    >>> from fecloth.terms.loops import kinds_of_strain, membrane_loops
-    >>> made = insert_bodies(membrane_loops.energy, kinds_of_strain.POINTWISE)
-    >>> made.__qualname__, "gradient" in made.__code__.co_names
-    ('energy-load_nothing-no_scratch-pointwise_strain', True)
     """
     tree, bodies = copy.deepcopy(_definition(template)), _Bodies(functions, template.__globals__)
     tree.body = bodies.expand(tree.body)

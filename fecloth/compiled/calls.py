@@ -61,17 +61,6 @@ def join(calls: Calls) -> JoinedCalls:
     """Return one function that makes all the calls in order, on the same arrays each time.
 
     What the kernels return is dropped. Numbers are taken now; arrays may change in place.
-
-    Examples
-    --------
-    >>> @numba.njit
-    ... def add(a, f):
-    ...     for i in range(len(f)):
-    ...         f[i] += a[i]
-    >>> a, f = np.ones(2), np.zeros(2)
-    >>> both = join([(add, (a, f)), (add, (f, f))])
-    >>> both(), both(), f
-    (None, None, array([6., 6.]))
     """
     name = f"fecloth_calls_{next(_numbers)}"
     library = cpu_target.target_context.codegen().create_library(name)

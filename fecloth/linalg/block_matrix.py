@@ -89,17 +89,7 @@ def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
 
 @dataclass(frozen=True)
 class BlockMatrix:
-    """A sparse matrix: a pattern and its values (b, 3, 3), to which terms add in place.
-
-    Examples
-    --------
-    >>> pattern = BlockPattern.union(2, [np.array([[0, 1]], dtype=np.int32)])
-    >>> A = BlockMatrix.zeros(pattern)
-    >>> A.values[pattern.diagonal] = 2 * np.eye(3)
-    >>> A @ np.ones((2, 3))
-    array([[2., 2., 2.],
-           [2., 2., 2.]])
-    """
+    """A sparse matrix: a pattern and its values (b, 3, 3), to which terms add in place."""
 
     pattern: BlockPattern
     values: np.ndarray
@@ -189,14 +179,6 @@ class MatrixLayout:
     """The pattern of a matrix and the blocks of its stencils, found when they are first needed.
 
     Explicit methods form no matrix, and pay for none.
-
-    Examples
-    --------
-    >>> layout = MatrixLayout(3, (np.array([[0, 2]], dtype=np.int32),))
-    >>> layout.pattern.indices.tolist()
-    [0, 2, 1, 0, 2]
-    >>> layout.slots(layout.stencils[0]).tolist()
-    [[[0, 1], [3, 4]]]
     """
 
     n: int  # number of nodes

@@ -54,15 +54,6 @@ class FlatMesh:
         projection of the global x axis, or of the y axis if the plane is normal to x. Sets map
         names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name the file or
         function `where`, and the numbers `node_ids` and `triangle_ids` in place of the indices.
-
-        Examples
-        --------
-        >>> X = [[0, 0], [1, 0], [0, 1]]
-        >>> mesh = FlatMesh.from_arrays(X, [[0, 2, 1]], node_sets={"tip": [1]})
-        >>> mesh.triangles.tolist(), mesh.node_sets["tip"].tolist()
-        ([[0, 1, 2]], [1])
-        >>> mesh.edge_sets["boundary"].tolist()
-        [[0, 1], [0, 2], [1, 2]]
         """
         X, triangles = _arrays(X, triangles, where)
         n, m = len(X), len(triangles)

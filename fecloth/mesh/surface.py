@@ -16,14 +16,7 @@ MOST_NEIGHBOURS, SAMPLE = 500, 500
 
 
 def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
-    """Count the pairs that `find_intersections` finds; None where it returns None.
-
-    Examples
-    --------
-    >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [2, 2, 0]])
-    >>> count_intersections(np.array([[0, 1, 2], [3, 4, 5]]), x)
-    1
-    """
+    """Count the pairs that `find_intersections` finds; None where it returns None."""
     pairs = find_intersections(triangles, x)
     return None if pairs is None else len(pairs)
 

@@ -43,22 +43,7 @@ SHARED = ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
 @dataclass(eq=False)
 class HdfFrames:
-    """Appends states to one file; the same use as `output.Frames`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], pins=["left"])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     frames = HdfFrames(Path(folder) / "run.vtkhdf", cloth, system)
-    ...     for state, info in fc.march(system, fc.BackwardEuler(), system.rest(), 0.01, 0.03):
-    ...         file = frames.add(state)
-    ...     with h5py().File(file) as read:
-    ...         print(read["VTKHDF/Steps"].attrs["NSteps"], read["VTKHDF/Points"].shape)
-    3 (27, 3)
-    """
+    """Appends states to one file; the same use as `output.Frames`."""
 
     path: Path  # the file, replaced by the first frame
     # What is shown; without a system, no stress and no energy.

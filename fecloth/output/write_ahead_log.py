@@ -20,20 +20,7 @@ from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 
 @contextmanager
 def changing(path: Path) -> Iterator[io.RawIOBase]:
-    """Yield the file to read and write; it changes when the block ends without an error.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "it"
-    ...     _ = file.write_bytes(b"abcdef")
-    ...     with changing(file) as stream:
-    ...         _ = stream.seek(2), stream.write(b"XY")
-    ...         before = file.read_bytes()
-    ...     print(before, file.read_bytes())
-    b'abcdef' b'abXYef'
-    """
+    """Yield the file to read and write; it changes when the block ends without an error."""
     with writing(path):
         recover(path)
         with path.open("rb") as base:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -14,7 +17,77 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import LOCK, WriteError, replace_file, writing
-from fecloth.runs.csv_table import Table
+
+
+class Table:
+    """A .csv file of rows with equal keys, each handed to the system before `add` returns.
+
+    Numbers read back as the same float64. A row that does not fit on the disk leaves no part.
+    `size` counts the bytes written.
+    """
+
+    def __init__(self, path: Path, size: int | None = None):
+        """Open a new table, or an earlier one truncated to `size` bytes."""
+        self.path, self.size = path, size or 0
+        self._header: tuple[str, ...] = ()
+        with writing(path):
+            if size:
+                os.truncate(path, size)
+                with path.open(newline="", encoding="utf-8") as stream:
+                    self._header = tuple(next(csv.reader(stream)))
+            self._stream = path.open("ab" if size else "wb", buffering=0)
+
+    def add(self, row: Mapping[str, object]) -> None:
+        """Write one row.
+
+        Raises
+        ------
+        InputError
+            If its keys are not the first row's, or the file cannot be written.
+        """
+        header = self._header or tuple(row)
+        if row.keys() != set(header):
+            odd = ", ".join(sorted(row.keys() ^ set(header)))
+            raise InputError(f"keys {odd}", "must be the keys of the first row", str(self.path))
+        line = [row[key] for key in header]
+        data = _csv([line] if self._header else [header, line])
+        with writing(self.path):
+            try:
+                while data:  # an almost full disk takes a part
+                    data = data[self._stream.write(data) :]
+            except BaseException:
+                with suppress(OSError):  # report the first error
+                    self.cut(self.size)
+                raise
+        self._header, self.size = header, self._stream.tell()
+
+    def cut(self, size: int) -> None:
+        """Remove the bytes beyond the first `size`."""
+        self._stream.truncate(size)
+        self._stream.seek(size)
+        self.size = size
+
+    def column(self, name: str) -> list[float]:
+        """Return the numbers of one column."""
+        with writing(self.path), self.path.open(newline="", encoding="utf-8") as stream:
+            return [float(row[name]) for row in csv.DictReader(stream)]
+
+    def close(self) -> None:
+        with writing(self.path):
+            self._stream.close()
+
+    def __enter__(self) -> Table:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+
+def _csv(rows) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
@@ -34,19 +107,6 @@ class RunFolder:
     Each row and each line is handed to the operating system at once, and whole files are replaced
     in one go: a killed process loses nothing. After a power cut only what restart files need is
     safe; see `flush_to_disk`.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as place:
-    ...     folder = RunFolder.create(f"{place}/swing")
-    ...     with folder.table("steps.csv") as steps:
-    ...         steps.add({"step": 1, "t": 0.01})
-    ...     folder.summary({"steps": 1, "status": "finished"})
-    ...     print((folder.path / "steps.csv").read_text())
-    step,t
-    1,0.01
-    <BLANKLINE>
     """
 
     path: Path
@@ -67,13 +127,10 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
-        """Make an empty folder, or clear an earlier run's files out of one.
+        """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
 
-        Parameters
-        ----------
-        overwrite
-            Remove what fecloth writes into a run's folder, and nothing else: frames, the lists
-            that name them, tables, summary, resolved scene and log.
+        Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
+        tables, summary, resolved scene and log.
         """
         path = Path(path)
         cls.refuse(path, overwrite)

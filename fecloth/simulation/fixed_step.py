@@ -37,17 +37,10 @@ class FixedStep(ChosenSteps):
 
     With contact a step that fails is repeated over half of its time, down to 1/256 of dt; after
     each step the next one is twice as long again, up to dt.
-
-    Parameters
-    ----------
-    method
-        The method that takes them.
-    dt
-        The step [s].
     """
 
-    method: Integrator
-    dt: float  # type: ignore[assignment]  # None in the base, which fixes no size
+    method: Integrator  # the method that takes them
+    dt: float  # type: ignore[assignment]  # the step [s]; None in the base, which fixes no size
 
     def __post_init__(self):
         if not isinstance(self.dt, Real) or isinstance(self.dt, bool):
@@ -110,17 +103,10 @@ class GivenSteps(ChosenSteps):
     Given the sizes, stops and end of a run of `Adaptive`, it repeats that run bit for bit, if the
     solver keeps nothing of the attempts that were rejected there (`Newton(reuse=False)` with a
     direct one).
-
-    Parameters
-    ----------
-    method
-        The method that takes them.
-    sizes
-        Of all steps, in order [s].
     """
 
-    method: Integrator
-    sizes: tuple[float, ...]
+    method: Integrator  # the method that takes them
+    sizes: tuple[float, ...]  # of all steps, in order [s]
 
     def __post_init__(self):
         sizes = floats("dt", self.sizes, "march")

@@ -82,14 +82,9 @@ class FusedMarch:
     ) -> Skipped | None:
         """Take the steps before the `wanted` one; None if there are too few.
 
-        Raises `FloatingPointError` if they end beyond all bounds; single steps will tell where.
-
-        Parameters
-        ----------
-        state, memory, number
-            After the last step, with its number.
-        targets
-            Times at which steps must end, up to one that must not be skipped.
+        `state` and `memory` are left by step `number`, and `targets` the times at which steps
+        must end, up to one that must not be skipped. Raises `FloatingPointError` if they end beyond
+        all bounds; single steps will tell where.
         """
         begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
         limited = memory if isinstance(memory, LimitMemory) else None

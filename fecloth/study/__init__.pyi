@@ -3,7 +3,14 @@
 from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
-from .command import Parser, StudyFailed, require_packages, run_main
+from .command import (
+    Parser,
+    StudyFailed,
+    parse_arguments,
+    require_packages,
+    run_main,
+    run_options,
+)
 from .comparing import compare
 from .comparison import Comparison, Difference
 from .convergence import Convergence
@@ -19,7 +26,6 @@ from .figures import (
     new_figure,
 )
 from .front import Study, of
-from .options import parse_arguments, run_options
 from .overlay import Overlay, compare_runs
 from .reports import Finding, hardware, require_results, write_csv, write_report
 from .result import StudyResult, Table

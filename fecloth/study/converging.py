@@ -1,17 +1,27 @@
 """`converge`: the study of convergence of a problem, on uniform or on graded meshes."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
-from fecloth.study.graded_levels import refine_graded
+from fecloth.study.graded_meshes import alone, choose_gradings
 from fecloth.study.opened import Opened, open_study
-from fecloth.study.refinement import refine_problem
-from fecloth.study.run_problems import print_warnings, refuse_huge
+from fecloth.study.problems import Problem
+from fecloth.study.refinement import is_number, refine_problem
+from fecloth.study.result import Table
+from fecloth.study.run_problems import Runs, print_warnings, record_at, refuse_huge
+from fecloth.study.status import OK
+from fecloth.system.space_error import space_error
 
 
 def converge(
@@ -88,3 +98,130 @@ def converge(
     else:
         answer, _ = refine_problem(opened, chosen, refine, levels, ratio, runs)
     return replace(answer, warnings=warned)
+
+
+EVEN = "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."
+POINT_PINS = (
+    "Nodes pinned alone: {}. No mesh is graded towards them, as a membrane has no finite stiffness "
+    "at a point."
+)
+
+
+def refine_graded(
+    opened: Problem,
+    quantity: Quantity,
+    refine: str,
+    levels: int,
+    ratio: float | None,
+    runs: Runs,
+) -> Convergence:
+    """Run the levels on uniform meshes, find gradings from the first, and run graded levels.
+
+    Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
+    paths and vectors to the result of the finest graded mesh, plus its own error.
+    """
+    _require_gradable(opened, refine)
+    runs = replace(runs, timed=True)
+    uniform, rows = refine_problem(opened, quantity, refine, levels, ratio, runs)
+    if any(row["status"] != OK for row in rows):
+        return uniform
+    setup, moved = opened.first, np.array(rows[0]["displacement"])
+    end = replace(setup.start, x=setup.start.x + moved, v=np.array(rows[0]["velocity"]))
+    assert opened.h is not None
+    gradings = choose_gradings(setup, end, opened.h)
+    pinned = len(alone(setup))
+    remarks = (POINT_PINS.format(pinned),) if pinned else ()
+    if not gradings:
+        return replace(uniform, remarks=(*uniform.remarks, EVEN, *remarks))
+    graded = opened.graded(gradings)
+    study, graded_rows = refine_problem(graded, quantity, refine, levels, ratio, runs)
+    if any(row["status"] != OK for row in graded_rows):
+        return replace(study, gradings=gradings)
+    errors = _errors_of_uniform(quantity, rows, graded_rows, study)
+    compared: list[dict[str, Any]] = [
+        {"mesh": "uniform", **row, "error": error}
+        for row, error in zip(uniform.table, errors, strict=True)
+    ]
+    own: list[dict[str, Any]] = [{"mesh": "graded", **row} for row in study.table]
+    for row in own:
+        if math.isfinite(triangles := _cost_of(row["error"], compared, "triangles")):
+            row["uniform_triangles"] = round(triangles)
+    others = f"On uniform meshes: {uniform.verdict.splitlines()[0]}"
+    return replace(
+        study,
+        verdict=f"{study.verdict}\n{_saving(own, compared, study.unit)}",
+        table=Table((*compared, *own)),
+        remarks=(others, *map(_in_words, gradings), *remarks, *study.remarks),
+        gradings=gradings,
+    )
+
+
+def _require_gradable(opened: Problem, refine: str) -> None:
+    """Raise `InputError` for a problem whose meshes cannot be graded."""
+    what, where = "grade = True", opened.source
+    if refine == "dt":
+        raise InputError(what, 'needs refine = "h" or "both"', where)
+    if opened.is_explicit:
+        remedy = "Take an implicit method."
+        allowed = "is not for explicit methods: the smallest edge limits their step"
+        raise InputError(what, allowed, where, remedy)
+    setup, cloth = opened.first, opened.first.cloth
+    error = space_error(setup.system, setup.start)
+    if np.isnan(error.density).all():  # its terms have no estimate, whatever the state
+        raise InputError(what, f"needs the error in space: {error.reason}", where)
+    point = float(cloth.X[0, 0]), float(cloth.X[0, 1])
+    _ = opened.graded([Grading(point=point, distance=cloth.extent)]).first  # refuses by itself
+
+
+def _errors_of_uniform(
+    quantity: Quantity, rows: Sequence[Mapping], graded: Sequence[Mapping], study: Convergence
+) -> list[float]:
+    """Return the distance of the uniform levels to the limit, or to the finest graded level."""
+    records = [record_at(row, quantity) for row in rows]
+    if is_number(quantity, records[0]):
+        return [abs(value_of(quantity, record) - study.limit) for record in records]
+    finest, rest = record_at(graded[-1], quantity), study.table[-1]["error"]
+    return [difference_of(quantity, record, finest) + rest for record in records]
+
+
+def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
+    """Return what an error costs by interpolation between levels; NaN beyond them.
+
+    Examples
+    --------
+    >>> rows = [{"error": 0.1, "triangles": 100}, {"error": 0.01, "triangles": 1000}]
+    >>> round(_cost_of(0.1 / 10**0.5, rows, "triangles"))
+    316
+    """
+    known = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
+    if not (known and known[0][0] <= error <= known[-1][0]):
+        return math.nan
+    errors, costs = np.log(known).T
+    return float(np.exp(np.interp(math.log(error), errors, costs)))
+
+
+def _saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) -> str:
+    """Return what the least error that both kinds of meshes reach costs on each."""
+    error = max(min(row["error"] for row in rows) for rows in (graded, uniform))
+    at_most = "at most " if error > graded[0]["error"] else ""
+    own, other = (
+        [_cost_of(at, rows, key) for key in ("triangles", "cpu_seconds")]
+        for at, rows in ((min(error, graded[0]["error"]), graded), (error, uniform))
+    )
+    if not np.isfinite([own, other]).all():
+        return "What the grading saves is not known: no error is reached by both kinds of meshes."
+    times = other[0] / own[0]
+    saved = f"saves a factor of {times:.2g} in triangles" if times > 1 else "saves no triangles"
+    return (
+        f"The grading {saved}: an error of {f'{error:.2g} {unit}'.strip()} takes {at_most}"
+        f"{own[0]:,.0f} triangles and {own[1]:.2g} CPU seconds, on uniform meshes "
+        f"{other[0]:,.0f} triangles and {other[1]:.2g} CPU seconds."
+    )
+
+
+def _in_words(grading: Grading) -> str:
+    """Return a grading as a sentence with the keys of [[cloth.grading]]."""
+    place = (
+        f'where = "{grading.where}"' if grading.where else f"point = {list(grading.point or ())}"
+    )
+    return f"Graded: {place}, distance = {grading.distance:.4g}, power = {grading.power:g}."

@@ -9,8 +9,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.study.obstacles import has_bending
-from fecloth.study.problem import is_round
+from fecloth.study.problem import has_bending, is_round
 from fecloth.study.setups import Setup
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -61,14 +60,8 @@ def choose_gradings(
     A node that is pinned alone is no such place: a membrane has no finite stiffness there, and
     with smaller triangles it only gives way further.
 
-    Parameters
-    ----------
-    state
-        The end of the run of `setup`, on a mesh without gradings.
-    h
-        Its edge length [m].
-    least_saved
-        Share of the triangles that all gradings together must save; else there are none.
+    `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings. If
+    all gradings together save less than the share `least_saved` of the triangles, there are none.
     """
     error, cloth = space_error(setup.system, state), setup.cloth
     if error.reason:

@@ -25,7 +25,7 @@ from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import collect, columns
 from fecloth.study.fingerprint import load_function
 from fecloth.study.modes import modes as natural_modes
-from fecloth.study.obstacles import find_obstacles
+from fecloth.study.problem import find_obstacles
 from fecloth.study.setups import Setup, setup_of_function, setup_of_scene, with_terms
 from fecloth.study.status import TimeLimit, check_time_limit
 
@@ -80,32 +80,18 @@ def setup_of_importable(
 
 def measure(
     setup: Setup,
-    recorded: Sequence[str],
+    recorded: Sequence[str],  # columns, or names of vectors, that are returned over the whole run
+    # Number of natural frequencies about the start, or about the equilibrium; then a setup in time
+    # is not run.
     modes: int = 0,
-    function: Callable[[Any], float] | None = None,
+    function: Callable[[Any], float] | None = None,  # a user's function of the result
+    # Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
+    # repeated; the fastest counts.
     timed: bool = False,
-    repeats: int = REPEATS,
-    most: float | None = None,
+    repeats: int = REPEATS,  # runs at most
+    most: float | None = None,  # longest CPU time of a run [s]
 ) -> dict:
-    """Run a setup on one thread and return its row.
-
-    Parameters
-    ----------
-    recorded
-        Columns, or names of vectors, that are returned over the whole run.
-    modes
-        Number of natural frequencies about the start, or about the equilibrium; then a setup in
-        time is not run.
-    function
-        A user's function of the result.
-    timed
-        Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
-        repeated; the fastest counts.
-    repeats
-        Runs at most; the fastest counts.
-    most
-        Longest CPU time of a run [s].
-    """
+    """Run a setup on one thread and return its row."""
     with (
         setup.system.team.pinned(),
         warnings.catch_warnings(action="ignore", category=FeclothWarning),

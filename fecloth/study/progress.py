@@ -10,41 +10,16 @@ LONGEST_CAUSE = 100  # characters
 
 
 class Progress:
-    """Prints a line for each finished case.
-
-    Parameters
-    ----------
-    costs
-        Predicted costs of the cases to run.
-    stored
-        Number of cases that an earlier run has finished.
-    at_once
-        Number of cases that run side by side.
-    in_seconds
-        Whether the costs are CPU seconds; they may have any unit.
-    quiet
-        Whether nothing is printed.
-    clock
-        Seconds since any time.
-
-    Examples
-    --------
-    >>> clock = iter([0.0, 9.0, 11.0, 13.0]).__next__
-    >>> progress = Progress([1.0, 1.0, 2.0], in_seconds=True, clock=clock)
-    >>> progress.add(1.0), progress.seconds_left  # the first case also compiles: it says little
-    (None, 3.0)
-    >>> progress.add(1.0), progress.seconds_left
-    (None, 4.0)
-    """
+    """Prints a line for each finished case."""
 
     def __init__(
         self,
-        costs: Sequence[float],
-        stored: int = 0,
-        at_once: int = 1,
-        in_seconds: bool = False,
-        quiet: bool = False,
-        clock: Callable[[], float] = time.perf_counter,
+        costs: Sequence[float],  # predicted, of the cases to run
+        stored: int = 0,  # number of cases that an earlier run has finished
+        at_once: int = 1,  # number of cases that run side by side
+        in_seconds: bool = False,  # whether the costs are CPU seconds; they may have any unit
+        quiet: bool = False,  # whether nothing is printed
+        clock: Callable[[], float] = time.perf_counter,  # seconds since any time
     ):
         self.count, self.cost, self.at_once, self.clock = len(costs), sum(costs), at_once, clock
         self.in_seconds, self.quiet = in_seconds, quiet

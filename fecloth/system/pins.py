@@ -21,13 +21,6 @@ from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotien
 class Motion:
     """Displacement by three formulas of t, or of t and of a node's material point (X, Y) [m].
 
-    Parameters
-    ----------
-    formulas
-        Formulas of t; all three of t, X and Y where one of them has X or Y in it.
-    X
-        (k, 2) material points of the nodes [m], for formulas of X and Y.
-
     Examples
     --------
     >>> lift = Motion.read(["0", 0, "0.1*t**2"])
@@ -35,7 +28,9 @@ class Motion:
     (array([0. , 0. , 0.4]), array([0. , 0. , 0.4]))
     """
 
+    # Formulas of t; all three of t, X and Y where one of them has X or Y in it
     formulas: tuple[Formula, ...]
+    # (k, 2) material points of the nodes [m], for formulas of X and Y
     X: np.ndarray | None = field(default=None, compare=False)
 
     @classmethod

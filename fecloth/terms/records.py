@@ -15,14 +15,6 @@ def remembered(cls: C) -> C:
     Its fields may be numbers, texts, None, finite arrays of float64, mappings, tuples and marked
     records. The memory of an integrator, whose arrays are (n, 3), and the record of a term that
     keeps a history need this mark; without it, a run with restart files is refused.
-
-    Examples
-    --------
-    >>> from dataclasses import dataclass
-    >>> @remembered
-    ... @dataclass(frozen=True, eq=False)
-    ... class LastVelocity:
-    ...     v: object
     """
     name = cls.__name__
     parameters = getattr(cls, "__dataclass_params__", None)

@@ -12,15 +12,6 @@ class StepDifference:
 
     A method makes one for each step and hands it to `System.over_step`. For y = x it is the
     method's own velocity, v = (x − Σ cᵢ xᵢ)/h.
-
-    Examples
-    --------
-    Backward Euler's difference, ẏ = (y(x) − y(x₀))/dt:
-
-    >>> start = np.zeros((3, 3))
-    >>> step = StepDifference.between(start, dt=0.01, t=0.0)
-    >>> step.h, step.past[0][0]
-    (0.01, 1.0)
     """
 
     start: np.ndarray  # (n, 3) positions x₀ at the begin of the step [m]

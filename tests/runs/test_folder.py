@@ -15,9 +15,8 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.output.frames import Frames
-from fecloth.runs.csv_table import Table
 from fecloth.runs.environment import peak_memory, versions
-from fecloth.runs.folder import RunFolder
+from fecloth.runs.folder import RunFolder, Table
 
 
 def fill(folder, system, state):

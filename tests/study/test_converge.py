@@ -14,8 +14,7 @@ from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.convergence import Convergence, judge
-from fecloth.study.obstacles import find_obstacles
-from fecloth.study.problem import is_round, space_order
+from fecloth.study.problem import find_obstacles, is_round, space_order
 from fecloth.study.problems import open_problem
 from fecloth.study.result import with_uncertainty
 from fecloth.study.setups import Setup, setup_of_function

@@ -14,7 +14,7 @@ from fecloth.scene.plan import plan
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene
 from fecloth.study.chart_grid import change_names
-from fecloth.study.obstacles import find_obstacles
+from fecloth.study.problem import find_obstacles
 from fecloth.study.problems import open_problem
 from fecloth.study.setups import Setup
 from fecloth.study.simplification.numbers import Numbers, table

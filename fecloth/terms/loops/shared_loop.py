@@ -44,20 +44,6 @@ class SharedLoop:
     The loops are given as functions that return a `Call`, a kernel and its arguments, for a range
     of the elements. Of a part of a cloth only the elements where `counted` (m,) is true count in
     sums; None: all do.
-
-    Examples
-    --------
-    >>> import numba
-    >>> @numba.njit(nogil=True)
-    ... def add_one(nodes, f):
-    ...     for e in range(len(nodes)):
-    ...         for a in nodes[e]:
-    ...             f[a] += 1.0
-    >>> nodes = np.arange(4000)[:, None] + np.arange(2)
-    >>> loop, f = SharedLoop(Team(2), nodes), np.zeros((4001, 3))
-    >>> loop.add(lambda part, f: (add_one, (nodes[part], f)), f)
-    >>> f[[0, 1, 1999, 2000, 2001, 4000], 0]
-    array([1., 2., 2., 2., 2., 1.])
     """
 
     team: Team
