@@ -1,6 +1,7 @@
 """Static equilibrium: positions at which the forces of all terms balance, f(x, v = 0, t) = 0."""
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Self
@@ -8,13 +9,14 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError, is_number
+from fecloth.errors import FeclothWarning, InputError, is_number
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import has_limits, largest_step
 from fecloth.nonlinear.error_left import PLACE, ErrorInPlace
 from fecloth.nonlinear.iteration import Progress, iterate
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.arguments import check_system
@@ -23,10 +25,12 @@ from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.traits import traits_of
 
 FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it
 QUICK = 8  # iterations after which a load increment may grow again
 SMALLEST = 1 / 64  # of the first load increment
+NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
 
 
 @remembered
@@ -43,6 +47,7 @@ class Equilibrium(State):
     space_error_reason: str = ""  # why there is none, or ""
     # The estimated error [m] that the iteration left in x; NaN where it is not estimated
     solver_error: float = math.nan
+    warnings: tuple[str, ...] = ()  # a sentence for each reason to doubt it
 
     @property
     def state(self) -> Self:
@@ -68,7 +73,7 @@ def equilibrium(
     system: System,
     state: State,
     *,
-    load_steps: int = 1,
+    load_steps: int | None = None,
     tolerance: float | Literal["auto"] = "auto",
     max_iterations: int = 500,
     solver: str = "direct",
@@ -101,14 +106,15 @@ def equilibrium(
     Parameters
     ----------
     system, state
-        What is to be balanced and where to start; its velocity is not used. With one load step
-        pins hold their nodes where `state` has them, slides their held directions.
+        What is to be balanced and where to start; its velocity is not used.
     load_steps
-        1: all loads at once. More: the forces of the loads, which are `Gravity`, `Pressure`,
+        None: the loads act at once, as at the time of `state`, and pins hold their nodes where
+        `state` has them, slides their held directions: a start for a run. A number n, as in
+        `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`,
         `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`,
         are multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
         solutions leads. λ is also the time t at which motions of pins and obstacles are evaluated,
-        so that a specimen is drawn from t = 0 to 1. Where that fails the increment of λ is halved,
+        so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that fails the increment of λ is halved,
         down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
         1/n. For loads that turn the cloth far, and for the states between: a strip that a follower
         pressure turned by 237° took 205 iterations at once and 246 in ten steps.
@@ -130,7 +136,8 @@ def equilibrium(
     -------
     Equilibrium
         A `State` at the same time, with v = 0, and the residual, iterations, factorisations,
-        reason, and the estimated `solver_error` [m] that is left in x.
+        reason, and the estimated `solver_error` [m] that is left in x. An unstable equilibrium has
+        a sentence in `warnings`, which comes as a `FeclothWarning` too.
 
     Raises
     ------
@@ -155,7 +162,7 @@ def equilibrium(
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
     context = static_context(system, tolerance, max_iterations, solver)
     history = system.start_history(start)
-    if load_steps == 1:
+    if load_steps is None:
         over = over_increment(system, start.t, start.x, 1.0, history)
         equation = StaticEquation(over, start, t=start.t)
         solved = solve_static(equation, start.x, context, report)
@@ -167,7 +174,11 @@ def equilibrium(
     work = counts.newton, counts.factorisations, solved.reason(tolerance)
     error = space_error(system, State(start.t, x, np.zeros_like(x)))
     space = error.relative, error.reason
-    return Equilibrium(start.t, x, np.zeros_like(x), counts.residual, *work, *space, solved.error)
+    doubts = _find_instability(system, x, start.t if load_steps is None else 1.0, solved)
+    for words in doubts:
+        warnings.warn(words, FeclothWarning, stacklevel=2)
+    still = np.zeros_like(x)
+    return Equilibrium(start.t, x, still, counts.residual, *work, *space, solved.error, doubts)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
@@ -180,7 +191,7 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         allowed = 'must lie in [1e-13, 1), or be "auto"'
         raise InputError(f"tolerance = {tolerance!r}", allowed, "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
-        if not (isinstance(value, int) and value >= 1):
+        if value is not None and not (isinstance(value, int) and value >= 1):
             raise InputError(f"{name} = {value!r}", "must be an integer >= 1", "equilibrium")
     if solver not in ("direct", "pardiso", "superlu"):
         allowed = "must be direct, pardiso or superlu"
@@ -207,6 +218,7 @@ class Solved(NamedTuple):
     counts: Counts
     error: float = math.nan  # left in x [m]; NaN where it is not estimated
     moved: float = math.nan  # the largest displacement [m] since the start
+    is_definite: bool = False  # whether K was found to be positive definite in the last iteration
 
     def reason(self, tolerance: float | str) -> str:
         """A sentence: why the iteration ended."""
@@ -226,6 +238,14 @@ class Solved(NamedTuple):
         if self.error <= PLACE * self.moved:
             return f"the error left in its positions is {error}"
         return f"round-off of the forces leaves an error of {error}"
+
+
+def _find_instability(system: System, x: np.ndarray, t: float, solved: Solved) -> tuple[str, ...]:
+    """Return a sentence if K is not positive definite at x; an eigenvalue is found if need be."""
+    if solved.is_definite:
+        return ()
+    words = describe_instability(*least_stiffness(system, State(t, x, np.zeros_like(x))))
+    return (words,) if words else ()
 
 
 class Increase(NamedTuple):
@@ -306,16 +326,22 @@ def solve_static(
 ) -> Solved:
     """Return x in equilibrium with the loads of the equation, the counts and the error left."""
 
+    is_definite = False
+
     def tell(progress: Progress):
+        nonlocal is_definite
         point, shift = progress.point, progress.remedy.shift
+        is_definite = equation.system.symmetric and not shift
         relative = point.norm / point.scale if point.scale else 0.0
         report(Iteration(progress.number, relative, shift, progress.length, equation.load))
         _check_travel(equation, point, relative)
 
     left = ErrorInPlace(start=equation.start.x) if context.options.tolerance == "auto" else None
     x, counts = iterate(equation, context, x, report=tell, left=left)
+    is_definite = is_definite and not equation.updates(x)
     if left:
-        return Solved(x, replace(counts, estimated=0, limited=0), left.left, left.moved)
+        counts = replace(counts, estimated=0, limited=0)
+        return Solved(x, counts, left.left, left.moved, is_definite)
     if counts.residual > context.options.residual:  # it is round-off
         reason = "the round-off of the forces is above the tolerance"
         remedy = (
@@ -323,7 +349,7 @@ def solve_static(
             "stiff and small, such as slivers among the triangles that no pin holds."
         )
         raise EquilibriumFailed(reason, counts.residual, equation.at(x), remedy)
-    return Solved(x, counts)
+    return Solved(x, counts, is_definite=is_definite)
 
 
 def _check_travel(equation: StaticEquation, point: Point, residual: float) -> None:
@@ -333,4 +359,6 @@ def _check_travel(equation: StaticEquation, point: Point, residual: float) -> No
     if distance > FAR * equation.longest:
         towards = ", ".join(f"{c:.2g}" for c in way / distance)
         reason = f"nothing holds the cloth: it went {distance:.3g} m along ({towards})"
-        raise equation.failure(reason, point, residual, "Pin it, or take the load away.")
+        kinds = {traits_of(term).kind for term in equation.system.terms}
+        remedy = "Pin it, or take the load away." if kinds & {"membrane", ""} else NO_MEMBRANE
+        raise equation.failure(reason, point, residual, remedy)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fecloth.errors import SolveFailed
-from fecloth.nonlinear.eigenpairs import least_eigenpairs
+from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -26,13 +25,7 @@ class RestStability(Account):
     @classmethod
     def of(cls, system: System, state: State) -> RestStability:
         """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
-        if not system.is_whole or system.admissible.shape[1] < 2:
-            return cls(is_reached=True)
-        try:
-            found = least_eigenpairs(system, state, 1, unit_mass=True)
-        except SolveFailed:
-            return cls(is_reached=True)
-        return cls(float(found.values[0]), found.zero, is_reached=True)
+        return cls(*least_stiffness(system, state), is_reached=True)
 
     def finish(self, run: Run, end: End, others: Accounts) -> RestStability:
         return self.of(run.system, end.state) if end.is_whole else self
@@ -51,13 +44,7 @@ class RestStability(Account):
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
 
     def warnings(self) -> tuple[str, ...]:
-        if not self.least < -self.zero:
-            return ()
-        return (
-            f"the equilibrium is unstable: the least eigenvalue of K is {self.least:.3g} N/m, so "
-            "that a cloth which is disturbed leaves it; bend the start a little, as the first mode "
-            "of `fecloth modes` does, to find a stable one",
-        )
+        return (describe_instability(self.least, self.zero),)
 
     def summary(self) -> dict[str, object]:
         """Return the stability in the place of the error in time."""

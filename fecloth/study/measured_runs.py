@@ -189,11 +189,12 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
 def _solve(setup: Setup, report: Callable[..., None]) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-    state = equilibrium(setup.system, setup.start, report=report)
+    with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # they are in the row
+        state = equilibrium(setup.system, setup.start, report=report)
     rows = [observer.row(None, None), observer.row_at_rest(state)]
     ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
     both = [ledger | row for ledger, row in zip(ledgers, rows, strict=True)]
-    nothing = {"time_error": math.nan, "time_order": 0, "warnings": []}
+    nothing = {"time_error": math.nan, "time_order": 0, "warnings": list(state.warnings)}
     counted = {"steps": 1, "step": math.nan, "newton": state.iterations}
     return counted | nothing | _ends(setup, columns(both), state, state)
 

@@ -12,6 +12,7 @@ from support.tiers import slow_except
 
 import fecloth as fc
 from fecloth.nonlinear.static_equation import StaticEquation
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.verify import observed_order
 from studies.references.closed_forms import hanging_strip, hanging_strip_mean
 
@@ -374,3 +375,55 @@ def test_slack_triangles_are_counted(isotropic):
     with pytest.raises(fc.EquilibriumFailed, match=r"in 1 iterations; \d+ of \d+ triangles") as e:
         fc.equilibrium(system, state, max_iterations=1)
     assert "bending stiffness" in str(e.value)
+
+
+# --- pins that move, and what is unstable ---------------------------------------------------------
+
+
+def test_one_load_step_moves_the_pins_as_a_scene_does():
+    """Without load steps pins hold their nodes where they are: it is a start for a run."""
+    cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.1, pattern="right")
+    pins = ["left", fc.Pin("right", motion=("0.01 * t", "0", "0"))]
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], pins)
+    right = cloth.nodes("right")
+    assert fc.equilibrium(system, system.rest()).x[right, 0] == pytest.approx(0.2)
+    drawn = fc.equilibrium(system, system.rest(), load_steps=1)
+    assert drawn.x[right, 0] == pytest.approx(0.21)
+    *_, (state, _) = fc.march(system, LoadSteps(1), system.rest(), t_end=1.0)
+    np.testing.assert_allclose(drawn.x, state.x, atol=1e-12)
+
+
+def compressed_strip():
+    """A flat strip between pins that are 2 % nearer to each other than its rest."""
+    cloth = fc.Cloth.rectangle(0.4, 0.1, h=0.1, pattern="right")
+    fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], ["left", "right"])
+    return system, system.rest().x * [0.98, 1, 1]
+
+
+def test_an_unstable_equilibrium_warns_and_bending_the_start_finds_a_stable_one():
+    system, x = compressed_strip()
+    with pytest.warns(fc.FeclothWarning, match="the equilibrium is unstable.*bend the start"):
+        flat = fc.equilibrium(system, system.state(x))
+    assert len(flat.warnings) == 1
+    bent = x + 1e-3 * fc.modes(system, flat, count=1).shapes[0]
+    found = fc.equilibrium(system, system.state(bent))
+    assert found.warnings == ()
+    assert np.ptp(found.x[:, 2]) > 0.01
+
+
+def test_a_definite_stiffness_needs_no_eigenvalue(monkeypatch):
+    cloth = fc.Cloth.rectangle(0.4, 0.1, h=0.05, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), DOWN], ["boundary"])
+    monkeypatch.setattr("fecloth.nonlinear.equilibrium.least_stiffness", None)
+    assert fc.equilibrium(system, system.rest()).warnings == ()
+
+
+def test_a_sheet_without_a_membrane_is_told_to_add_one():
+    cloth = fc.Cloth.rectangle(0.4, 0.1, h=0.1, pattern="right")
+    for terms in ([DOWN], [DOWN, fc.HingeBending()]):
+        system = fc.System(cloth, fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5), terms, ["left"])
+        with pytest.raises(fc.EquilibriumFailed, match="add StVK"):
+            fc.equilibrium(system, system.rest())
+        held = fc.System(cloth, system.fabric, [*terms, fc.StVK()], ["left"])
+        assert fc.equilibrium(held, held.rest()).warnings == ()
