@@ -110,11 +110,11 @@ def equilibrium(
     load_steps
         None: the loads act at once, as at the time of `state`, and pins hold their nodes where
         `state` has them, slides their held directions: a start for a run. A number n, as in
-        `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`,
-        `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`,
-        are multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
-        solutions leads. λ is also the time t at which motions of pins and obstacles are evaluated,
-        so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that fails the increment of λ is halved,
+        `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`, `Gas`,
+        `Wind`, `PointForce`, `UserForce` and every term that says `load = True`, are multiplied by
+        λ = 1/n, 2/n, …, 1, each solved from where the line through the last two solutions leads. λ
+        is also the time t at which motions of pins and obstacles are evaluated, so that a specimen
+        is drawn from t = 0 to 1, with n = 1 at once. Where that fails the increment of λ is halved,
         down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
         1/n. For loads that turn the cloth far, and for the states between: a strip that a follower
         pressure turned by 237° took 205 iterations at once and 246 in ten steps.
