@@ -124,7 +124,7 @@ class Fabric:
     def preset(cls, name: str) -> Self:
         """Create a published fabric; `presets` returns the names.
 
-        The sources of the numbers are in the module `fecloth.fabric.presets`.
+        The sources of the numbers are in the file fecloth/fabric/fabrics.toml.
 
         Raises
         ------

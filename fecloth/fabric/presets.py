@@ -1,50 +1,6 @@
 """Published fabrics: the numbers of fabrics.toml, and their conversion to constants of a `Fabric`.
 
-The fabrics come from two publications, which use different measurements. Where both have the same
-fabric (denim), the names of the presets differ. Both describe cloth at small strain. Real
-cloth becomes stiffer under load; `StVK` does not.
-
-**Clyde, Teran and Tamstorf (2017)**, Modeling and Data-Driven Parameter Estimation for Woven
-Fabrics, Symposium on Computer Animation. They fitted an orthotropic hyperelastic law to
-commercially available tests of each fabric.
-
-- The presets use its moduli at zero strain, as transcribed in github.com/ipc-sim/Codim-IPC,
-  Python/Drivers/FEMDiscreteShellBase.py (`cloth_weftWarpMult`: weft, coupling, warp, shear [MPa];
-  `cloth_density` [g/m²]; `cloth_thickness`).
-- The moduli of cotton, canvas and silk agree with a second transcription,
-  github.com/navamikairanda/neuralclothsim, material/*.ini. The thickness does not: there it is
-  0.253, 0.37 and 0.239 mm. The stiffness per width is uncertain by this ratio.
-- The energy is a₁₁E₁₁²/2 + a₁₂E₁₁E₂₂ + a₂₂E₂₂²/2 + G₁₂E₁₂². Therefore G = G₁₂ h/2.
-- The only evidence that a₁₁ belongs to the weft is the name of the variable.
-- **Treat ν as not measured.** To the printed digits a₁₂ is half of a₁₁ (cotton, canvas, wool) or
-  half of a₂₂ (silk, denim). This looks like a bound or an assumption of the fit. It gives
-  ν₁₂ = 1.16 (silk), 0.94 (denim) and 0.5 (the others).
-- The presets have no bending rigidity. The publication uses the rigidity of a shell with the whole
-  thickness, B = a h³/12 (Kirchhoff and Love, as in Kairanda et al. 2024, NeuralClothSim, eq. 22 and
-  29). For the warp of the denim this is 216 µN m; Wang et al. measured 16 µN m.
-
-**Wang, O'Brien and Ramamoorthi (2011)**, Data-Driven Elastic Models for Cloth: Modeling and
-Measurement, ACM Transactions on Graphics 30(4):71, doi.org/10.1145/2010324.1964966. They stretched
-strips in several directions, and bent them, with their own apparatus.
-
-- The presets use the data of the authors, graphics.berkeley.edu/papers/Wang-DDE-2011-08/: the row
-  of zero strain of the tables "stretching" (c₁₁, c₁₂, c₂₂, c₃₃ [N/m]) and the column of zero
-  curvature of "bending" (k [N m], edges along u, at 45° and along v).
-- The numbers have the meaning of ARCSim, the simulator of their laboratory (Narain, Samii and
-  O'Brien 2012, dde.cpp and physics.cpp). The energy is c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂².
-  ARCSim doubles the numbers when it reads them, and replaces negative ones by zero. Therefore Y
-  follows from the moduli 2c, and G = c₃₃.
-- In shear ARCSim is inconsistent by a factor of 2. The energy above belongs to its forces
-  (`stretching_force`, and the comment in it). `stretching_energy` has half of the shear term,
-  G = c₃₃/2. The presets follow the forces, because these move the cloth in ARCSim.
-- A hinge has the energy k l²θ²/8 over the area of its two triangles. Therefore B = k/4 (see
-  `HingeBending`).
-- Of the three rows of "bending" the row of edges at 45° gives the rigidity on the bias, and with it
-  the rigidity of twist. They did not measure Poisson's ratio of bending: no preset has one.
-- The direction v is taken as warp or wale. In the denim it is the stiffer direction, and the
-  elastane is in the weft.
-- Of the ten fabrics navy-sparkle-sweat is omitted, because its moduli are not positive definite.
-- The authors ask to be cited. Ask for their terms before you redistribute their data files.
+The head of fabrics.toml says what was measured, how the numbers are read, and what is uncertain.
 """
 
 import tomllib

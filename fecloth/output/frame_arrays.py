@@ -1,27 +1,6 @@
-"""The arrays of a frame, as ParaView shows them.
+"""The arrays of a frame, as ParaView shows them: the page fecloth/runs/README.md lists them.
 
-    displacement          (n, 3)  x − (X, 0) [m]
-    velocity              (n, 3)  [m/s]
-    reference             (n, 3)  (X, 0): the flat cloth [m]
-    held                  (n,)    directions that pins hold: 0 free, 3 fixed, or 1 or 2 of a slide
-    contact_pressure      (n,)    force of contact over the area of the node [Pa]; with contact
-    slip                  (n, 3)  velocity along an obstacle that is touched [m/s]; with obstacles
-    E11, E22, E12         (m,)    Green strain along warp and weft
-    principal_stretches   (m, 2)  smaller, larger
-    warp, weft            (m, 3)  F e₁, F e₂: where the threads point, and how far they stretch
-    strain_tensor         (m, 9)  the Green strain in space: R E Rᵀ with F = R U
-    quality               (m,)    4√3 A / Σ l² of the reference triangle
-    region                (m,)    number of the triangle's fabric, from 0
-    S11, S22, S12         (m,)    second Piola–Kirchhoff stress resultants [N/m]
-    stress_tensor         (m, 9)  stress resultants in space: F S Fᵀ / J [N/m of the present width]
-    principal_stresses    (m, 2)  smaller, larger of these [N/m]
-    energy_density        (m,)    W [J/m²] per reference area
-    error_density         (m,)    energy of the error in space [J/m²], where it is asked for
-
-1 is the warp and 2 the weft by the grain of the system (without a system, X and Y). Cell values are
-means over the reference triangle; the tensors and directions use the mean of F. A tensor's
-magnitude in ParaView is its Frobenius norm. Triangles of the element P2 are VTK's quadratic ones,
-`Cloth.cells`; ParaView draws them curved from a "Nonlinear Subdivision Level" of 1 on.
+Cell values are means over the reference triangle; the tensors and directions use the mean of F.
 """
 
 from collections.abc import Callable
@@ -41,7 +20,7 @@ STATIC = ("quality", "region", "reference", "held")  # the same in all frames
 
 
 def fields(system: System, state: State, error_density: bool = False) -> tuple[Arrays, Arrays]:
-    """Return the point data and cell data of a state, as listed at the head of this file.
+    """Return the point data and cell data of a state, as fecloth/runs/README.md lists them.
 
     Stress resultants and energy density are summed over the membrane terms; a system without one
     has neither. With `error_density` the cells have the error density of `space_error`.

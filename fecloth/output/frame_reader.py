@@ -1,16 +1,7 @@
 """Reading of the frames of a finished or running run: times, triangles, fields.
 
-Users choose a field by one word (`fecloth view`, `fecloth render`):
-
-    larger_stretch, smaller_stretch    principal stretches
-    larger_stress, smaller_stress      principal stress resultants [N/m]
-    E11, E22, E12                      Green strain along warp and weft
-    S11, S22, S12                      stress resultants [N/m]
-    energy_density, error_density [J/m²], quality    as in the frames
-    speed [m/s], displacement, height [m]    |v|, |x − (X, 0)|, z
-    contact_pressure [Pa], slip [m/s]  of contact, where the scene has it
-
-The arrays are listed in `frame_arrays`. Quadratic triangles are cut into four straight ones.
+Users choose a field by one word, a key of `FIELDS` (`fecloth view`, `fecloth render`).
+Quadratic triangles are cut into four straight ones.
 """
 
 import json

@@ -11,7 +11,7 @@ its points and the arrays of `frame_arrays.fields`, and the group Steps has thei
 
 PartOffsets must be 0 too: otherwise VTK's reader finds no part for the later frames and silently
 shows the values of the first. Components have no names in this format; their order is the order of
-`frame_arrays`. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
+`fecloth/runs/README.md`. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
 
 The file is opened, extended and closed for each frame, and the number of frames is raised last: it
 can be read between two frames, and ParaView's *Reload Files* shows the new ones. HDF5 has no

@@ -1,17 +1,6 @@
 """A scene run into a folder, which is readable at any moment, however the run ends.
 
-scene.resolved.toml   the scene with all defaults and overrides
-run.pvd, run.vtu.series, frames/*.vtu   for ParaView; or all in one, run.vtkhdf
-obstacles.pvd, frames/obstacles_*.vtu   the same of the obstacles of contact
-steps.csv      number, time, size, iterations, residual and energy drift of every step, or of as
-               many as `rows` asks for
-energies.csv   the ledger at these steps
-observed.csv   probes, mean displacement, sag, area and reactions at these steps
-restart/*.npz  to continue the run, see `restart`
-strains.csv    extremes of the principal stretches at every frame
-report.html    a page for the browser
-summary.json   sizes, counts, seconds by phase, memory, versions, outcome
-run.log        the same in words, with the time of day
+The page fecloth/runs/README.md lists its files.
 """
 
 import os
