@@ -108,20 +108,22 @@ def _of_function(opened: FunctionProblem, methods, elements, models) -> list[dic
     return [dict(zip(chosen, names, strict=True)) for names in listed]
 
 
-def known_names(what: str, names: Sequence[str], known: Iterable[str]) -> list[str]:
+def known_names(
+    what: str, names: Sequence[str], known: Iterable[str], allowed: str = "", where: str = ""
+) -> list[str]:
     """Return the names as the scene writes them, each once; capitals do not count."""
     written: dict[str, None] = {}
     for name in names:
         close = closest(name, known)
         if not close or _plain(close) != _plain(name):
-            allowed = f"must be one of {', '.join(known)}"
-            raise InputError(f"{what} {name!r}", allowed, remedy=did_you_mean(name, known))
+            allowed = allowed or f"must be one of {', '.join(known)}"
+            raise InputError(f"{what} {name!r}", allowed, where, did_you_mean(name, known))
         written[close] = None
     return list(written)
 
 
 def _plain(name: str) -> str:
-    return name.lower().replace("_", "")
+    return str(name).lower().replace("_", "")
 
 
 def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:

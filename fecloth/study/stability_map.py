@@ -13,6 +13,7 @@ from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
 from fecloth.study import variants
 from fecloth.study.change import describe_values
+from fecloth.study.chart_grid import known_names
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import print_warnings, refuse_huge
@@ -31,7 +32,6 @@ from fecloth.study.stability_words import (
     range_of,
     shorten,
 )
-from fecloth.suggest import closest, did_you_mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -167,14 +167,7 @@ def known_methods(names: Sequence[str]) -> list[str]:
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")
-    written: dict[str, None] = {}
-    for name in names:
-        close = closest(name, ALL_METHODS)
-        if close.replace("_", "") != str(name).lower().replace("_", ""):
-            remedy = did_you_mean(name, ALL_METHODS)
-            raise InputError(f"method {name!r}", allowed, "stability", remedy)
-        written[close] = None
-    return list(written)
+    return known_names("method", names, ALL_METHODS, allowed, "stability")
 
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
