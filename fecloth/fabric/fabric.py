@@ -9,14 +9,15 @@ import numpy as np
 
 from fecloth.errors import InputError, is_number
 from fecloth.fabric import instruments, presets
-from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH, reads_units
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
 Pair = float | tuple[float, float]
 
 MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its inverse, are errors
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Fabric:
     """Constants of a woven, knitted or coated sheet; SI, all stiffness per width.

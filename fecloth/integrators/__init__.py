@@ -15,6 +15,7 @@ from fecloth.integrators.one_stage import BackwardEuler, ImplicitMidpoint, Stage
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.stage import Stage
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.terms.records import remembered
 
 __all__ = [
@@ -45,6 +46,9 @@ EXPLICIT: dict[str, Any] = {
     "central_difference": CentralDifference,
     "forward_euler": ForwardEuler,
 }
+
+for _method in (METHODS | EXPLICIT).values():
+    checks_arguments(_method)
 
 
 def studied_by(study: str) -> tuple[str, ...]:

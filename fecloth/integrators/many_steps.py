@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 from threading import Lock
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from fecloth.errors import InputError, StepFailed
 from fecloth.integrators.explicit import LastForce, acceleration
 from fecloth.integrators.fused_forces import compiled_force
 from fecloth.integrators.fused_steps import FusedSteps
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -19,7 +22,10 @@ from fecloth.system.system import System
 AT_ONCE = 2**14  # steps whose times and motion of pins are kept as arrays
 
 
-def many_steps(system: System, state: State, dt: float, steps: int, threads: int = 1) -> State:
+@checks_arguments
+def many_steps(
+    system: System, state: State, dt: Annotated[float, TIME], steps: int, threads: int = 1
+) -> State:
     """Take many steps of `CentralDifference`; return the last state, equal to round-off.
 
     No energies are added up, no stretches are looked at, and Python makes one call for all steps.

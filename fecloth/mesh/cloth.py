@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import scipy.sparse as sparse
@@ -21,6 +22,8 @@ from fecloth.mesh.grading import Grading
 from fecloth.mesh.hinges import HalfEdges, Hinges
 from fecloth.mesh.numbering import join_meshes, renumber_mesh
 from fecloth.mesh.read import read
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import LENGTH, TIME
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
@@ -64,11 +67,12 @@ class Cloth:
     # --- constructors -------------------------------------------------------------------------
 
     @classmethod
+    @checks_arguments
     def rectangle(
         cls,
-        width: float,
-        height: float,
-        h: float,
+        width: Annotated[float, LENGTH],
+        height: Annotated[float, LENGTH],
+        h: Annotated[float, LENGTH],
         pattern: str = "unstructured",
         element: str = "P1",
         grading: Sequence[Grading] = (),
@@ -93,20 +97,26 @@ class Cloth:
         return cls._from_mesh(mesh, element, corner_sets=["corners"])
 
     @classmethod
+    @checks_arguments
     def disk(
-        cls, radius: float, h: float, element: str = "P1", grading: Sequence[Grading] = ()
+        cls,
+        radius: Annotated[float, LENGTH],
+        h: Annotated[float, LENGTH],
+        element: str = "P1",
+        grading: Sequence[Grading] = (),
     ) -> Cloth:
         """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
         return cls._from_mesh(generate.disk(radius, h, grading), element)
 
     @classmethod
+    @checks_arguments
     def read(
         cls,
         path: str | Path,
-        h: float | None = None,
+        h: Annotated[float | None, LENGTH] = None,
         element: str = "P1",
         trust: bool = False,
-        time_limit: float = TIME_LIMIT,
+        time_limit: Annotated[float, TIME] = TIME_LIMIT,
         grading: Sequence[Grading] = (),
     ) -> Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
@@ -119,6 +129,7 @@ class Cloth:
         return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
 
     @classmethod
+    @checks_arguments
     def from_arrays(
         cls,
         X: ArrayLike,

@@ -9,7 +9,8 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, MeshError, is_number
 from fecloth.mesh.gmsh_session import set_options
-from fecloth.quantities.units import LENGTH, reads_units
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import LENGTH
 from fecloth.suggest import did_you_mean
 
 SMALLEST = 1e-3  # of h, at a set: along a curve smaller edges make too many triangles
@@ -18,7 +19,7 @@ STEEPEST = 0.9  # power
 MOST_SAMPLES = 100_000  # points on a curve from which distances are measured
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Grading:
     """Smaller triangles towards a place: at the distance r from it the edge length is h s(r).

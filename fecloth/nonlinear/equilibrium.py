@@ -19,6 +19,7 @@ from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.system.arguments import check_system
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -69,6 +70,7 @@ class Iteration:
     load: float = 1.0  # factor on the loads
 
 
+@checks_arguments
 def equilibrium(
     system: System,
     state: State,

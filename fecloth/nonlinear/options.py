@@ -5,11 +5,13 @@ from typing import Literal
 
 from fecloth import validation
 from fecloth.errors import InputError, is_number
+from fecloth.quantities.arguments import checks_arguments
 
 RESIDUAL = 1e-6  # where the tolerance is "auto" and there is no estimate
 DEFINITENESS = ("none", "clamp", "on_failure")
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Newton:
     """How the stage equation of an implicit step is solved.

@@ -8,9 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.errors import InputError
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Rotation:
     """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.

@@ -6,16 +6,13 @@ The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import inspect
 import math
 import re
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from fecloth.errors import InputError, is_number
 from fecloth.suggest import did_you_mean
@@ -37,6 +34,9 @@ class Dimension:
     def si(self) -> str:
         """Name of the SI unit."""
         return next(iter(self.units))
+
+    def __repr__(self) -> str:
+        return self.si
 
     def where(self, **values: object) -> Dimension:
         """The same dimension, for a quantity that has it only if other fields have these values."""
@@ -149,9 +149,6 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     return value  # by exact decimals: 150 g/m^2 is 0.15 kg/m^2, not 0.15000000000000002
 
 
-Class = TypeVar("Class", bound=type)
-
-
 @dataclass(frozen=True)
 class Measured:
     """What a field holds: its type, the dimensions that it may have, and its default."""
@@ -174,57 +171,10 @@ def in_si(
     return read
 
 
-def reads_units(cls: Class) -> Class:
-    """Let a dataclass take texts with units in the fields that have a dimension, as scenes do.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> fc.Gravity((0, 0, "-981 cm/s^2")).acceleration
-    (0, 0, -9.81)
-    """
-    create = cls.__init__  # type: ignore[misc]  # of the class itself, not of an instance
-    signature = inspect.signature(cls)
-
-    @functools.wraps(create)
-    def __init__(self: Any, *positional: Any, **named: Any) -> None:
-        if any(map(_has_text, (*positional, *named.values()))):
-            given = signature.bind(*positional, **named).arguments
-            positional, named = (), _read(cls, given)
-        create(self, *positional, **named)
-
-    cls.__init__ = __init__  # type: ignore[misc]  # of the class itself, not of an instance
-    return cls
-
-
-def _read(cls: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    try:
-        return in_si(values, _fields(cls), refuse_other_text=False)
-    except InputError as error:
-        raise InputError(error.what, error.allowed, cls.__name__, error.remedy) from None
-
-
-@functools.cache
-def _fields(cls: type) -> dict[str, Measured]:
-    hints = get_type_hints(cls, include_extras=True)
-    fields = {}
-    for field in dataclasses.fields(cls):
-        marks = getattr(hints[field.name], "__metadata__", ())
-        dimensions = tuple(mark for mark in marks if isinstance(mark, Dimension))
-        fields[field.name] = Measured(hints[field.name], dimensions, field.default)
-    return fields
-
-
-def _has_text(value: Any) -> bool:
-    if isinstance(value, tuple | list):
-        return any(map(_has_text, value))
-    return isinstance(value, str)
-
-
 def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse: bool) -> Any:
     """The value in SI if it is a text where the type has a number; of a list each item."""
     kinds = _kinds(hint)
-    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) is tuple]
+    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) in (tuple, Sequence)]
     if isinstance(value, tuple | list) and items:
         return type(value)(_value(key, item, items[0], dimension, refuse) for item in value)
     if not isinstance(value, str) or float not in kinds:

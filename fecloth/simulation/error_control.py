@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from fecloth.integrators.step import Step, prescribed_end, set_prescribed
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
 from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
@@ -40,6 +43,7 @@ class Control:
     method_memory: object = None  # the memory of the method itself
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Adaptive(ChosenSteps):
     """A method whose steps are as long as a tolerance on their error allows.
@@ -108,7 +112,7 @@ class Adaptive(ChosenSteps):
     method: protocol.Integrator
     rtol: float = 1e-3
     atol: float = 0.0
-    longest: float | None = None
+    longest: Annotated[float | None, TIME] = None
 
     def __post_init__(self):
         for name in ("rtol", "atol"):

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
 from fecloth.simulation.doubts.before_run import OF_MARCH, find_warnings
 from fecloth.simulation.doubts.jumps import find_jumping_pin
 from fecloth.simulation.doubts.planned_run import PlannedRun
@@ -82,14 +85,15 @@ class StepInfo:
         return 1 + (self.skipped.number if self.skipped else 0)
 
 
+@checks_arguments
 def march(
     system: System,
     method,
     state: State,
-    dt: float | Sequence[float] | None = None,
-    t_end: float | None = None,
+    dt: Annotated[float | Sequence[float] | None, TIME] = None,
+    t_end: Annotated[float | None, TIME] = None,
     *,
-    stops: Sequence[float] = (),
+    stops: Annotated[Sequence[float], TIME] = (),
     solver: str | SolverContext = "auto",
     newton: Newton | None = None,
     most_stretch: float = 20.0,

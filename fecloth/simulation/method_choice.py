@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.newmark import GeneralizedAlpha
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import ChosenSteps
@@ -39,6 +42,7 @@ class Trial:
         return f"{name} {self.seconds:.2g} s at dt = {self.dt:.2g} s"
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Auto(ChosenSteps):
     """`Adaptive` around central differences or generalised-α, whichever is predicted to be faster.
@@ -65,7 +69,7 @@ class Auto(ChosenSteps):
 
     rtol: float = 1e-3
     atol: float = 0.0
-    longest: float | None = None
+    longest: Annotated[float | None, TIME] = None
 
     traits = MethodTraits(order=2, chooses_dt=True)
 

@@ -13,6 +13,7 @@ from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.mesh.surface import Enclosure
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
@@ -62,6 +63,7 @@ def contact_rows(system: System, acting: System | None, state: State) -> dict[st
     return row
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Probe:
     """The path of a named node set (its mean), of nodes, or of a material point (X, Y).
@@ -83,6 +85,10 @@ class Probe:
     def __post_init__(self):
         if (self.where is None) == (self.point is None):
             raise InputError(f"probe {self.name!r}", "needs either `where` or `point`", "Probe")
+        if isinstance(self.where, tuple | list) and any(isinstance(n, float) for n in self.where):
+            allowed = "must be a node set's name, node indices, or a predicate on X"
+            remedy = f"A place is point = {self.where}."
+            raise InputError(f"where = {self.where}", allowed, f"probe {self.name!r}", remedy)
 
     def weights(self, cloth: Cloth):
         """Return the (1, n) matrix from nodal positions to the probe's."""

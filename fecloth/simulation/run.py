@@ -6,6 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import TIME
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
@@ -153,14 +156,15 @@ class Result:
         return result_figures(repr(self), self.times, self.energies, self.observed)
 
 
+@checks_arguments
 def run(
     system: System,
     method,
     state: State,
-    dt: float | Sequence[float] | None = None,
-    t_end: float | None = None,
+    dt: Annotated[float | Sequence[float] | None, TIME] = None,
+    t_end: Annotated[float | None, TIME] = None,
     *,
-    stops: Sequence[float] = (),
+    stops: Annotated[Sequence[float], TIME] = (),
     probes: Sequence[Probe] = (),
     solver: str = "auto",
     newton: Newton | None = None,
@@ -208,7 +212,7 @@ def run(
     check_offers(steps.method, ("numerical",), "run")
     foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends)))
     for words in foreseen:
-        warnings.warn(words, FeclothWarning, stacklevel=2)
+        warnings.warn(words, FeclothWarning, stacklevel=3)
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
     states = march(
@@ -236,7 +240,7 @@ def run(
         memory.step if memory else 0,
     )
     for words in result.warnings[len(foreseen) :]:
-        warnings.warn(words, FeclothWarning, stacklevel=2)
+        warnings.warn(words, FeclothWarning, stacklevel=3)
     return result
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from fecloth.errors import FeclothError, InputError, brief, is_number
 from fecloth.mesh.cloth import Where
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Derivative, Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotient
@@ -90,6 +91,7 @@ def _refused(parts: object, name: str) -> InputError:
     return InputError(f"{name} = {brief(parts)}", allowed)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Pin:
     """x(t) = x(t₀) + motion(t) − motion(t₀): nodes that stay where the run starts, or are moved.
@@ -237,6 +239,7 @@ class Pin:
         return value
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Slide(Pin):
     """Nodes that slide without friction along a line or in a plane, from where the run starts.

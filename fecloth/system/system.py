@@ -24,6 +24,7 @@ from fecloth.linalg.block_matrix import (
 from fecloth.linalg.protocol import LinearSolver
 from fecloth.linalg.reductions import NodeSums
 from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints, MatrixProjection
 from fecloth.system.pieces import Piece, movable_pieces
@@ -51,6 +52,7 @@ class Arguments:
     threads: int | str
 
 
+@checks_arguments
 class System(Arguments):
     """The force balance M a = f(x, v, t) of one cloth.
 

@@ -9,7 +9,7 @@ Shorter than all this are `Condition`, for an energy ½ k C² of some nodes, `Us
 on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has a term and a law.
 """
 
-from fecloth.quantities.units import reads_units
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.terms.bending.hinge import HingeBending, QuadraticBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.contact.obstacle import MeshObstacle, Obstacle
@@ -59,6 +59,6 @@ __all__ = [
 ]
 
 for _name in __all__:  # lengths, forces, ... may be texts such as "5 mm", as in scenes
-    reads_units(globals()[_name])
+    checks_arguments(globals()[_name])
 
 TRAITS = {_name: traits_of(globals()[_name]) for _name in __all__}

@@ -9,10 +9,11 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Derivative, Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
-from fecloth.quantities.units import LENGTH, reads_units
+from fecloth.quantities.units import LENGTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,7 @@ def direction(name: str, value: object, where: str) -> np.ndarray:
 VARIABLES = ("x", "y", "z", "t")
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Sdf(Shape):
     """All points at which a formula φ(x, y, z, t) is negative.

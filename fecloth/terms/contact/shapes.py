@@ -12,7 +12,8 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError
-from fecloth.quantities.units import LENGTH, reads_units
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import LENGTH
 from fecloth.terms.contact.shape import Sdf, Shape, direction, point
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
@@ -23,7 +24,7 @@ Length = Annotated[float, LENGTH]
 LEAST = 1e-300  # m: below this a distance from an axis has no direction
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Plane(Shape):
     """The half-space behind a plane: d = (x − point) · n.
@@ -64,7 +65,7 @@ class Plane(Shape):
         return np.tile(self._normal, (len(y), 1)), np.zeros((len(y), 3, 3))
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Sphere(Shape):
     """A ball: d = |x − center| − radius.
@@ -94,7 +95,7 @@ class Sphere(Shape):
         return _around(y - np.array(self.center, float), np.eye(3))
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Cylinder(Shape):
     """A round cylinder without ends: d = |q| − radius.
@@ -138,7 +139,7 @@ class Cylinder(Shape):
         return _around((y - np.array(self.point, float)) @ self._across, self._across)
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Capsule(Shape):
     """All points within `radius` of the segment from a to b: a rod with round ends.
@@ -188,7 +189,7 @@ class Capsule(Shape):
         return _around(q, np.eye(3) - np.where(at_end, 0.0, 1.0)[:, None, None] * along)
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Box(Shape):
     """A box with edges along x, y and z; `rotate` turns it.
@@ -226,7 +227,7 @@ class Box(Shape):
         return sign * n, sign[:, :, None] * H * sign[:, None, :]
 
 
-@reads_units
+@checks_arguments
 @dataclass(frozen=True)
 class Disk(Shape):
     """A round plate: a cylinder of finite height, which is its thickness.

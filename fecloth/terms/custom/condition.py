@@ -8,9 +8,10 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.compiled.jit import inner
-from fecloth.errors import InputError
+from fecloth.errors import InputError, floats
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.cloth import Cloth
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.terms.custom.finite_differences import Derivatives, Function
 from fecloth.terms.loops import bound_condition
 from fecloth.terms.traits import TermTraits
@@ -18,6 +19,7 @@ from fecloth.terms.traits import TermTraits
 RESERVED = ("t", "kinetic", "pins", "numerical", "total", "remainder")  # columns of the ledger
 
 
+@checks_arguments
 @dataclass(frozen=True, eq=False)
 class Condition:
     """Energy ½ k_s CᵀC and damping −k_d ∂C Ċ of a condition C(x) on stencils of k nodes.
@@ -97,14 +99,14 @@ class Condition:
     name: str = "Condition"
 
     def __post_init__(self):
-        if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in self.name):
+        if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in str(self.name)):
             allowed = f"must be letters, digits, spaces, _ and -, and none of {', '.join(RESERVED)}"
             raise InputError(f"name = {self.name!r}", allowed, "Condition")
         if not callable(self.value):
             raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), self.name)
         for key in ("stiffness", "damping"):
-            value = np.asarray(getattr(self, key), dtype=float)
+            value = floats(key, getattr(self, key), self.name)
             if not (np.isfinite(value).all() and (value >= 0).all()):
                 raise InputError(f"{key} = {getattr(self, key)!r}", "must be >= 0", self.name)
         if not np.any(self.stiffness) and not np.any(self.damping):

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import LENGTH, SPEED
 from fecloth.terms.loads import air_velocity
@@ -82,7 +82,7 @@ class Wind:
         air_velocity.velocity_field(self.velocity, "Wind")
         validation.positive("gusts", self.gusts, "", "Wind", or_zero=True)
         validation.positive("gust_length", self.gust_length, "m", "Wind")
-        if not 0 <= self.seed < 2**32:
+        if not (is_number(self.seed) and 0 <= self.seed < 2**32):
             raise InputError(f"seed = {self.seed!r}", "must be in 0 … 2³² − 1", "Wind")
         is_steady = not callable(self.velocity) and not any(
             isinstance(u, str) for u in self.velocity

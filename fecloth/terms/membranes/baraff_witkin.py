@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.compiled.jit import inner
-from fecloth.errors import InputError
+from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
@@ -96,7 +96,7 @@ class BaraffWitkin:
             ("damping", self.damping),
         ):
             size = 2 if name in ("stretch", "rest") else 1
-            numbers = np.ravel(values).astype(float) if values is not None else np.ones(size)
+            numbers = floats(name, np.ravel(values), where) if values is not None else np.ones(size)
             if numbers.shape != (size,) or not (
                 np.isfinite(numbers).all() and (numbers >= 0).all()
             ):

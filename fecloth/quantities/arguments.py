@@ -1,0 +1,123 @@
+"""Arguments of public classes and functions: texts with units, and what does not fit."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast, get_type_hints
+
+from fecloth.errors import InputError, brief
+from fecloth.quantities.units import Dimension, Measured, in_si
+from fecloth.suggest import did_you_mean
+
+Target = TypeVar("Target", bound=Callable[..., Any])
+
+
+def checks_arguments(target: Target) -> Target:
+    """Let a class or function take texts with units, and refuse arguments that do not fit it.
+
+    A number may be a text with a unit where the type has a dimension, as
+    ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
+    `InputError` that has all arguments.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> fc.Gravity((0, 0, "-981 cm/s^2")).acceleration
+    (0, 0, -9.81)
+    >>> fc.Tether("left", (0, 0, 1))
+    Traceback (most recent call last):
+    fecloth.errors.InputError: Tether: stiffness is missing: \
+it needs where, point [m], stiffness [N/m], and it may have damping [N*s/m]
+    """
+    create: Any = vars(target)["__init__"] if isinstance(target, type) else target
+
+    @functools.wraps(create)
+    def checked(*positional: Any, **named: Any) -> Any:
+        if any(map(_has_text, (*positional, *named.values()))):
+            given = _bind(target, create, positional, named)
+            given.arguments.update(_read(target, given.arguments))
+            positional, named = given.args, given.kwargs
+        try:
+            return create(*positional, **named)
+        except TypeError:
+            _bind(target, create, positional, named)  # raises if the arguments do not fit
+            raise
+
+    if not isinstance(target, type):
+        return cast(Target, checked)
+    target.__init__ = checked  # type: ignore[misc]  # of the class itself, not of an instance
+    return target
+
+
+def _bind(
+    target: Target, create: Target, positional: tuple[Any, ...], named: dict[str, Any]
+) -> Any:
+    """Bind the arguments by the signature; raise `InputError` if they do not fit."""
+    signature = inspect.signature(create)
+    try:
+        return signature.bind(*positional, **named)
+    except TypeError:
+        what, remedy = _misfit(signature, positional, named)
+    names = _names(target, required=True), _names(target, required=False)
+    verbs = ("needs", "may have")
+    takes = [f"it {verb} {text}" for verb, text in zip(verbs, names, strict=True) if text]
+    allowed = ", and ".join(takes) or "it takes no arguments"
+    raise InputError(what, allowed, target.__qualname__, remedy) from None
+
+
+def _misfit(
+    signature: inspect.Signature, positional: tuple[Any, ...], named: dict[str, Any]
+) -> tuple[str, str]:
+    """What does not fit, and the remedy."""
+    parameters = signature.parameters
+    by_place = [name for name, each in parameters.items() if each.kind != each.KEYWORD_ONLY]
+    unknown = [name for name in named if name not in parameters]
+    if unknown:
+        return f"argument {unknown[0]!r} is unknown", did_you_mean(unknown[0], parameters)
+    if len(positional) > len(by_place):
+        return f"{brief(positional[len(by_place)])} is a value too many", ""
+    twice = [name for name in by_place[: len(positional)] if name in named]
+    if twice:
+        return f"{twice[0]} is given twice, by its place and by its name", ""
+    given = {*by_place[: len(positional)], *named}
+    missing = [n for n, each in parameters.items() if each.default is each.empty and n not in given]
+    return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing", ""
+
+
+def _names(target: Callable[..., Any], required: bool) -> str:
+    """The arguments with their units, those that are required or all others."""
+    return ", ".join(
+        f"{name} [{field.dimensions[0].si}]" if len(field.dimensions) == 1 else name
+        for name, field in _fields(target).items()
+        if (field.default is inspect.Parameter.empty) == required
+    )
+
+
+def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    fields = _fields(target)
+    known = {name: value for name, value in values.items() if name in fields}
+    try:
+        return in_si(known, fields, refuse_other_text=False)
+    except InputError as error:
+        raise InputError(error.what, error.allowed, target.__qualname__, error.remedy) from None
+
+
+@functools.cache
+def _fields(target: Callable[..., Any]) -> dict[str, Measured]:
+    """The arguments of the class or function, without `self` and `cls`."""
+    hints = get_type_hints(target, include_extras=True)
+    fields = {}
+    for name, parameter in inspect.signature(target).parameters.items():
+        if name not in ("self", "cls"):
+            marks = getattr(hints.get(name), "__metadata__", ())
+            dimensions = tuple(mark for mark in marks if isinstance(mark, Dimension))
+            fields[name] = Measured(hints.get(name), dimensions, parameter.default)
+    return fields
+
+
+def _has_text(value: Any) -> bool:
+    if isinstance(value, tuple | list):
+        return any(map(_has_text, value))
+    return isinstance(value, str)

@@ -1,0 +1,123 @@
+"""Arguments of public classes and functions: what does not fit, and texts with units."""
+
+import inspect
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth import terms
+from fecloth.integrators import EXPLICIT, METHODS
+
+SHAPES = [each for each in vars(fc.shapes).values() if inspect.isclass(each)]
+SHAPES = [each for each in SHAPES if fc.shapes.Shape in each.__bases__]
+OTHERS = [fc.Adaptive, fc.Auto, fc.Newton, fc.Rotation, fc.Condition, fc.Fabric, fc.Grading]
+OTHERS += [fc.Pin, fc.Slide, fc.Probe, fc.System]
+CLASSES = [getattr(fc, name) for name in terms.__all__]
+CLASSES += [*(METHODS | EXPLICIT).values(), *SHAPES, *OTHERS]
+FUNCTIONS = [fc.run, fc.march, fc.equilibrium, fc.many_steps]
+FUNCTIONS += [fc.Cloth.rectangle, fc.Cloth.disk, fc.Cloth.read, fc.Cloth.from_arrays]
+
+# arguments that are right, by name; what is not here may be 1.0
+RIGHT = dict.fromkeys(("center", "point", "a", "velocity"), (0.0, 0.0, 0.0))
+RIGHT |= dict.fromkeys(("axis", "b", "size", "force"), (1.0, 1.0, 1.0))
+RIGHT |= {"where": "left", "shape": fc.shapes.Sphere((0, 0, 0), 1.0), "path": "a.stl"}
+RIGHT |= {"formula": "z", "name": "tip", "angle": "t", "method": fc.BDF2(), "nodes": [[0, 1]]}
+RIGHT |= {"value": lambda y: y, "cloth": fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")}
+RIGHT |= {"fabric": fc.Fabric(0.1, 10.0), "terms": [fc.StVK()]}
+# what may be any object until a cloth is there: node sets, functions, the path of a file, words
+CHECKED_LATER = {"where", "point", "path", "derivatives", "name", "gradient", "hessian", "source"}
+CHECKED_LATER |= {"gauss_newton", "convex"}
+
+
+def required(target):
+    parameters = inspect.signature(target).parameters
+    needed = {name for name, each in parameters.items() if each.default is each.empty}
+    right = RIGHT | ({"normal": (0, 0, 1)} if target in SHAPES else {})
+    return {name: right.get(name, 1.0) for name in needed}
+
+
+@pytest.mark.parametrize("target", CLASSES + FUNCTIONS, ids=lambda target: target.__qualname__)
+def test_arguments_that_do_not_fit_are_an_input_error_with_all_arguments(target):
+    names, needed = list(inspect.signature(target).parameters), required(target)
+    name = target.__qualname__
+    calls = {f"{name}: argument 'qqq' is unknown": lambda: target(**needed, qqq=1)}
+    if names[:1] and names[0] in needed:
+        calls[f"{name}: {names[0]} "] = lambda: target(
+            **{key: value for key, value in needed.items() if key != names[0]}
+        )
+    calls[f"{name}: .* is a value too many"] = lambda: target(*[1.0] * (len(names) + 1))
+    for text, call in calls.items():
+        with pytest.raises(fc.InputError, match=text) as raised:
+            call()
+        assert all(key in str(raised.value) for key in names)
+
+
+@pytest.mark.parametrize("target", CLASSES, ids=lambda target: target.__qualname__)
+def test_a_value_of_a_wrong_type_is_an_input_error_with_the_argument(target):
+    for name in inspect.signature(target).parameters:
+        if name in CHECKED_LATER or target is fc.System:
+            continue
+        right = required(target) | ({"where": "left"} if target is fc.Grading else {})
+        with pytest.raises(fc.InputError, match=name):
+            target(**right | {name: object()})
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda: fc.Wind((5, 0, 0)), "Wind: normal is missing: it needs velocity .m/s., normal,"),
+        (
+            lambda: fc.Pressure(),
+            "Pressure: p.* is missing: .* .Pa., and it may have tangent$",
+        ),
+        (lambda: fc.Wind((5, 0, 0), 1, tangental=1), "'tangental' is unknown.*mean 'tangential'"),
+        (lambda: fc.Fabric(), "areal_density and tensile_stiffness are missing"),
+        (lambda: fc.StVK("pointwise", strain="pointwise"), "strain is given twice"),
+        (lambda: fc.BDF2(3), "BDF2: 3 is a value too many: it takes no arguments$"),
+        (lambda: fc.run(1, 2, 3, tend=1), "run: argument 'tend' is unknown.*mean 't_end'"),
+        (lambda: fc.Probe("p", (0.5, 0.25)), r"A place is point = \(0.5, 0.25\)"),
+        (lambda: fc.Cloth.disk("2 kg", 0.1), "disk: radius = '2 kg': must be .* units m, cm"),
+        (lambda: fc.Cloth.disk("wide", 0.1), "radius = 'wide': must be a finite length"),
+    ],
+)
+def test_the_message_says_what_does_not_fit(call, text):
+    with pytest.raises(fc.InputError, match=text):
+        call()
+
+
+def test_lengths_and_times_may_be_texts_with_units(tmp_path):
+    cloth = fc.Cloth.rectangle("100 cm", "50 cm", h="250 mm", pattern="right")
+    assert np.array_equal(cloth.X, fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right").X)
+    assert np.array_equal(fc.Cloth.disk("20 cm", "10 cm").X, fc.Cloth.disk(0.2, 0.1).X)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    times = fc.run(system, fc.BDF2(), system.rest(), dt="5 ms", t_end="0.01 s").times
+    assert np.array_equal(times, [0.0, 0.005, 0.01])
+    steps = fc.march(system, fc.BDF2(), system.rest(), ["1 ms", "2 ms"])
+    assert [info.dt for _, info in steps] == pytest.approx([0.001, 0.002])
+    assert fc.Adaptive(fc.BDF2(), longest="3 ms").longest == 0.003
+    with pytest.raises(fc.InputError, match="run: dt = '1 m': must be a number with .* s, ms"):
+        fc.run(system, fc.BDF2(), system.rest(), dt="1 m", t_end=1.0)
+    (tmp_path / "a.geo").write_text('SetFactory("OpenCASCADE");\nDisk(1) = {0, 0, 0, 0.2};\n')
+    assert len(fc.Cloth.read(tmp_path / "a.geo", h="10 cm").X) > 8
+
+
+def test_an_error_inside_a_function_stays_what_it_is():
+    def wrong(info):
+        raise TypeError("mine")
+
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()], pins=["left"])
+    with pytest.raises(TypeError, match="mine"):
+        fc.run(system, fc.BDF2(), system.rest(), dt=0.01, t_end=0.02, report=wrong)
+
+
+def test_a_warning_of_a_run_stands_at_its_call():
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), fc.Gravity()], pins=["left"])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.2, t_end=0.4)
+    assert caught
+    assert {each.filename for each in caught} == {__file__}
