@@ -31,8 +31,9 @@ def load(where: str) -> Any:
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    The pairs at the positions asked for last are kept. So are all pairs that are nearer than three
-    gaps, if they are few: while no node has moved by a gap since then, no others can touch.
+    The contacts at the positions asked for last are kept. So are all pairs that are nearer than
+    three gaps at any point of the way asked for last, if they are few: no others can touch where
+    each node is less than a gap from a point of this way.
     """
 
     # ipctk, and its collision mesh and barrier potential.
@@ -45,7 +46,7 @@ class ContactSets:
     gap: float
     thickness: float
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
-    _pairs: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
+    _pairs: tuple[np.ndarray, np.ndarray, Any] | None = field(default=None, repr=False)
     _crowded: bool = False
 
     @classmethod
@@ -84,24 +85,31 @@ class ContactSets:
         if self._last is None or not np.array_equal(self._last[0], x):
             contacts = self.toolkit.NormalCollisions()
             contacts.use_area_weighting = True
-            pairs, where = self.candidates(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
+            pairs, where = self.candidates(x, x), (self.mesh, self.nodes(x), self.gap, self.thickness)
             contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
             self._last = x.copy(), contacts
         return self._last[1]
 
-    def candidates(self, x: np.ndarray) -> Any | None:
-        """The pairs that can touch at x, or a gap around it; None if they are many."""
-        if not self._crowded and not self._covers(x):
+    def candidates(self, x: np.ndarray, y: np.ndarray) -> Any | None:
+        """The pairs that can touch on the straight way from x to y; None if they are many."""
+        if not self._crowded and not (self._covers(x) and self._covers(y)):
             pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
-            pairs.build(self.mesh, self.nodes(x), reach + AROUND * self.gap)  # each box grows by it
-            self._pairs, self._crowded = (x.copy(), pairs), len(pairs) > CROWDED * len(x)
-        return None if self._crowded or self._pairs is None else self._pairs[1]
+            way = self.nodes(x), self.nodes(y)
+            pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
+            if len(pairs) > CROWDED * len(x):
+                self._crowded = x is y
+                return None
+            self._pairs = x, y - x, pairs
+        return None if self._crowded or self._pairs is None else self._pairs[2]
 
     def _covers(self, x: np.ndarray) -> bool:
-        """Whether `candidates` was found at places less than a gap from x."""
+        """Whether x is less than a gap from a point of the way of the pairs that are kept."""
         if self._crowded or self._pairs is None:
             return False
-        return self._longest(x - self._pairs[0]) < AROUND * self.gap
+        start, way, _ = self._pairs
+        along, squared = float(((x - start) * way).sum()), float((way * way).sum())
+        part = min(max(along / squared, 0.0), 1.0) if squared else 0.0
+        return self._longest(x - start - part * way) < AROUND * self.gap
 
     def _longest(self, way: np.ndarray) -> float:
         """The longest way [m] of a node (n, 3), without what all nodes of the cloth move alike."""
@@ -166,8 +174,8 @@ class ContactSets:
         room = min(self.least_distance(x) - self.thickness, self.gap)
         if 2 * self._longest(y - x) < RESERVE * room:
             return 1.0
-        pairs, ends = self.candidates(x), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
-        search = self.toolkit if pairs is None or not self._covers(y) else pairs
+        pairs, ends = self.candidates(x, y), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
+        search = self.toolkit if pairs is None else pairs
         find = search.compute_collision_free_stepsize
         part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part
