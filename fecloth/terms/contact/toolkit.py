@@ -85,7 +85,10 @@ class ContactSets:
         if self._last is None or not np.array_equal(self._last[0], x):
             contacts = self.toolkit.NormalCollisions()
             contacts.use_area_weighting = True
-            pairs, where = self.candidates(x, x), (self.mesh, self.nodes(x), self.gap, self.thickness)
+            pairs, where = (
+                self.candidates(x, x),
+                (self.mesh, self.nodes(x), self.gap, self.thickness),
+            )
             contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
             self._last = x.copy(), contacts
         return self._last[1]
@@ -174,7 +177,10 @@ class ContactSets:
         room = min(self.least_distance(x) - self.thickness, self.gap)
         if 2 * self._longest(y - x) < RESERVE * room:
             return 1.0
-        pairs, ends = self.candidates(x, y), (self.mesh, self.nodes(x), self.nodes(y), self.thickness)
+        pairs, ends = (
+            self.candidates(x, y),
+            (self.mesh, self.nodes(x), self.nodes(y), self.thickness),
+        )
         search = self.toolkit if pairs is None else pairs
         find = search.compute_collision_free_stepsize
         part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
