@@ -205,12 +205,15 @@ TERMS = [
         (lambda g=bad: fc.Gravity(g), "Gravity: acceleration = .*: must be three finite")
         for bad in (9.81, (0.0, -9.81), (0.0, NAN, 0.0), (0.0, 0.0, INF))
     ),
-    (lambda: fc.Pressure(NAN), "p = nan: must be a finite number, a formula"),
-    (lambda: fc.Pressure("3 * x"), "p: formula '3 \\* x', unknown name 'x'"),
-    (lambda: fc.Pressure(True), "p = True"),
+    (lambda: fc.Pressure(NAN), "pressure = nan: must be a finite number, a formula"),
+    (lambda: fc.Pressure("3 * x"), "pressure: formula '3 \\* x', unknown name 'x'"),
+    (lambda: fc.Pressure(True), "pressure = True"),
     (lambda: fc.Pressure(1.0, "x"), 'tangent = \'x\': must be "symmetric" or "exact"'),
-    (lambda: fc.Pressure("5 mbr"), "Pressure: p = '5 mbr'.*or a formula. Did you mean 'mbar'"),
-    (lambda: force(fc.Pressure(lambda t: 1 / t if t else INF)), r"Pressure: p\(0\) = .*inf"),
+    (
+        lambda: fc.Pressure("5 mbr"),
+        "pressure = '5 mbr'.*or a formula. Did you mean 'mbar'",
+    ),
+    (lambda: force(fc.Pressure(lambda t: 1 / t if t else INF)), r"Pressure: pressure\(0\) = .*inf"),
     (lambda: fc.BaraffWitkin(area_exponent=1.0), "needs both"),
     (lambda: fc.BaraffWitkin(stretch=(1.0, -2.0)), "two numbers >= 0"),
     (lambda: fc.BaraffWitkin(rest=(1.0,)), "two numbers"),

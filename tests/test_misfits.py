@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from support.scene_texts import STRIP
 
 import fecloth as fc
 from fecloth import terms
@@ -121,3 +122,16 @@ def test_a_warning_of_a_run_stands_at_its_call():
         fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.2, t_end=0.4)
     assert caught
     assert {each.filename for each in caught} == {__file__}
+
+
+def test_an_argument_may_have_its_name_of_earlier_versions(tmp_path):
+    assert fc.Pressure(p="5 hPa", tangent="exact") == fc.Pressure(500.0, "exact")
+    with pytest.raises(fc.InputError, match="Pressure: pressure and p are given: are the same"):
+        fc.Pressure(pressure=1.0, p=2.0)
+    scene = tmp_path / "a.toml"
+    old = """type = "Pressure", p = "5 hPa\""""
+    scene.write_text(STRIP.replace("""type = "Gravity", acceleration = [9.81, 0, 0]""", old))
+    assert fc.load_scene(scene).terms[1].make() == fc.Pressure(500.0)
+    assert fc.load_scene(scene, ["terms.1.p=3.0"]).terms[1].pressure == 3.0
+    with pytest.raises(fc.SceneError, match="a.toml.*pressure and p are given"):
+        fc.load_scene(scene, ["terms.1.pressure=3.0"])

@@ -13,6 +13,19 @@ from fecloth.suggest import did_you_mean
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 
+OLD_NAMES = {"Pressure": {"p": "pressure"}}
+"""By class: arguments that had another name in earlier versions, which is still accepted."""
+
+
+def by_new_names(owner: str, named: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments by their names of today; `InputError` for one that is given by both."""
+    new = OLD_NAMES.get(owner, {})
+    for old in new.keys() & named.keys():
+        if new[old] in named:
+            remedy = f"Leave out {old}, its name in earlier versions."
+            raise InputError(f"{new[old]} and {old} are given", "are the same", owner, remedy)
+    return {new.get(name, name): value for name, value in named.items()}
+
 
 def checks_arguments(target: Target) -> Target:
     """Let a class or function take texts with units, and refuse arguments that do not fit it.
@@ -35,6 +48,7 @@ it needs where, point [m], stiffness [N/m], and it may have damping [N*s/m]
 
     @functools.wraps(create)
     def checked(*positional: Any, **named: Any) -> Any:
+        named = by_new_names(target.__qualname__, named)
         if any(map(_has_text, (*positional, *named.values()))):
             given = _bind(target, create, positional, named)
             given.arguments.update(_read(target, given.arguments))

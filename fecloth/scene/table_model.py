@@ -27,6 +27,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from fecloth.errors import InputError
+from fecloth.quantities.arguments import by_new_names
 from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, meaning, options, phrase, writable
 from fecloth.suggest import did_you_mean
@@ -109,6 +110,11 @@ class Made(Table):
     makes: ClassVar[type]
 
     _object: Any = PrivateAttr()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_old_names(cls, data: Any) -> Any:
+        return by_new_names(cls.makes.__name__, data) if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _make_object(self):

@@ -283,7 +283,7 @@ type = "Gravity"
 acceleration = [0, 0, -9.81]
 [[terms]]
 type = "Pressure"
-p = 500
+pressure = 500
 [[terms]]
 type = "Wind"
 velocity = [5, "0.1 * t", 0]
@@ -322,7 +322,7 @@ WRITTEN = [  # key in SI, and the same with a unit
     ("time = 0.002", 'time = "2 ms"'),
     ("k = 250", 'k = "2.5 N/cm"'),
     ("-9.81]", '"-981 cm/s^2"]'),
-    ("p = 500", 'p = "5 mbar"'),
+    ("pressure = 500", 'pressure = "5 mbar"'),
     ("[5, ", '["18 km/h", '),
     ("normal = 0.7", 'normal = "700 g/m³"'),
     ("gust_length = 0.5", 'gust_length = "50 cm"'),
@@ -372,7 +372,7 @@ def test_units_on_the_command_line(file):
     for override in ("time.dt=5 ms", 'time.dt="5 ms"', "time.dt=5ms", "time.dt=0.005"):
         assert load_scene(file, [override]).time.dt == 0.005
     assert load_scene(file, ["start.shift=['1 cm', 0, 0]"]).start.shift == (0.01, 0.0, 0.0)
-    assert load_scene(file, ["terms.3.p=2 kPa"]).terms[3].p == 2000.0
+    assert load_scene(file, ["terms.3.pressure=2 kPa"]).terms[3].pressure == 2000.0
 
 
 REFUSED = [
@@ -384,8 +384,11 @@ REFUSED = [
     ("start.shift=['1 s', 0, 0]", "start.shift = '1 s': must be a number with one of the units m"),
     ("start.shift=5 m", "start.shift = '5 m': must be a list of 3 finite numbers [m]"),
     ("terms.1.law.k=5 N", "terms.1.law.k = '5 N': must be a number with one of the units N/m"),
-    ("terms.3.p=5 N", "terms.3.p = '5 N': must be a number with one of the units Pa, hPa"),
-    ("terms.3.p=5 t", "psi, N/m^2, kN/m^2, or a formula"),
+    (
+        "terms.3.pressure=5 N",
+        "terms.3.pressure = '5 N': must be a number with .* the units Pa, hPa",
+    ),
+    ("terms.3.pressure=5 t", "psi, N/m^2, kN/m^2, or a formula"),
     ("terms.4.normal=1 Pa*s/m", "terms.4.normal = '1 Pa*s/m': must be a number with one of"),
     ("terms.8.force=['1 Pa', 0, 0]", "terms.8.force = '1 Pa': must be a number with one of"),
     ("start.velocity=['5 m/s', '0', '0']", "smoothstep. A formula is in SI and has no units."),

@@ -290,7 +290,7 @@ def test_mistakes_are_refused(scene, override):
 @pytest.mark.parametrize(
     "term",
     [
-        "{type='Pressure', p='10 * sin(2 * pi * t)'}",
+        "{type='Pressure', pressure='10 * sin(2 * pi * t)'}",
         "{type='Wind', velocity=['5 * t', 0, 0], normal=1.0}",
         "{type='Tether', where='left', point=['0', '0', 't'], stiffness=10}",
     ],

@@ -148,7 +148,7 @@ WRITTEN = {  # a term in a scene, and in Python
     "type='Tether', where='left', point=[0.0, '0.1 * t', 0.0], stiffness=20.0": (
         fc.Tether("left", (0.0, "0.1 * t", 0.0), 20.0)
     ),
-    "type='Pressure', p='100 * t', tangent='exact'": fc.Pressure("100 * t", "exact"),
+    "type='Pressure', pressure='100 * t', tangent='exact'": fc.Pressure("100 * t", "exact"),
     "type='Drag', normal=0.7": fc.Drag(0.7),
     "type='Wind', velocity=['2 * z', 0, 't'], normal=0.7, law='linear'": (
         fc.Wind(("2 * z", 0.0, "t"), 0.7, law="linear")

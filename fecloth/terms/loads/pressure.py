@@ -56,9 +56,9 @@ class Pressure:
 
     Parameters
     ----------
-    p
-        Pressure on the lower side minus pressure on the upper side [Pa]: a number, a formula of t
-        as text, or a function of t.
+    pressure
+        p, the pressure on the lower side minus the pressure on the upper side [Pa]: a number, a
+        formula of t as text, or a function of t.
     tangent
         "symmetric" or "exact".
 
@@ -72,11 +72,11 @@ class Pressure:
     array([ 0.,  0., 60.])
     """
 
-    p: Annotated[OfTime, PRESSURE]
+    pressure: Annotated[OfTime, PRESSURE]
     tangent: str = "symmetric"
 
     def __post_init__(self):
-        scalar(self.p, "p", "Pressure")
+        scalar(self.pressure, "pressure", "Pressure")
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "Pressure")
 
     traits = LOAD
@@ -84,7 +84,7 @@ class Pressure:
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
-        p = scalar(self.p, "p", "Pressure")
+        p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
