@@ -85,24 +85,22 @@ class ContactSets:
         if self._last is None or not np.array_equal(self._last[0], x):
             contacts = self.toolkit.NormalCollisions()
             contacts.use_area_weighting = True
-            pairs, where = (
-                self.candidates(x, x),
-                (self.mesh, self.nodes(x), self.gap, self.thickness),
-            )
+            pairs, where = self.candidates(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
             contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
             self._last = x.copy(), contacts
         return self._last[1]
 
-    def candidates(self, x: np.ndarray, y: np.ndarray) -> Any | None:
-        """The pairs that can touch on the straight way from x to y; None if they are many."""
+    def candidates(self, x: np.ndarray, end: np.ndarray | None = None) -> Any | None:
+        """The pairs that can touch at x, or on the straight way to `end`; None if they are many."""
+        y = x if end is None else end
         if not self._crowded and not (self._covers(x) and self._covers(y)):
             pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
             way = self.nodes(x), self.nodes(y)
             pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
             if len(pairs) > CROWDED * len(x):
-                self._crowded = x is y
+                self._crowded = end is None
                 return None
-            self._pairs = x, y - x, pairs
+            self._pairs = x.copy(), self._without_mean(y - x), pairs
         return None if self._crowded or self._pairs is None else self._pairs[2]
 
     def _covers(self, x: np.ndarray) -> bool:
@@ -110,15 +108,13 @@ class ContactSets:
         if self._crowded or self._pairs is None:
             return False
         start, way, _ = self._pairs
-        along, squared = float(((x - start) * way).sum()), float((way * way).sum())
-        part = min(max(along / squared, 0.0), 1.0) if squared else 0.0
-        return self._longest(x - start - part * way) < AROUND * self.gap
+        moved, squared = self._without_mean(x - start), float((way * way).sum())
+        part = min(max(float((moved * way).sum()) / squared, 0.0), 1.0) if squared else 0.0
+        return _longest(moved - part * way) < AROUND * self.gap
 
-    def _longest(self, way: np.ndarray) -> float:
-        """The longest way [m] of a node (n, 3), without what all nodes of the cloth move alike."""
-        if not len(self.fixed):
-            way = way - way.mean(axis=0)
-        return math.sqrt(np.einsum("ni,ni->n", way, way).max())
+    def _without_mean(self, way: np.ndarray) -> np.ndarray:
+        """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
+        return way if len(self.fixed) else way - way.mean(axis=0)
 
     def forget(self) -> None:
         """Drop all pairs that were found, so that no result depends on earlier calls."""
@@ -175,7 +171,7 @@ class ContactSets:
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
         room = min(self.least_distance(x) - self.thickness, self.gap)
-        if 2 * self._longest(y - x) < RESERVE * room:
+        if 2 * _longest(self._without_mean(y - x)) < RESERVE * room:
             return 1.0
         pairs, ends = (
             self.candidates(x, y),
@@ -196,3 +192,8 @@ class ContactSets:
         if not len(contacts):
             return math.inf
         return math.sqrt(contacts.compute_minimum_distance(self.mesh, self.nodes(x)))
+
+
+def _longest(way: np.ndarray) -> float:
+    """The longest way [m] of a node, of ways (n, 3)."""
+    return math.sqrt(np.einsum("ni,ni->n", way, way).max())

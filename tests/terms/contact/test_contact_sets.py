@@ -82,6 +82,31 @@ def test_pairs_are_kept_while_no_node_has_moved_by_a_gap(part, is_kept):
     assert (sets.candidates(moved) is kept) == is_kept
 
 
+@pytest.mark.parametrize(("aside", "is_kept"), [(0.8, True), (1.25, False)])
+@pytest.mark.parametrize("part", [0.0, 0.3, 1.0])
+def test_pairs_of_a_way_are_kept_within_a_gap_of_it(part, aside, is_kept, monkeypatch):
+    """And not beyond its end; they give the forces of pairs found anew."""
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    cloth, x, over = layers(4 * GAP)
+    sets, way = bound(cloth).sets, np.where(over, -3.5 * GAP, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    kept, y = sets.candidates(x, x + way), x + part * way
+    expected = bound(cloth).sets.force(y)
+    np.testing.assert_allclose(sets.force(y), expected, rtol=0, atol=1e-12 * abs(expected).max())
+    assert sets.candidates(y) is kept
+    y[3] += aside * GAP * np.array([0.6, 0.8, 0.0])
+    y += 0.3 - (y - x - part * way).mean(axis=0)
+    assert (sets.candidates(y) is kept) == is_kept
+    assert sets.candidates(x + 2.0 * way) is not kept
+
+
+def test_a_way_with_many_pairs_leaves_the_pairs_of_its_places():
+    cloth, x, over = layers(4 * GAP)
+    sets, way = bound(cloth).sets, np.where(over, -200 * GAP, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    way[::2] *= -1
+    assert sets.candidates(x, x + way) is None
+    assert sets.candidates(x) is not None
+
+
 @pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
 def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
     """More of them as more of two sheets lies over each other."""
