@@ -56,6 +56,24 @@ class Sweep:
             )
 
 
+class Checked(list[Sweep]):
+    """The derivatives of a term that passed: each `Sweep`, and in words what was checked."""
+
+    def __init__(self, sweeps: Iterable[Sweep], where: str):
+        super().__init__(sweeps)
+        self.where = where
+
+    def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(sweep.name for sweep in self))
+        slopes = [sweep.slope for sweep in self if not np.isnan(sweep.slope)]
+        by_slope = f"slopes {min(slopes):.2f} to {max(slopes):.2f}" if slopes else "all are linear"
+        error = max(sweep.errors.min() for sweep in self)
+        return (
+            f"{self.where}: passed\n  {len(self)} derivatives: {names}\n"
+            f"  {by_slope}, smallest relative error of each at most {error:.0e}"
+        )
+
+
 def check_term(
     term,
     cloth: Cloth | None = None,
@@ -63,7 +81,7 @@ def check_term(
     states: Iterable[tuple[str, np.ndarray, np.ndarray]] | None = None,
     tangents: Sequence[str] = ("x", "v"),
     scales: Sequence[float] = (1e-3, 1.0, 1e3),
-) -> list[Sweep]:
+) -> Checked:
     """Check the force of a term against its energy, and its tangents against its force.
 
     The errors of central differences must decrease with slope 2, in each state and at each scale
@@ -86,8 +104,8 @@ def check_term(
 
     Returns
     -------
-    list of Sweep
-        One for each derivative, state and scale.
+    Checked
+        A list of a `Sweep` for each derivative, state and scale; it prints "passed" and the slopes.
 
     Raises
     ------
@@ -97,7 +115,10 @@ def check_term(
     Examples
     --------
     >>> import fecloth as fc
-    >>> sweeps = check_term(fc.StVK())
+    >>> check_term(fc.StVK())  # doctest: +ELLIPSIS
+    StVK(strain='interpolated') in states random, compressed, nearly degenerate: passed
+      27 derivatives: force, x-tangent, v-tangent
+      slopes 2.00 to 2.00, smallest relative error of each at most ...
 
     A floor acts below z = 0 only: all nodes of these states are there.
 
@@ -119,7 +140,7 @@ def check_term(
                 sweeps.append(sweep)
     if not sweeps:
         raise VerificationFailed(f"{term!r}: nothing is checked without a state and a scale")
-    return sweeps
+    return Checked(sweeps, f"{term!r} in states {', '.join(name for name, _, _ in states)}")
 
 
 def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -104,6 +104,10 @@ def test_check_term_states_without_force_are_rejected(isotropic):
 
 def test_check_term_runs_every_derivative_state_and_scale():
     sweeps = check_term(fc.StVK(), scales=(1e-2, 1e2))
+    first, names, slopes = repr(sweeps).splitlines()
+    assert first.endswith("in states random, compressed, nearly degenerate: passed")
+    assert names == "  18 derivatives: force, x-tangent, v-tangent"
+    assert slopes.startswith("  slopes 2.00 to 2.00, smallest relative error of each at most ")
     names = ["force", "x-tangent", "v-tangent"]
     assert [sweep.name for sweep in sweeps] == names * 3 * 2
     slopes = [sweep.slope for sweep in sweeps if sweep.name != "v-tangent"]

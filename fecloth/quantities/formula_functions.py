@@ -6,7 +6,7 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,14 +26,34 @@ def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
     return s * s * (3 - 2 * s)
 
 
-_OF_ONE = ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs", "sign", "floor")
-FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {  # and their number of arguments
-    **{name: (getattr(np, name), 1) for name in _OF_ONE},
-    "min": (np.minimum, 2),
-    "max": (np.maximum, 2),
-    "mod": (np.mod, 2),
-    "where": (np.where, 3),
-    "smoothstep": (smoothstep, 3),
+class Function(NamedTuple):
+    """A function that formulas may have."""
+
+    of_arrays: Callable[..., Any]
+    arguments: tuple[str, ...]
+    meaning: str  # its value, in words
+
+
+_OF_ONE = {
+    "sin": "sine of x [rad]",
+    "cos": "cosine of x [rad]",
+    "tan": "tangent of x [rad]",
+    "tanh": "hyperbolic tangent of x",
+    "exp": "e to the power of x",
+    "log": "natural logarithm of x",
+    "sqrt": "square root of x",
+    "abs": "x without its sign",
+    "sign": "-1, 0 or 1: the sign of x",
+    "floor": "the largest whole number that is not above x",
+}
+_RAMP = "0 up to t = a, 1 from t = b on, between them s²(3 - 2s) with s = (t - a)/(b - a)"
+FUNCTIONS: dict[str, Function] = {
+    **{name: Function(getattr(np, name), ("x",), words) for name, words in _OF_ONE.items()},
+    "min": Function(np.minimum, ("a", "b"), "the smaller of a and b"),
+    "max": Function(np.maximum, ("a", "b"), "the larger of a and b"),
+    "mod": Function(np.mod, ("a", "b"), "a - b floor(a/b): with mod(t, 2) a motion repeats"),
+    "where": Function(np.where, ("condition", "a", "b"), "a where the condition holds, else b"),
+    "smoothstep": Function(smoothstep, ("a", "b", "t"), _RAMP),
 }
 UNARY: dict[type[ast.unaryop], Callable[..., Any]] = {
     ast.USub: operator.neg,
@@ -237,7 +257,7 @@ def _power_of_arrays(a: Any, b: Any) -> Any:
 
 ARRAYS = Arithmetic(
     number=np.float64,
-    functions={name: function for name, (function, _) in FUNCTIONS.items()},
+    functions={name: function.of_arrays for name, function in FUNCTIONS.items()},
     binary=BINARY | {ast.Pow: _power_of_arrays},
     compare=COMPARE,
     negate=np.logical_not,

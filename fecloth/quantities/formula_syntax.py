@@ -109,9 +109,10 @@ class _Reader:
         name = node.func.id if isinstance(node.func, ast.Name) else None
         if name is None or name not in FUNCTIONS:
             self.refuse("unknown function", node.func, did_you_mean(name or "", FUNCTIONS))
-        count = FUNCTIONS[name][1]
-        if node.keywords or len(node.args) != count:
-            self.refuse(f"{name} takes {count} argument{'s' * (count > 1)}", node)
+        _, arguments, meaning = FUNCTIONS[name]
+        if node.keywords or len(node.args) != len(arguments):
+            takes = f"{name} takes {len(arguments)} argument{'s' * (len(arguments) > 1)}"
+            self.refuse(takes, node, f"{name}({', '.join(arguments)}) is {meaning}.")
         first, *others = node.args
         self.condition(first, depth + 1) if name == "where" else self.number(first, depth + 1)
         for other in others:

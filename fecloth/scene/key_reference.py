@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from fecloth.quantities.formula_functions import FUNCTIONS
 from fecloth.scene import placement, probe_tables, schedule, tables
 from fecloth.scene.cloth_tables import Disk, GradingTable, MeshFile, Pieces, Rectangle
 from fecloth.scene.fabric_table import FabricTable
@@ -54,7 +55,15 @@ def scene_part() -> str:
         lines += [line for one in classes for line in (*_rows(one), "")]
         if title == "[time]":
             lines += _methods()
-    return "\n".join(lines).strip()
+    return "\n".join([*lines, *_functions()]).strip()
+
+
+def _functions() -> list[str]:
+    """Return the table of the functions of formulas."""
+    lines = ["### Functions of formulas", "", "| function | value |", "|---|---|"]
+    for name, (_, arguments, words) in FUNCTIONS.items():
+        lines.append(f"| `{name}({', '.join(arguments)})` | {words} |")
+    return lines
 
 
 def terms_part() -> str:

@@ -137,6 +137,17 @@ def test_everything_else_is_refused(text, message):
     assert "numbers, t, pi, + - * / **, sin" in caught.value.allowed
 
 
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_wrong_number_of_arguments_is_answered_by_the_arguments_and_the_value(name):
+    _, arguments, meaning = FUNCTIONS[name]
+    values = ["t < 1" if word == "condition" else f"t + {i}" for i, word in enumerate(arguments)]
+    assert np.isfinite(Formula(f"{name}({', '.join(values)})", ("t",))(t=0.25))
+    for wrong in (values[1:], [*values, "1"]):
+        with pytest.raises(InputError) as caught:
+            Formula(f"{name}({', '.join(wrong)})", ("t",))
+        assert f"{name}({', '.join(arguments)}) is {meaning}." in str(caught.value)
+
+
 def test_message_names_formula_piece_allowed_names_and_the_nearest():
     with pytest.raises(InputError) as caught:
         Formula("0.1*sin(2*pi*tme)", ("time", "X"))
