@@ -64,9 +64,6 @@ def _describe_scene(options: Namespace) -> list[str]:
     return lines + [f"warning: {words}" for words in problem.warnings()]
 
 
-# --- cloths ---------------------------------------------------------------------------------------
-
-
 def print_mesh(options: Namespace) -> int:
     """Mesh a file or a scene, print what the mesh is like, and write it where asked for."""
     is_scene = Path(options.path).suffix == ".toml"
@@ -113,9 +110,6 @@ def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     return [f"{name}: {one.source}" for name, one in regions.items() if one.source]
 
 
-# --- fabrics --------------------------------------------------------------------------------------
-
-
 def list_fabrics() -> list[str]:
     """Return lines with the constants of each fabric, its kind, and the numbered sources."""
     fabrics = {name: Fabric.preset(name) for name in Fabric.presets()}
@@ -148,9 +142,6 @@ def _wrap(text: str) -> str:
     return textwrap.fill(
         text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
-
-
-# --- terms ----------------------------------------------------------------------------------------
 
 
 def describe_terms(name: str) -> list[str]:

@@ -64,8 +64,6 @@ THREADS = option(
     metavar="N",
 )
 
-# --- of studies -----------------------------------------------------------------------------------
-
 SET = changes("replace a value")
 QUANTITIES = option(
     "--quantity",

@@ -146,9 +146,6 @@ def _compile(function: Any, **options: Any) -> Any:
         config.CACHE_DIR = user_choice
 
 
-# --- the content of a function --------------------------------------------------------------------
-
-
 class _UnknownContent(Exception):
     """A function uses a value, and no process can tell whether another process has the same."""
 

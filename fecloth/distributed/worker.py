@@ -16,9 +16,6 @@ from fecloth.terms.step_difference import StepDifference
 Rows = np.ndarray
 
 
-# --- what the processes return together -----------------------------------------------------------
-
-
 def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
     """The sum of numbers."""
     return float(sum(shares))

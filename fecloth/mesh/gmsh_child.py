@@ -66,9 +66,6 @@ def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
     return MeshError(f"reading has ended without a mesh ({why})", where=where, remedy=remedy)
 
 
-# --- arrays to bytes and back ---------------------------------------------------------------------
-
-
 def _packed(raw: RawMesh) -> bytes:
     """Return a mesh as the bytes of an .npz file, with the names of its sets in a JSON header."""
     arrays = {name: getattr(raw, name) for name in _plain_arrays()}
@@ -106,9 +103,6 @@ def _unpacked(data: bytes) -> RawMesh:
         plain = {name: file[name] for name in _plain_arrays()}
     nodes, edges = ({name: [one] for name, one in sets[kind].items()} for kind in _LISTS)
     return RawMesh(**plain, node_sets=nodes, edge_sets=edges, triangle_sets=sets["triangle_sets"])
-
-
-# --- the child ------------------------------------------------------------------------------------
 
 
 def main() -> None:

@@ -94,9 +94,6 @@ def check_gradings(gradings: Sequence[Grading], where: str) -> None:
         validation.instance("grading", grading, Grading, 'Grading("corners", distance=0.1)', where)
 
 
-# --- Gmsh -----------------------------------------------------------------------------------------
-
-
 def set_sizes(gmsh, gradings: Sequence[Grading], h: float, where: str) -> None:
     """Let Gmsh take the smallest of h and the edge lengths of all gradings, and no other sizes."""
     fields = gmsh.model.mesh.field

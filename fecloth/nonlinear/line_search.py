@@ -46,11 +46,7 @@ def find_step(
     along s, and α is doubled for as long as that lasts. Otherwise an iteration would leave a point
     of unstable balance by a few per cent of its distance at a time. Without a potential nothing
     tells whether a long step is too long, and α is doubled only up to 100 `tiny`. `longest` limits
-    all α.
-
-    Returns
-    -------
-    None without an improvement, or if s leads uphill as the matrix was not positive definite.
+    all α. Returns None without an improvement, or if s leads uphill, as by an indefinite matrix.
     """
     slope = sums.dot(start.R, step)
     if not (slope < 0 or start.norm == 0):

@@ -167,9 +167,6 @@ def rim(triangles: np.ndarray) -> np.ndarray:
     return unique[counts == 1]
 
 
-# --- files ----------------------------------------------------------------------------------------
-
-
 def _read_vtu(file: Path, t: float) -> Frame:
     from meshio import vtu
 

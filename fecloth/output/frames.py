@@ -50,11 +50,7 @@ class Frames:
         """Write the next frame and the lists; returns the frame's file.
 
         `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
-
-        Raises
-        ------
-        InputError
-            If the state is not one of this cloth, or a file cannot be written.
+        Raises `InputError` if the state is not one of this cloth, or a file cannot be written.
         """
         points, cells = arrays or self._fields(state)
         file = self.path.parent / self._name(len(self.times))
@@ -67,10 +63,7 @@ class Frames:
     def keep(self, times: Sequence[float]) -> None:
         """Continue after an earlier run's frames of these times; remove its later ones.
 
-        Raises
-        ------
-        InputError
-            If a frame is missing or empty; nothing is changed then.
+        Raises `InputError` if a frame is missing or empty; nothing is changed then.
         """
         names = (self._name(i) for i in range(len(times)))
         lost = [name for name in names if not _has_content(self.path.parent / name)]

@@ -119,9 +119,6 @@ def _more(path: Path) -> Iterator:
         yield file
 
 
-# --- layout ---------------------------------------------------------------------------------------
-
-
 def _begin(file, cloth: Cloth, points: Arrays, cells: Arrays) -> None:
     """Write the topology, and empty datasets for everything that grows."""
     m, k = cloth.cells.shape

@@ -38,13 +38,7 @@ class Table:
             self._stream = path.open("ab" if size else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Write one row.
-
-        Raises
-        ------
-        InputError
-            If its keys are not the first row's, or the file cannot be written.
-        """
+        """Write one row; raise `InputError` for other keys than the first row's, or a full disk."""
         header = self._header or tuple(row)
         if row.keys() != set(header):
             odd = ", ".join(sorted(row.keys() ^ set(header)))

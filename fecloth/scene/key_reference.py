@@ -44,9 +44,6 @@ def fields(table: type[Table]) -> dict[str, FieldInfo]:
     return {key: field for key, field in table.model_fields.items() if key != "type"}
 
 
-# --- Markdown -------------------------------------------------------------------------------------
-
-
 def scene_part() -> str:
     """Return the reference of all tables but the terms."""
     lines = []

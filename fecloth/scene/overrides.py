@@ -1,5 +1,6 @@
 """Replacement of single values of a scene, as by ``--set time.dt=0.005``."""
 
+import copy
 import re
 import tomllib
 from collections.abc import Iterable
@@ -29,17 +30,11 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     >>> override({"fabric": "silk"}, ["fabric.areal_density=0.2"])
     {'fabric': {'preset': 'silk', 'areal_density': 0.2}}
     """
-    data = _copy(data)
+    data = copy.deepcopy(data)
     for text in overrides:
         keys, value = _override(text)
         _set(data, keys, value, text)
     return data
-
-
-def _copy(value):
-    if isinstance(value, dict):
-        return {key: _copy(item) for key, item in value.items()}
-    return [_copy(item) for item in value] if isinstance(value, list) else value
 
 
 def _override(text: str) -> tuple[list[str], object]:

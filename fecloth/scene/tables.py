@@ -24,8 +24,6 @@ Shape: Any = one_of(
 )
 
 
-# --- the tables of dataclasses: their fields are the keys -----------------------------------------
-
 _SHAPES = {name: getattr(shapes, name) for name in shapes.__all__ if name != "Shape"}
 _TURNED: dict[Any, Any] = {Rotation | None: (RotationTable | None, None)}
 

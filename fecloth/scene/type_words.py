@@ -25,9 +25,6 @@ def writable(hint: Any) -> Any:
     return hint
 
 
-# --- text with a unit ---------------------------------------------------------------------------
-
-
 def dimensions(field: FieldInfo) -> list[Dimension]:
     """Return the dimensions of a field; several if they depend on other keys."""
     return [item for item in field.metadata if isinstance(item, Dimension)]
@@ -41,8 +38,6 @@ def in_si(table: dict, fields: Mapping[str, FieldInfo]) -> dict:
     }
     return units.in_si(table, measured)
 
-
-# --- descriptions of fields ---------------------------------------------------------------------
 
 _WORDS = {  # singular and plural
     float: ("a finite number", "finite numbers"),

@@ -58,9 +58,6 @@ def describe_values(values: Mapping[str, object]) -> str:
     return ", ".join(f"{key} = {value}" for key, value in values.items())
 
 
-# --- levels of a refinement -----------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Level:
     """One level: h, dt and two tolerances are divided by these; the first has 1, 1, 1, 1.

@@ -98,9 +98,6 @@ def _one_thread_environment() -> Iterator[None]:
             os.environ.update({} if value is None else {name: value})
 
 
-# --- on a Dask cluster ----------------------------------------------------------------------------
-
-
 PATIENCE = 10.0  # s to reach the scheduler and its first worker
 
 

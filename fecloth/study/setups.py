@@ -106,9 +106,6 @@ def table_of_grading(grading: Grading) -> dict[str, object]:
     return {key: list(value) if key == "point" else value for key, value in table.items()}
 
 
-# --- other terms in the system of a user's function -----------------------------------------------
-
-
 def describe_term(term: Any, number: int) -> dict:
     """Return what edits of the terms need to know of a term, which is the number-th of a system."""
     table: dict = {"type": type(term).__name__, "number": number}

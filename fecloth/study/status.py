@@ -77,9 +77,6 @@ def status_of(error: BaseException) -> str:
     return next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)
 
 
-# --- measured seconds -----------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Seconds:
     """Duration of a call."""

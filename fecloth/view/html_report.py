@@ -71,9 +71,6 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
     return {name: values[:, i] for i, name in enumerate(head)}
 
 
-# --- words ----------------------------------------------------------------------------------------
-
-
 def doubtful(summary: Mapping) -> bool:
     """Return whether a run came to its end with warnings: its badge is then amber."""
     return summary["status"] == "done" and bool(summary.get("warnings"))
@@ -178,9 +175,6 @@ def _numbers(summary) -> dict[str, str]:
         if key not in ("error", "warning", "warnings", "seconds", "versions", "ledger")
     }
     return rest | {name: str(value) for name, value in summary.get("versions", {}).items()}
-
-
-# --- charts ---------------------------------------------------------------------------------------
 
 
 def _charts(tables) -> list[str]:

@@ -124,9 +124,6 @@ def _scene_of(folder: Path) -> dict:
     return tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
 
 
-# --- the page -------------------------------------------------------------------------------------
-
-
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
     """Return a template of page/ with style, script, data and the values, which are escaped."""
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")

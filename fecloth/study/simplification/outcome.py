@@ -66,9 +66,6 @@ class Outcome:
 Trial = tuple[Variant, Outcome]
 
 
-# --- errors of the scene itself -------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Resolution:
     """The error of a scene by one of its sizes, from half of h, half of dt or less rtol."""
@@ -140,9 +137,6 @@ def round_down(value: float) -> float:
         return value
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")
-
-
-# --- verdicts -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -101,9 +101,6 @@ def _seconds(row: Mapping) -> str:
     return f"takes {-seconds:.2g} s more"
 
 
-# --- the table and the words ----------------------------------------------------------------------
-
-
 def make_table(
     findings: Findings, attempts: Sequence[tuple[Outcome, bool]], final: Outcome | None
 ) -> Table:

@@ -61,12 +61,8 @@ class Original:
     def full(self) -> Mapping:
         """The row of the problem.
 
-        Raises
-        ------
-        StudyFailed
-            If the problem itself fails.
-        InputError
-            If all quantities are zero: then nothing changes them.
+        Raises `StudyFailed` if the problem itself fails, and `InputError` if all quantities are
+        zero: then nothing changes them.
         """
         (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
