@@ -17,10 +17,11 @@ from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.friction import CREEP
-from fecloth.terms.contact.points import MOST, divisions, points_of
-from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.points import MOST, divisions, longest_edges, points_of
+from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
+from fecloth.terms.contact.skeleton_contact import BoundSkeleton
 from fecloth.terms.contact.surfaces import Triangles
-from fecloth.terms.contact.toolkit import ContactSets
+from fecloth.terms.contact.toolkit import ContactSets, is_installed
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 from fecloth.terms.traits import CONTACT
 
@@ -94,12 +95,16 @@ class Obstacle:
         barrier.check_numbers("Obstacle", self.gap, self.friction, self.stiffness)
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
-        return cloth.stencil if self._parts(cloth) > 1 else None
+        parts = divisions(self.shape, self.gap, cloth)
+        return cloth.stencil if parts > 1 and not self._skeleton(cloth) else None
 
-    def _parts(self, cloth: Cloth) -> int:
-        return min(divisions(self.shape, self.gap, cloth), MOST)
+    def _skeleton(self, cloth: Cloth) -> Skeleton | None:
+        """What stands for the shape where the points of the triangles are too far apart for it."""
+        if divisions(self.shape, self.gap, cloth) <= MOST or not is_installed():
+            return None
+        return self.shape.skeleton(cloth.extent)
 
-    def bind(self, panel: Panel, slots) -> BoundObstacle:
+    def bind(self, panel: Panel, slots) -> BoundObstacle | BoundSkeleton:
         cloth = panel.cloth
         largest = LARGEST_GAP * cloth.extent
         if self.gap > largest:
@@ -107,9 +112,25 @@ class Obstacle:
             allowed = f"must be at most {largest:.3g} m, a tenth of the extent of the cloth"
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
-        points = points_of(cloth, self._parts(cloth), slots)
+        if skeleton := self._skeleton(cloth):
+            sized = float(self.gap), skeleton.thickness, stiffness, skeleton
+            sets = ContactSets.bind("Obstacle", cloth, *sized)
+            friction = self.friction, CREEP * cloth.extent
+            return BoundSkeleton("Obstacle", sets, *friction, self.shape)
+        self._refuse_thin(cloth)
+        points = points_of(cloth, min(divisions(self.shape, self.gap, cloth), MOST), slots)
         numbers = float(self.gap), stiffness, float(self.friction), CREEP * cloth.extent
         return BoundObstacle(self.shape, *numbers, points)
+
+    def _refuse_thin(self, cloth: Cloth) -> None:
+        """Raise `InputError` for a shape that fits between the points of the triangles."""
+        width, part = self.shape.width + 2 * self.gap, float(longest_edges(cloth).max()) / MOST
+        if width < part:
+            kind = f"the {type(self.shape).__name__} is {1e3 * self.shape.width:.3g} mm wide"
+            what = f"{kind}, {1e3 * width:.3g} mm with the gap on both sides"
+            allowed = f"must be at least {1e3 * part:.3g} mm, an eighth of the longest edge"
+            remedy = "Take a smaller h, or install ipctk: pip install '.[contact]'."
+            raise InputError(what, allowed, "Obstacle", remedy)
 
 
 class RigidMesh(Shape):
@@ -189,7 +210,7 @@ class MeshObstacle:
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         nodes, triangles = read_surface(self.path)
         cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
-        fixed = self.scale * nodes, triangles
+        fixed = Skeleton(self.scale * nodes, NO_EDGES, triangles)
         sets = ContactSets.bind("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
         body = self._body if self._body.moves else None
         return BoundMeshObstacle("MeshObstacle", sets, self.friction, CREEP * cloth.extent, body)

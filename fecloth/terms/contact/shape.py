@@ -1,9 +1,10 @@
 """What all shapes of obstacles have in common, and the shape whose distance is a formula."""
 
+import math
 import re
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,18 @@ class AtRest(Pose):
         return y
 
 
+class Skeleton(NamedTuple):
+    """Points, edges and triangles of a body: it is all that lies within a distance of them."""
+
+    points: np.ndarray  # (k, 3) [m]
+    edges: np.ndarray  # (e, 2) numbers of points, without the edges of the triangles
+    triangles: np.ndarray  # (m, 3)
+    thickness: float = 0.0  # this distance [m]
+
+
+NO_EDGES, NO_TRIANGLES = np.zeros((0, 2), int), np.zeros((0, 3), int)
+
+
 @dataclass(frozen=True)
 class Shape:
     """A rigid body that stands as it is written at t = 0, and may move and turn from there.
@@ -83,6 +96,15 @@ class Shape:
     def radius_of_curvature(self) -> float:
         """The least radius [m] with which its surface curves outwards; 0 for an edge."""
         return 0.0
+
+    @property
+    def width(self) -> float:
+        """Its least width across [m]: what fits between the points of the cloth must be wider."""
+        return math.inf
+
+    def skeleton(self, extent: float) -> Skeleton | None:
+        """Its `Skeleton`, of an endless shape for a cloth of this extent [m]; None without any."""
+        return None
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         """(m,) distance [m] of points (m, 3) in the frame of the body; negative inside."""

@@ -14,13 +14,29 @@ from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH
-from fecloth.terms.contact.shape import Sdf, Shape, direction, point
+from fecloth.terms.contact.shape import (
+    NO_EDGES,
+    NO_TRIANGLES,
+    Sdf,
+    Shape,
+    Skeleton,
+    direction,
+    point,
+)
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
 
 Vector = tuple[float, float, float]
 Place = Annotated[Vector, LENGTH]
 Length = Annotated[float, LENGTH]
+FAR = 100.0  # extents of the cloth: half of the length of an endless cylinder, where it needs ends
+SIDES = 96  # of a round plate, where it needs triangles
+ROD = np.array([[0, 1]])
+CORNERS = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])  # of a box
+FACES = np.array(  # of a box, each as two triangles
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    + [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)
 LEAST = 1e-300  # m: below this a distance from an axis has no direction
 
 
@@ -88,6 +104,13 @@ class Sphere(Shape):
     def radius_of_curvature(self) -> float:
         return self.radius
 
+    @property
+    def width(self) -> float:
+        return 2 * self.radius
+
+    def skeleton(self, extent: float) -> Skeleton:
+        return Skeleton(np.array([self.center], float), NO_EDGES, NO_TRIANGLES, self.radius)
+
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         return _length(y - np.array(self.center, float)) - self.radius
 
@@ -131,6 +154,15 @@ class Cylinder(Shape):
     @property
     def radius_of_curvature(self) -> float:
         return self.radius
+
+    @property
+    def width(self) -> float:
+        return 2 * self.radius
+
+    def skeleton(self, extent: float) -> Skeleton:
+        axis = direction("axis", self.axis, "Cylinder")
+        ends = np.array(self.point, float) + FAR * extent * np.array([[-1.0], [1.0]]) * axis
+        return Skeleton(ends, ROD, NO_TRIANGLES, self.radius)
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         return _length((y - np.array(self.point, float)) @ self._across) - self.radius
@@ -179,6 +211,13 @@ class Capsule(Shape):
         part = (y - a) @ way / (way @ way)
         return y - a - np.clip(part, 0, 1)[:, None] * way, (part <= 0) | (part >= 1)
 
+    @property
+    def width(self) -> float:
+        return 2 * self.radius
+
+    def skeleton(self, extent: float) -> Skeleton:
+        return Skeleton(np.array([self.a, self.b], float), ROD, NO_TRIANGLES, self.radius)
+
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         return _length(self._from_segment(y)[0]) - self.radius
 
@@ -215,6 +254,14 @@ class Box(Shape):
         """(m, 3) signs of y − center, and the distances from the planes of the faces."""
         y = y - np.array(self.center, float)
         return np.sign(y), abs(y) - 0.5 * np.array(self.size, float)
+
+    @property
+    def width(self) -> float:
+        return float(np.median(self.size))  # a plate is seen by its faces, a bar must be wide
+
+    def skeleton(self, extent: float) -> Skeleton:
+        corners = np.array(self.center, float) + 0.5 * CORNERS * np.array(self.size, float)
+        return Skeleton(corners, NO_EDGES, FACES)
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         q = self._from_faces(y)[1]
@@ -268,6 +315,26 @@ class Disk(Shape):
     def _beyond(self, radius: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far points are beyond the rim, and beyond the faces."""
         return radius - self.radius, abs(height) - 0.5 * self.thickness
+
+    @property
+    def width(self) -> float:
+        return 2 * self.radius
+
+    def skeleton(self, extent: float) -> Skeleton:
+        """Two polygons of many sides in its faces, and the rim between them."""
+        angle, corner = 2 * np.pi / SIDES * np.arange(SIDES), np.arange(SIDES)
+        first = direction("across", np.cross(self._axis, np.eye(3)[abs(self._axis).argmin()]), "")
+        across = np.stack([first, np.cross(self._axis, first)])
+        circle = self.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+        up = 0.5 * self.thickness * self._axis
+        points = np.array(self.center, float) + np.vstack([circle - up, circle + up, [-up, up]])
+        after, top = np.roll(corner, -1), corner + SIDES
+        fans = [
+            [after, corner, 0 * corner + 2 * SIDES],
+            [top, after + SIDES, 0 * top + 2 * SIDES + 1],
+        ]
+        rim = [[corner, after, top], [after, after + SIDES, top]]
+        return Skeleton(points, NO_EDGES, np.concatenate([np.stack(t, 1) for t in fans + rim]))
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         rim, face = self._beyond(*self._cylindrical(y)[1:])

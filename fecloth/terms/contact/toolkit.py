@@ -1,5 +1,6 @@
 """The IPC Toolkit: which parts of a surface are in contact, and the barrier between them."""
 
+import importlib.util
 import math
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -10,10 +11,16 @@ import scipy.sparse as sparse
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
+from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
 AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
 CROWDED = 8  # of these pairs for each node: from here on to keep them costs more
+
+
+def is_installed() -> bool:
+    """Whether the package ipctk can be imported."""
+    return importlib.util.find_spec("ipctk") is not None
 
 
 def load(where: str) -> Any:
@@ -41,10 +48,11 @@ class ContactSets:
     mesh: Any
     potential: Any
     triangles: np.ndarray  # (s, 3) of the cloth
-    fixed: np.ndarray  # (k, 3) nodes of the fixed mesh [m]
+    fixed: np.ndarray  # (k, 3) points of the fixed mesh [m]
     # [m].
     gap: float
     thickness: float
+    largest: float = math.inf  # weight of a pair: its area [m²]
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
     _pairs: tuple[np.ndarray, np.ndarray, Any] | None = field(default=None, repr=False)
     _crowded: bool = False
@@ -57,24 +65,28 @@ class ContactSets:
         gap: float,
         thickness: float,
         stiffness: float,
-        fixed: tuple[np.ndarray, np.ndarray] | None = None,
+        fixed: Skeleton | None = None,
     ) -> Self:
-        """Return the pairs of a cloth, with `fixed`: nodes (k, 3) and triangles of a mesh.
+        """Return the pairs of a cloth with itself, or with the points, edges and triangles `fixed`.
 
-        With a fixed mesh only pairs of the cloth and that mesh count, otherwise pairs of the cloth.
         `where` begins the error if ipctk is missing.
         """
         ipctk, triangles = load(where), Surface.from_cloth(cloth).triangles
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        others, more = fixed or (np.zeros((0, 3)), np.zeros((0, 3), int))
-        faces = np.asfortranarray(np.vstack([triangles, more + len(rest)]).astype(np.int32))
-        nodes = np.asfortranarray(np.vstack([rest, others]))
-        mesh = ipctk.CollisionMesh(nodes, ipctk.edges(faces), faces)
+        others = fixed or Skeleton(np.zeros((0, 3)), NO_EDGES, NO_TRIANGLES)
+        faces = np.vstack([triangles, others.triangles + len(rest)]).astype(np.int32)
+        edges = np.vstack([ipctk.edges(np.asfortranarray(faces)), others.edges + len(rest)])
+        nodes = np.asfortranarray(np.vstack([rest, others.points]))
+        mesh = ipctk.CollisionMesh(nodes, edges.astype(np.int32, order="F"), faces)
+        largest = math.inf
         if fixed:
-            patches = np.repeat([0, 1], [len(rest), len(others)]).astype(np.int32)
+            patches = np.repeat([0, 1], [len(rest), len(others.points)]).astype(np.int32)
             mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
+            areas, own = np.array(mesh.edge_areas), edges.max(axis=1) < len(rest)
+            if (areas := np.append(areas, mesh.vertex_areas)).max() > areas[: len(own)][own].max():
+                largest = 0.5 * float(areas[: len(own)][own].max())
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
-        return cls(ipctk, mesh, potential, triangles, others, gap, thickness)
+        return cls(ipctk, mesh, potential, triangles, others.points, gap, thickness, largest)
 
     def nodes(self, x: np.ndarray) -> np.ndarray:
         """(n + k, 3) x and the nodes of the fixed mesh."""
@@ -87,6 +99,8 @@ class ContactSets:
             contacts.use_area_weighting = True
             pairs, where = self.candidates(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
             contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
+            for number in range(len(contacts)) if self.largest < math.inf else ():
+                contacts[number].weight = min(contacts[number].weight, self.largest)
             self._last = x.copy(), contacts
         return self._last[1]
 

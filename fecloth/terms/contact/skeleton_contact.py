@@ -1,0 +1,40 @@
+"""An obstacle that is thin or sharp against the triangles of the cloth: its skeleton acts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.surfaces import Triangles, surface_of
+from fecloth.terms.contact.triangle_contact import NAMED, BoundTriangleContact
+
+
+@dataclass(frozen=True, eq=False)
+class BoundSkeleton(BoundTriangleContact):
+    """The `Skeleton` of a shape and a cloth: pairs of edges, and of a point and a triangle."""
+
+    body: Shape
+
+    @property
+    def gap(self) -> float:
+        return self.sets.gap
+
+    def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] from the surface; infinite beyond the gap."""
+        return self.sets.least_distance(self.place(x, t)) - self.sets.thickness
+
+    def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
+        return surface_of(self.body, t, place, reach)
+
+    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
+        return np.flatnonzero(self.body.distance(self.place(x, t), t) <= 0.0)
+
+    def check_start(self, x: np.ndarray, t: float, where: str) -> None:
+        """Raise `InputError` for a cloth of which a part starts inside the shape."""
+        if not self.allows(x, t):
+            numbers = ", ".join(map(str, self.inside(x, t)[:NAMED]))
+            which = f"the nodes {numbers}" if numbers else "the inside of a triangle"
+            remedy = f"Start at least {1e3 * self.gap:g} mm, the gap, away from it."
+            what = f"{which} of the cloth starts inside the {type(self.body).__name__}"
+            raise InputError(what, "must start outside", where, remedy)

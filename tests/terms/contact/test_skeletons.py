@@ -1,0 +1,152 @@
+"""Obstacles that are thin or sharp against the triangles act by their points, edges and faces."""
+
+import math
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth import shapes as S
+from fecloth.errors import InputError
+from fecloth.terms.contact import obstacle as obstacles
+from fecloth.terms.contact.bound_obstacle import BoundObstacle
+from fecloth.terms.contact.skeleton_contact import BoundSkeleton
+
+pytest.importorskip("ipctk")
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+THIN = {
+    "needle": S.Capsule((0.1, 0.107, -0.1), (0.1, 0.107, 0.0), 1e-3),
+    "rod across": S.Capsule((-0.1, 0.107, -0.01), (0.3, 0.112, -0.01), 5e-4),
+    "wire": S.Cylinder((0.0, 0.107, -0.01), (1.0, 0.05, 0.0), 5e-4),
+    "bar": S.Box((0.1, 0.107, -0.1), (2e-3, 2e-3, 0.2)),
+    "edge": S.Box((0.1, 0.107, -0.1), (0.1, 0.1, 0.2)),
+    "pellet": S.Sphere((0.1, 0.107, 0.0), 2e-3),
+    "coin on edge": S.Disk((0.1, 0.107, -0.03), (0.0, 1.0, 0.0), 0.03, 1e-3),
+}
+
+
+def bind(shape, h=0.05, gap=1e-3, **options):
+    """A sheet of 0.2 m, 20 mm above the plane z = 0, and the obstacle bound to it."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, h)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Obstacle(shape, gap, **options)]
+    system = fc.System(cloth, FABRIC, terms)
+    x = np.column_stack([cloth.X, np.full(len(cloth.X), 0.02)])
+    return system, system.bound[-1], x
+
+
+def crossings(skeleton, x, triangles):
+    """How many pairs of an edge of the skeleton and a triangle of the cloth meet."""
+    faces = skeleton.triangles
+    sides = np.vstack([skeleton.edges, *(faces[:, [i, (i + 1) % 3]] for i in range(3))])
+    a, b, c = x[triangles].transpose(1, 0, 2)
+    count = 0
+    for start, end in skeleton.points[sides]:
+        way = np.broadcast_to(start - end, a.shape)
+        solved = np.linalg.solve(np.stack([b - a, c - a, way], axis=-1), (start - a)[..., None])
+        u, v, part = solved[..., 0].T
+        inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (part >= 0) & (part <= 1)
+        count += int(inside.sum())
+    return count
+
+
+@pytest.mark.parametrize("name", THIN)
+def test_a_thin_or_sharp_shape_never_pierces_the_cloth(name, rng):
+    """Thrown at 3 m/s, from a start turned a little, so that nothing is parallel."""
+    system, term, x = bind(THIN[name], friction=0.3)
+    assert isinstance(term, BoundSkeleton)
+    x += 1e-4 * rng.standard_normal(x.shape)
+    start = system.state(x, np.broadcast_to([0.0, 0.0, -3.0], x.shape))
+    parts = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
+    for state, _ in fc.march(system, fc.BackwardEuler(), start, dt=0.01, t_end=0.04):
+        places = np.einsum("pa,mai->mpi", parts, state.x[system.cloth.triangles]).reshape(-1, 3)
+        assert THIN[name].distance(places, 0.0).min() > 0
+        assert crossings(THIN[name].skeleton(0.2), state.x, system.cloth.triangles) == 0
+    assert np.ptp(state.v[:, 2]) > 0.5  # it has met the obstacle
+
+
+@pytest.mark.parametrize("name", ["bar", "edge", "coin on edge"])
+def test_the_triangles_of_a_skeleton_are_the_surface_of_the_shape(name):
+    """They are closed, turned outwards, on the surface, and have its area."""
+    shape, skeleton = THIN[name], THIN[name].skeleton(0.2)
+    corners = skeleton.points[skeleton.triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = 0.5 * np.linalg.norm(across, axis=1)
+    normal = across / (2 * areas[:, None])
+    if isinstance(shape, S.Box):
+        a, b, c = shape.size
+        exact = 2 * (a * b + b * c + c * a)
+    else:
+        exact = 2 * math.pi * shape.radius * (shape.radius + shape.thickness)
+    assert areas.sum() == pytest.approx(exact, rel=1e-3)
+    middles = corners.mean(axis=1)
+    assert abs(shape.distance(middles, 0.0)).max() < 1e-3 * exact**0.5
+    assert (np.einsum("mi,mi->m", across, shape.slopes(middles + 1e-4 * normal, 0.0)[0]) > 0).all()
+    sides = [tuple(t[[i, (i + 1) % 3]]) for t in skeleton.triangles for i in range(3)]
+    assert len(set(sides)) == len(sides)
+    assert all((b, a) in set(sides) for a, b in sides)
+
+
+@pytest.mark.parametrize("name", ["needle", "wire", "pellet"])
+def test_round_shapes_lie_within_their_radius_of_the_skeleton(name, rng):
+    shape, skeleton = THIN[name], THIN[name].skeleton(0.2)
+    y = np.array([0.1, 0.107, 0.0]) + 0.03 * rng.standard_normal((50, 3))
+    start, end = skeleton.points[0], skeleton.points[-1]
+    way = end - start
+    part = np.clip((y - start) @ way / max(way @ way, 1e-30), 0, 1)
+    away = np.linalg.norm(y - start - part[:, None] * way, axis=1) - skeleton.thickness
+    np.testing.assert_allclose(shape.distance(y, 0.0), away, rtol=0, atol=1e-12)
+    assert name != "wire" or np.linalg.norm(way) == pytest.approx(2 * 100 * 0.2)
+
+
+@pytest.mark.parametrize("name", ["needle", "edge", "pellet"])
+def test_the_forces_are_slopes_of_the_energy(name, rng):
+    _, term, x = bind(THIN[name], stiffness=50.0)
+    top = {"needle": 1e-3, "edge": 0.0, "pellet": 2e-3}[name]
+    x[:, 2] = top + 0.5e-3 + 1e-5 * rng.standard_normal(len(x))
+    f, s, eps = np.zeros_like(x), rng.standard_normal(x.shape), 1e-8
+    term.add_force(x, np.zeros_like(x), 0.0, f)
+    slope = (term.energy(x + eps * s, 0.0) - term.energy(x - eps * s, 0.0)) / (2 * eps)
+    assert abs(slope) > 1e-6
+    assert -(f * s).sum() == pytest.approx(slope, rel=1e-5)
+    assert f[:, 2].sum() > 0
+
+
+def test_a_longer_rod_is_no_stiffer():
+    """A pair counts with the area of the cloth alone: the part of the rod has none."""
+    energies = []
+    for length in (0.1, 10.0):
+        rod = S.Capsule((-length, 0.107, -0.01), (length, 0.107, -0.01), 5e-4)
+        _, term, x = bind(rod, stiffness=50.0)
+        x[:, 2] = -0.01 + 5e-4 + 0.5e-3
+        energies.append(term.energy(x, 0.0))
+    assert energies[0] == pytest.approx(energies[1], rel=1e-9) != 0
+
+
+@pytest.mark.parametrize(("part", "skeleton"), [(0.8, False), (1.25, True)])
+def test_the_skeleton_acts_where_eight_parts_of_an_edge_are_too_few(part, skeleton):
+    """That is where the parts dip into the ball by more than a quarter of the gap."""
+    edge = 0.05 * math.sqrt(2)
+    radius = (edge / 8 / part) ** 2 / (6 * 0.25 * 1e-3) - 1e-3
+    _, term, _ = bind(S.Sphere((0.1, 0.1, -1.0), radius))
+    assert isinstance(term, BoundSkeleton if skeleton else BoundObstacle)
+
+
+@pytest.mark.parametrize(("part", "refused"), [(0.8, True), (1.25, False)])
+def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refused, monkeypatch):
+    monkeypatch.setattr(obstacles, "is_installed", lambda: False)
+    width = part * 0.05 * math.sqrt(2) / 8 - 2e-3
+    rod = S.Capsule((-0.1, 0.1, -0.01), (0.3, 0.1, -0.01), width / 2)
+    if refused:
+        with pytest.raises(InputError, match=r"Capsule is .* mm wide.*an eighth.*ipctk"):
+            bind(rod)
+    else:
+        assert isinstance(bind(rod)[1], BoundObstacle)
+
+
+def test_a_start_inside_is_refused_with_the_nodes():
+    system, _, x = bind(S.Box((0.1, 0.1, 0.0), (0.11, 0.11, 0.1)))
+    with pytest.raises(InputError, match=r"the nodes .*starts inside the Box"):
+        next(fc.march(system, fc.BackwardEuler(), system.state(x), 0.01, 0.1))
+    system, _, x = bind(S.Capsule((0.1, 0.107, -0.1), (0.1, 0.107, 0.1), 1e-3))
+    with pytest.raises(InputError, match="the inside of a triangle"):
+        next(fc.march(system, fc.BackwardEuler(), system.state(x), 0.01, 0.1))
