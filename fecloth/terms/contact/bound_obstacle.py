@@ -239,18 +239,28 @@ class BoundObstacle(BoundContact):
                 raise self._inside(points, inside, -d[d <= 0.0], where)
 
     def _inside(self, points: Points, inside: np.ndarray, depth: np.ndarray, where: str):
-        kind = type(self.shape).__name__
-        deepest = np.argsort(-depth, kind="stable")[:NAMED]
         if points is self.points[0]:
-            named = ", ".join(f"{inside[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest)
-            more = ", …" if len(inside) > NAMED else ""
-            what = f"{len(inside)} nodes start inside the {kind}, the deepest: {named}{more}"
-        else:
-            deep = f"by up to {1e3 * depth.max():.3g} mm"
-            what = f"{len(inside)} points inside triangles start inside the {kind}, {deep}"
-        gap = f"{1e3 * self.gap:g} mm"
-        remedy = f"Start at least {gap}, the gap, away from it, or move the obstacle."
-        return InputError(what, "must start outside", where, remedy)
+            return starts_inside(self.shape, self.gap, where, inside, depth)
+        what = f"{len(inside)} points inside triangles, by up to {1e3 * depth.max():.3g} mm,"
+        return starts_inside(self.shape, self.gap, where, what=what)
+
+
+def starts_inside(
+    shape: Shape,
+    gap: float,
+    where: str,
+    nodes: np.ndarray | None = None,
+    depth: np.ndarray | None = None,
+    what: str = "the insides of some triangles",
+) -> InputError:
+    """The error for a cloth that starts inside; it names the deepest of the nodes."""
+    if nodes is not None and depth is not None and len(nodes):
+        deepest = np.argsort(-depth, kind="stable")[:NAMED]
+        named = ", ".join(f"{nodes[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest)
+        what = f"{len(nodes)} of the nodes, the deepest {named}{', …' * (len(nodes) > NAMED)},"
+    remedy = f"Start at least {1e3 * gap:g} mm, the gap, away from it, or move the obstacle."
+    begin = f"{what} start inside the {type(shape).__name__}"
+    return InputError(begin, "must start outside", where, remedy)
 
 
 def cutting_depth(obstacle: BoundObstacle, cloth: Cloth) -> float:

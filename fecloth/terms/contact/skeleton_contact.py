@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.terms.contact.bound_obstacle import starts_inside
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
-from fecloth.terms.contact.triangle_contact import NAMED, BoundTriangleContact
+from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,6 @@ class BoundSkeleton(BoundTriangleContact):
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for a cloth of which a part starts inside the shape."""
         if not self.allows(x, t):
-            numbers = ", ".join(map(str, self.inside(x, t)[:NAMED]))
-            which = f"the nodes {numbers}" if numbers else "the inside of a triangle"
-            remedy = f"Start at least {1e3 * self.gap:g} mm, the gap, away from it."
-            what = f"{which} of the cloth starts inside the {type(self.body).__name__}"
-            raise InputError(what, "must start outside", where, remedy)
+            nodes = self.inside(x, t)
+            depth = -self.body.distance(self.place(x, t)[nodes], t)
+            raise starts_inside(self.body, self.gap, where, nodes, depth)
