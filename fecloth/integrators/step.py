@@ -81,7 +81,7 @@ class Step:
             mean: np.ndarray = 0.5 * (old + new)
             return mean
         if self.accelerations:
-            mass = system.nodal_mass[:, None] / len(self.accelerations)
+            mass = system.mass_rows / len(self.accelerations)
             force: np.ndarray = mass * sum(a for _, a in self.accelerations)
             return force
         return (self.over or system).force(self.balanced_at)

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from fecloth.compiled.jit import Array, inner, kernel
+from fecloth.compiled.jit import Array, inner, kernel, rounded_kernel
 
 BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
 
@@ -20,8 +20,17 @@ def size(a: np.ndarray) -> float:
 
 def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Σ w_i y_i / Σ w_i, (3,), of (n, 3)."""
-    average: np.ndarray = np.einsum("i,ij->j", weights, y) / weights.sum()
+    average: np.ndarray = weighted_sum(weights, y, np.zeros(3)) / weights.sum()
     return average
+
+
+@rounded_kernel
+def weighted_sum(weights: Array, y: Array, total: Array) -> Array:
+    """`total` (3,) + Σ w_i y_i of (n,) and (n, 3)."""
+    for i in range(len(y)):
+        for k in range(3):
+            total[k] += weights[i] * y[i, k]
+    return total
 
 
 def rms(weights: np.ndarray, y: np.ndarray) -> float:

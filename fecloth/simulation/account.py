@@ -75,6 +75,12 @@ class Account:
         """Return the record with what is found out at the end of the run only."""
         return self
 
+    def changed(self, **values: Any) -> Self:
+        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost."""
+        after = object.__new__(type(self))
+        vars(after).update(vars(self), **values)
+        return after
+
     def row(self) -> Mapping[str, float]:
         """Return columns of the row of the last step, at the start too."""
         return {}

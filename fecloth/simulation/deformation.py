@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -66,8 +66,7 @@ class Deformation(Account):
         pin_v = (new.x - old.x) / (new.t - old.t) if system.movable_pieces else new.v
         kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)
         in_place = _energies_in_place(system, new, ledger.potential, self.places)
-        return replace(
-            self,
+        return self.changed(
             kinetic=kinetic,
             in_place=in_place,
             first=kinetic if self.first is None else self.first,
@@ -126,7 +125,7 @@ def negligible_energy(system: System, seconds: float) -> float:
     m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
     """
     pace = CREEP * system.cloth.extent / seconds
-    return 0.5 * float(system.nodal_mass.sum()) * pace**2
+    return 0.5 * system.total_mass * pace**2
 
 
 def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> float:

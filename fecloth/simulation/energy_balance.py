@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
@@ -74,8 +74,7 @@ class Balance(Account):
     ) -> Balance:
         """Return the balance after a `number` of steps, with the ledger after the last of them."""
         now, remainder = deformation.energy(ledger), abs(ledger.remainder)
-        new = replace(
-            self,
+        new = self.changed(
             steps=self.steps + number,
             largest=max(self.largest, min(now, self.last, self.before)),
             last=now,
@@ -88,14 +87,14 @@ class Balance(Account):
         )
         trusted = new.trusted(system, ledger)
         if remainder <= trusted:
-            return replace(new, off=0, least=math.inf) if new.off else new
+            return new.changed(off=0, least=math.inf) if new.off else new
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
-            return replace(new, off=1, least=remainder)
-        return replace(new, off=self.off + 1, least=min(self.least, remainder))
+            return new.changed(off=1, least=remainder)
+        return new.changed(off=self.off + 1, least=min(self.least, remainder))
 
     def finish(self, run: Run, end: End, others: Accounts) -> Balance:
         """At the end of a run one step whose balance is off is enough for a warning."""
-        return replace(self, lasting=1)
+        return self.changed(lasting=1)
 
     @property
     def scale(self) -> float:

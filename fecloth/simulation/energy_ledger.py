@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -96,12 +96,11 @@ class Ledger(Account):
         kinetic = energies.pop("kinetic")
         flows = flows or self._flows(system, method, old, step)
         after = self.with_flows(flows)
-        return replace(after, t=step.state.t, kinetic=kinetic, potential=energies)
+        return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
         """Return dissipation and work of a step."""
         dt, acting = step.state.t - old.t, (step.over or system).bound
-        inertia = system.mass_times(step.state.v - old.v)
         dissipated = {
             name: _dissipation(term, over, step, dt)
             for name, term, over in zip(system.names, system.bound, acting, strict=True)
@@ -112,15 +111,14 @@ class Ledger(Account):
             for name, term in zip(system.names, system.bound, strict=True)
             if name in self.work
         }
-        pins = _pin_work(system, method.traits.theta, old, step, inertia)
+        pins = _pin_work(system, method.traits.theta, old, step)
         pins += _clamp_work(system, method.traits.theta, old, step)
         return Flows(dissipated, work, pins, method.numerical(system, old, step))
 
     def with_flows(self, flows: Flows) -> Ledger:
         """Return the ledger with the flows of steps without rows."""
         dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
-        return replace(
-            self,
+        return self.changed(
             dissipated=dissipated,
             work={name: done + flows.work.get(name, 0.0) for name, done in self.work.items()},
             pins=self.pins + flows.pins,
@@ -229,14 +227,15 @@ def _clamp_work(system, theta, old, step):
     return sum(term.work_of_clamps(old, new, stages) for term in (step.over or system).bound)
 
 
-def _pin_work(system, theta, old, step, inertia):
+def _pin_work(system, theta, old, step):
     """Work of the held directions over a step: Δv·M v_θ − f · Δx on the constrained nodes."""
     constraints = system.constraints
     at = constraints.nodes
     fixed = not any(pin.moves for pin, _ in constraints.groups.values())
     if not len(at) or (fixed and not constraints.held_part(old.v).any()):
         return 0.0  # otherwise pins stop an initial motion of fixed nodes
-    v = old.v + theta * (step.state.v - old.v)
-    held_v, held_x = constraints.held_part(v), constraints.held_part(step.state.x - old.x)
-    f = step.mean_force(system)[at]
-    return system.sums.dot(inertia[at], held_v) - system.sums.dot(f, held_x)
+    dv, f = step.state.v - old.v, step.mean_force(system)[at]
+    held_v = constraints.held_part(old.v + theta * dv)
+    held_x = constraints.held_part(step.state.x - old.x)
+    inertia = system.mass_times(dv)[at]
+    return system.sums.dot(inertia, held_v) - system.sums.dot(f, held_x)

@@ -166,11 +166,15 @@ class Skipping:
         """Take the steps before the `wanted` one, see `FusedMarch.skip`."""
         if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
             return None
-        if self.bound is None:
-            self.bound = FusedMarch.bind(*self.run)
-            self.is_open = self.bound is not None
         place = int(np.searchsorted(self.targets, state.t, side="right"))
-        if self.bound is None or place == len(self.targets):
+        if place == len(self.targets):
+            return None
+        chosen = state.t + memory.dt if isinstance(memory, LimitMemory) else self.targets[place]
+        if wanted.t <= chosen:
+            return None  # the next step is wanted
+        self.bound = self.bound or FusedMarch.bind(*self.run)
+        self.is_open = self.bound is not None
+        if self.bound is None:
             return None
         stop = self.kept[np.searchsorted(self.kept, place)]
         targets = self.targets[place : stop + 1]

@@ -11,6 +11,7 @@ import scipy.sparse as sparse
 
 from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
+from fecloth.linalg.reductions import weighted_sum
 from fecloth.mesh.cloth import Cloth, Where
 from fecloth.mesh.surface import Enclosure
 from fecloth.quantities.arguments import checks_arguments
@@ -109,13 +110,14 @@ class Observer:
 
     system: System
     start: State
-    probes: Mapping[str, object]
+    probes: Mapping[str, tuple[np.ndarray, np.ndarray]]  # nodes and weights of each
     shape: Enclosure | None = None
 
     @classmethod
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> Observer:
         probes, cloth = _distinct(probes), system.cloth
-        weights = {p.name: p.weights(cloth) for p in probes}
+        rows = {p.name: p.weights(cloth) for p in probes}
+        weights = {name: (row.indices, row.data) for name, row in rows.items()}
         enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X)) if shape else None
         return cls(system, start, weights, enclosure)
 
@@ -135,8 +137,8 @@ class Observer:
         mass = self.system.nodal_mass
         moved = state.x - self.start.x
         row = {"t": state.t}
-        for name, weights in self.probes.items():
-            row |= _components(name, np.ravel(weights @ state.x))
+        for name, (nodes, weights) in self.probes.items():
+            row |= _components(name, weighted_sum(weights, state.x[nodes], np.zeros(3)))
         row |= _components("mean_displacement", self.system.sums.mean(mass, moved))
         row["sag"] = float(-moved[:, 2].min())
         row["area"] = area(self.system.cloth, state.x)

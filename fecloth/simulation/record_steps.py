@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fecloth.errors import InputError
 from fecloth.simulation.account import NEVER, Accounts, Run
@@ -61,9 +61,8 @@ def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
 
     It takes the place of a row that is wanted shortly before.
     """
-    if info.step + LATE * (wanted.t - info.t) / info.dt >= due:
-        wanted = replace(wanted, t=math.inf)
-    return replace(wanted, step=min(wanted.step, due))
+    is_late = info.step + LATE * (wanted.t - info.t) / info.dt >= due
+    return Wanted(min(wanted.step, due), math.inf if is_late else wanted.t)
 
 
 def _advance(steps, wanted: Wanted | None):

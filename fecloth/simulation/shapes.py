@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,8 +71,7 @@ class Shapes(Account):
         compressed = compressed_share(run.system, cells)
         doubt = intersection_warning(state.t, pairs)
         row = stretch_row(state.t, cells["principal_stretches"])
-        after = replace(
-            self,
+        after = self.changed(
             least_stretch=min(self.least_stretch, row["smallest"]),
             largest_stretch=max(self.largest_stretch, row["largest"]),
             inverted=max(self.inverted, inverted),
@@ -90,7 +89,7 @@ class Shapes(Account):
         wrinkles = find_wrinkles(run.system, end.state)
         if self.step is not None:
             doubts, shape = (*self.doubts, wrinkles), Shape.of(run, end.state, self.pairs)
-            return replace(self, doubts=doubts, at_end=shape)
+            return self.changed(doubts=doubts, at_end=shape)
         pairs = run.surface.count_intersections(end.state.x)
         shape = Shape.of(run, end.state, pairs)
         seen = shape.least_stretch, shape.largest_stretch, shape.inverted, pairs

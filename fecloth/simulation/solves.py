@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
 from fecloth.simulation.account import Account, Accounts, End, Run
@@ -27,7 +27,7 @@ class Solves(Account):
         return Solves(self.steps + info.number, sums)
 
     def finish(self, run: Run, end: End, others: Accounts) -> Solves:
-        return replace(self, doubt=warn_of_round_off(int(self.sums["limited"])))
+        return self.changed(doubt=warn_of_round_off(int(self.sums["limited"])))
 
     def warnings(self) -> tuple[str, ...]:
         return (self.doubt,)

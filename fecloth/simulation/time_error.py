@@ -19,6 +19,7 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import rms_without_rigid, weighted_sum
 from fecloth.simulation.time_error_words import WARNED, describe_time_error
 from fecloth.simulation.within_step import acceleration
+from fecloth.system.pieces import mean_of_nodes
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
@@ -126,7 +127,7 @@ class TimeError(Account):
         dt = _mean_step(self.start, sample) if end.step > self.start.step else math.nan
         jump = after.kicked if after.kick_length(run.system, end.state.t) > after.largest else None
         sentence = describe_time_error(error, run.method, dt, jump)
-        return replace(after, relative=error, sentence=sentence)
+        return after.changed(relative=error, sentence=sentence)
 
     def warnings(self) -> tuple[str, ...]:
         return (self.sentence,) if self.relative > WARNED else ()
@@ -148,7 +149,7 @@ class TimeError(Account):
     ) -> TimeError:
         """Return the estimate with one more sample, of this state."""
         if (drift := drift_of(traits)) is None:
-            return replace(self, due=NEVER)
+            return self.changed(due=NEVER)
         q, constant = drift
         mass, is_first = system.diagonal_mass, len(self.recent) < q + 2
         recent = (*self.recent, sample)[-(q + 2) :]
@@ -166,8 +167,7 @@ class TimeError(Account):
             rigid = _add_forgetting(rigid, turning * over, outer)
         slow = traits.order < q
         speed = max(self.speed, rms(mass, state.v)) if slow else 0.0
-        after = replace(
-            self,
+        after = self.changed(
             recent=recent,
             lag=total,
             inner=inner,
@@ -229,7 +229,7 @@ class TimeError(Account):
         if not jumps:
             return self
         kick = math.hypot(self.kick, *(0.25 * dt * size for _, size in jumps))
-        return replace(self, kick=kick, kicked=min(self.kicked, jumps[0][0]))
+        return self.changed(kick=kick, kicked=min(self.kicked, jumps[0][0]))
 
     def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
         """Return τ [s] for steps of the present size from the start on."""
@@ -242,7 +242,7 @@ class TimeError(Account):
     def _looked(self, mass: np.ndarray, state: State) -> TimeError:
         """Return the estimate with another look at the displacement."""
         moved = rms(mass, state.x - self.opening)
-        return replace(self, moved=max(self.moved, moved), looked=state.t)
+        return self.changed(moved=max(self.moved, moved), looked=state.t)
 
 
 def _jumps_of_loads(run: Run, state: State, begin: float, end: float):
@@ -281,7 +281,7 @@ def _sample(system: System, state: State, step: int, others: Accounts) -> Sample
 def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
     """Return x (n, 3) as seen from pins that move: a method makes no error in their motion."""
     moved = [nodes for pin, nodes in system.constraints.groups.values() if pin.moves]
-    return x - x[np.concatenate(moved)].mean(axis=0) if moved else x
+    return x - mean_of_nodes(np.concatenate(moved), x, np.zeros(3)) if moved else x
 
 
 def _mean_step(a, b):

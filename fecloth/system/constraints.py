@@ -96,7 +96,7 @@ class Constraints:
 
     def project(self, y: np.ndarray) -> np.ndarray:
         """P y in place, y (n, 3)."""
-        y[self.nodes] = np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+        _project_nodes(self.nodes, self.projectors, y)
         return y
 
     def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
@@ -111,7 +111,9 @@ class Constraints:
 
     def held_part(self, y: np.ndarray) -> np.ndarray:
         """(I − P) y of the constrained nodes, (c, 3)."""
-        return y[self.nodes] - np.einsum("cij,cj->ci", self.projectors, y[self.nodes])
+        part = np.empty((len(self.nodes), 3))
+        _fill_held_part(self.nodes, self.projectors, y, part)
+        return part
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where P is 0."""
@@ -233,6 +235,25 @@ def _prescribe(nodes, change, speed, x, v):
         for k in range(3):
             x[i, k] += change[a, k]
             v[i, k] = speed[b, k]
+
+
+@rounded_kernel
+def _project_nodes(nodes, projectors, y):
+    """y ← P y at the nodes."""
+    for n in range(len(nodes)):
+        P, i = projectors[n], nodes[n]
+        y1, y2, y3 = y[i, 0], y[i, 1], y[i, 2]
+        for k in range(3):
+            y[i, k] = P[k, 0] * y1 + P[k, 1] * y2 + P[k, 2] * y3
+
+
+@rounded_kernel
+def _fill_held_part(nodes, projectors, y, part):
+    """part = y − P y at the nodes."""
+    for n in range(len(nodes)):
+        P, i = projectors[n], nodes[n]
+        for k in range(3):
+            part[n, k] = y[i, k] - (P[k, 0] * y[i, 0] + P[k, 1] * y[i, 1] + P[k, 2] * y[i, 2])
 
 
 @rounded_kernel

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
+from fecloth.compiled.jit import rounded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints
 
@@ -36,8 +37,8 @@ class Piece:
         """
         m, r = mass[self.nodes], x[self.nodes]
         if len(self.held):
-            r = r - x[self.held].mean(axis=0)
-            velocity = _follow(x[self.held], held_v[self.held], self.outside, r)
+            centre = mean_of_nodes(self.held, x, np.zeros(3))
+            velocity = _follow(x[self.held] - centre, held_v[self.held], self.outside, r - centre)
             if not self.free_directions.any():
                 return velocity
             momentum = p[self.nodes].sum(axis=0) - np.einsum("a,ai->i", m, velocity)
@@ -49,7 +50,7 @@ class Piece:
         spread = np.einsum("ai,aj->ij", r, mass_x[self.nodes] - np.outer(m, centre))
         inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
         omega = np.linalg.pinv(inertia, rcond=TINY, hermitian=True) @ moment
-        return p[self.nodes].sum(axis=0) / m.sum() + _turn(omega, r)
+        return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r, np.empty(r.shape))
 
     @cached_property
     def free_directions(self) -> np.ndarray:
@@ -61,8 +62,17 @@ class Piece:
     def place(self, x, mass) -> np.ndarray:
         """Mean position (3,) of the held nodes, or the centre of mass of a free piece [m]."""
         if len(self.held):
-            return x[self.held].mean(axis=0)
+            return mean_of_nodes(self.held, x, np.zeros(3))
         return np.einsum("a,ai->i", mass[self.nodes], x[self.nodes]) / mass[self.nodes].sum()
+
+
+@rounded_kernel
+def mean_of_nodes(nodes, x, total):
+    """Return the mean of x (n, 3) at nodes, (3,), in place of zeros."""
+    for node in nodes:
+        for k in range(3):
+            total[k] += x[node, k]
+    return total / len(nodes)
 
 
 def movable_pieces(
@@ -104,23 +114,36 @@ def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
     return count, label
 
 
-def _follow(x, v, outside, r) -> np.ndarray:
-    """Return u + ω × r with the least Σ |(I − P)(v − u − ω × (x − x̄))|², and the least |u, ω|."""
-    y = x - x.mean(axis=0)
+def _follow(y, v, outside, r) -> np.ndarray:
+    """Return u + ω × r with the least Σ |(I − P)(v − u − ω × y)|², and the least |u, ω|."""
     size = np.sqrt((y**2).sum(axis=1).mean()) or 1.0
-    A = outside @ np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), -_cross(y) / size], axis=2)
-    b = np.einsum("hij,hj->hi", outside, v)
+    A, b = np.empty((len(y), 3, 6)), np.empty((len(y), 3))
+    _fill_equations(outside, y / size, v, A, b)
     q = np.linalg.lstsq(A.reshape(-1, 6), b.ravel(), rcond=TINY)[0]
-    return q[:3] + _turn(q[3:] / size, r)
+    return _turn(q[:3], q[3:] / size, r, np.empty(r.shape))
 
 
-def _turn(omega, r) -> np.ndarray:
-    """ω × r, (k, 3); without BLAS, which would start threads."""
-    return np.einsum("ij,aj->ai", _cross(omega[None])[0], r)
+@rounded_kernel
+def _fill_equations(outside, y, v, A, b):
+    """A [u, ω] = b at each held node: (I − P)(u + ω × y) = (I − P) v."""
+    for h in range(len(y)):
+        y0, y1, y2 = y[h]
+        for i in range(3):
+            o0, o1, o2 = outside[h, i]
+            b[h, i] = o0 * v[h, 0] + o1 * v[h, 1] + o2 * v[h, 2]
+            A[h, i, 0], A[h, i, 1], A[h, i, 2] = o0, o1, o2
+            A[h, i, 3], A[h, i, 4], A[h, i, 5] = (
+                o2 * y1 - o1 * y2,
+                o0 * y2 - o2 * y0,
+                o1 * y0 - o0 * y1,
+            )
 
 
-def _cross(y) -> np.ndarray:
-    """(h, 3, 3) matrices [y]× with [y]× ω = y × ω."""
-    matrix = np.zeros((len(y), 3, 3))
-    matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = -y[:, 2], y[:, 1], -y[:, 0]
-    return matrix - matrix.transpose(0, 2, 1)
+@rounded_kernel
+def _turn(u, omega, r, velocity):
+    """Return u + ω × r, (k, 3)."""
+    for a in range(len(r)):
+        velocity[a, 0] = u[0] + (omega[1] * r[a, 2] - omega[2] * r[a, 1])
+        velocity[a, 1] = u[1] + (omega[2] * r[a, 0] - omega[0] * r[a, 2])
+        velocity[a, 2] = u[2] + (omega[0] * r[a, 1] - omega[1] * r[a, 0])
+    return velocity

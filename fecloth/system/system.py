@@ -161,8 +161,12 @@ class System(Arguments):
 
     def mass_times(self, v: np.ndarray) -> np.ndarray:
         """M v, (n, 3); the lumped mass needs no sparse product."""
-        is_lumped = self.mass_kind == "lumped"
-        return self.nodal_mass[:, None] * v if is_lumped else self.scalar_mass @ v
+        return self.mass_rows * v if self.mass_kind == "lumped" else self.scalar_mass @ v
+
+    @cached_property
+    def mass_rows(self) -> np.ndarray:
+        """(n, 3) the nodal mass of each component [kg]: a product of whole arrays is fast."""
+        return np.repeat(self.nodal_mass[:, None], 3, axis=1)
 
     @cached_property
     def nodal_mass(self) -> np.ndarray:

@@ -134,6 +134,12 @@ def test_accounts_read_those_before_them_after_the_same_step():
     assert accounts.get(Ledger) is None
 
 
+def test_a_changed_account_is_the_one_that_replace_makes():
+    account = Fastest(3.0)
+    assert account.changed(ended=True) == replace(account, ended=True)
+    assert (account, account.changed()) == (Fastest(3.0), account)
+
+
 def test_only_the_first_warning_of_a_kind_is_new():
     accounts = Accounts({"fastest": Fastest(0.5)})
     assert accounts.new_warnings([]) == ["the cloth has 500 mJ"]

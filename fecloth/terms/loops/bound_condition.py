@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -95,11 +96,11 @@ class BoundCondition(BoundTerm):
         """(m, k) int32 nodes of each stencil."""
         return self.loop.nodes
 
-    @property
+    @cached_property
     def has_energy(self) -> bool:
         return bool(self.stiffness.any())
 
-    @property
+    @cached_property
     def dissipative(self) -> bool:
         return bool(self.damping.any())
 

@@ -1,13 +1,15 @@
 """Motions of pins and loads that fixed steps do not see are named before the run."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
-from fecloth.simulation.doubts.unseen import _without_uniform_motion, find_missed
+from fecloth.simulation.doubts.signals import find_signals
+from fecloth.simulation.doubts.unseen import _without_uniform_motion, find_missed, missed_share
 
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
@@ -117,6 +119,22 @@ def test_all_warnings_together_evaluate_a_motion_a_bounded_number_of_times(dt, m
         counted.clear()
         assert warnings_before(held, dt) == []
         assert len(counted) <= most + 8 * 30 + 5
+
+
+def test_a_motion_that_differs_from_node_to_node_is_evaluated_a_bounded_number_of_times():
+    """At some of the nodes of a long edge, and at fewer times than a motion of time alone."""
+    cloth, counted = fc.Cloth.rectangle(1.0, 1.0, h=0.02, pattern="right"), []
+    pin = fc.Pin("left", ("0", "0", "0.1 * sin(9 * t + Y)"))
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0), [fc.StVK()], [pin])
+    (signal,) = find_signals(system, system.rest(), 1.0, True)
+
+    def values(times):
+        counted.append(signal.values(times))
+        return counted[-1]
+
+    missed_share(replace(signal, values=values), 1e-5, (0.0, 1.0))
+    assert 2**14 < sum(map(len, counted)) <= 2**15
+    assert all(3 * 8 <= g.shape[1] <= 3 * 16 for g in counted)
 
 
 def test_run_warns():
