@@ -6,10 +6,8 @@ its own part of the elements or nodes, and the thread that asks takes the first 
 
 Two rules keep the bits. Forces and tangents: every node has one owner, and the owner adds up all
 that the node gets, in the order in which one thread would (`SharedLoop`). Sums over all nodes:
-they are made of blocks of a fixed size, and the sums of the blocks are added in order.
-
-Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
-end, and these wait for each other: see `threads`.
+they are made of blocks of a fixed size, and the sums of the blocks are added in order. Loops that
+iterate keep their threads from begin to end: see `threads`.
 """
 
 import math

@@ -222,15 +222,11 @@ class Fabric:
             W [g/m²], E5, E20 or E100 [%] (the one of `load`), EB5 [%] and the bending length
             C [mm]; one number or (warp, weft) each. Optionally C45 [mm], the bending length of a
             strip cut at 45°, which not every laboratory measures. Other fields are ignored.
-        poisson_ratio
-            ν₁₂, which FAST does not measure.
+        poisson_ratio, bending_poisson_ratio, source
+            As for `from_kes`: FAST measures neither ratio.
         load
             5, 20 or 100 [gf/cm]. Y gives this load at the extension E5, E20 or E100, by the secant
             formula of `from_kes`.
-        source
-            Text that is stored in the fabric.
-        bending_poisson_ratio
-            ν_b, which FAST does not measure: 0 unless another source has it.
 
         Raises
         ------
@@ -243,9 +239,8 @@ class Fabric:
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
         SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994).
 
-        No test of FAST twists the cloth, and none measures how it bends across: the rigidity of
-        twist follows from C45, or is Huber's estimate without it, and ν_b is 0. EB5, the extension
-        on the bias, belongs to shear in the plane and tells neither.
+        The rigidity of twist is as in `from_kes`, with C45 in place of B45. EB5, the extension on
+        the bias, belongs to shear in the plane and tells nothing of it.
 
         Examples
         --------

@@ -14,10 +14,6 @@ Sources:
   instruments do not agree.
 - D. Cooper, The Stiffness of Woven Textiles, Journal of the Textile Institute 51 (1960), T317:
   the bending stiffness along warp, weft and one other direction describes most fabrics.
-
-Neither instrument twists a fabric: the rigidity of twist comes from a specimen cut at 45° and bent
-as the others, where the laboratory has one, and else is Huber's estimate. Neither measures
-Poisson's ratio of bending. Shear and its hysteresis belong to the plane, and say nothing of either.
 """
 
 import math

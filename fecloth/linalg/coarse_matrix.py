@@ -1,7 +1,6 @@
 """The smoothed prolongator P of an aggregation, and the coarse matrix Pᵀ A P, on fixed patterns.
 
-Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
-and fourth order elliptic problems, section 3.
+The source is section 3 of the paper that `aggregation` names.
 """
 
 from collections.abc import Callable

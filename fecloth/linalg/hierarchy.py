@@ -1,10 +1,7 @@
 """The coarser and coarser matrices of algebraic multigrid.
 
 A level consists of a matrix, its aggregates and its prolongator P; the next one has Pᵀ A P. See
-`multigrid` for what is done with them.
-
-Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
-and fourth order elliptic problems.
+`multigrid` for what is done with them, and `aggregation` for the source.
 """
 
 from dataclasses import dataclass

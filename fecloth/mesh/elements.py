@@ -49,11 +49,7 @@ class Element:
 
     @cached_property
     def scaled_diagonal(self) -> np.ndarray:
-        """(k,) diagonal of `reference_mass`, scaled to a sum of 1. It is positive for any element.
-
-        Source: Hinton, Rock and Zienkiewicz (1976), A note on mass lumping and related processes
-        in the finite element method, Earthquake Engng Struct. Dyn. 4, 245–249.
-        """
+        """(k,) diagonal of `reference_mass`, scaled to a sum of 1, > 0; source: `Cloth.mass`."""
         diagonal = np.diag(self.reference_mass)
         return diagonal / diagonal.sum()
 

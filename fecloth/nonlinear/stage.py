@@ -1,9 +1,4 @@
-"""The stage of an implicit step: x, v and a as affine maps of one unknown q.
-
-    x = x̃ + wx q,   v = ṽ + wv q,   a = ã + wa q,   M a = f(x, v, t)
-
-so that Newton's matrix is J = wa M + wv D + wx K for every method.
-"""
+"""The stage of an implicit step: x, v and a as affine maps of one unknown q."""
 
 from dataclasses import dataclass, replace
 
@@ -21,8 +16,8 @@ class Stage:
 
         x = x̃ + wx q,   v = ṽ + wv q,   a = ã + wa q,   M a = f(x, v, t)
 
-    The fields `x`, `v` and `a` are x̃, ṽ and ã, the values at q = 0. Newton's iteration finds q.
-    A `StageMethod` then takes as its new state
+    So Newton's matrix is J = wa M + wv D + wx K for every method. The fields `x`, `v` and `a` are
+    x̃, ṽ and ã, the values at q = 0. A `StageMethod` then takes as its new state
 
         x₁ = x_end + w_end q,   v₁ = v₀ + dt a
     """

@@ -83,8 +83,7 @@ def chart(
     levels
         Levels of the limit, from 3; h and dt are halved at least twice.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
         A case whose predicted or measured time is above time_limit is left out.
 
     Raises

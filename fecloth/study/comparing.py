@@ -83,8 +83,7 @@ def compare(
     refine, levels, ratio
         As for `converge`.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
 
     Raises
     ------

@@ -65,8 +65,7 @@ def converge(
         saves. A function takes the gradings as its argument `grading`, for the constructor of
         `Cloth`.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
 
     Raises
     ------

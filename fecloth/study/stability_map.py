@@ -113,8 +113,7 @@ def stability(
     methods
         Names as in a scene, such as "bdf2" or "central_difference"; by default eight.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
         A function may take dt, but the steps are the steps of the map.
 
     Raises

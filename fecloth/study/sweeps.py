@@ -81,8 +81,7 @@ def sweep(
     quantity
         One or more; by default all of [interest], or of all probes, or the displacement.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
 
     Raises
     ------

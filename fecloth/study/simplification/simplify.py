@@ -67,8 +67,7 @@ def simplify(
     repeats
         Runs of each scene of less than about a second; the fastest counts.
     shared
-        Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache.
         Seconds of cases that run side by side are less certain.
 
     Raises
