@@ -60,7 +60,7 @@ def describe_values(values: Mapping[str, object]) -> str:
 
 @dataclass(frozen=True)
 class Level:
-    """One level: h, dt and two tolerances are divided by these; the first has 1, 1, 1, 1.
+    """One level: h, dt, two tolerances and gaps of contact are divided by these; at first by 1.
 
     `sharper` is for the tolerance of the solver, a fixed one; None leaves the solver as the problem
     has it. `rtol` is for the tolerance of chosen steps.
@@ -70,12 +70,24 @@ class Level:
     dt: float = 1.0
     sharper: float | None = 1.0
     rtol: float = 1.0
+    gap: float = 1.0
 
     def __str__(self) -> str:
-        sizes = (("h", self.h), ("dt", self.dt), ("rtol", self.rtol))
+        sizes = {"h": self.h, "dt": self.dt, "rtol": self.rtol, "gap": self.gap}.items()
         parts = [f"{name} / {by:.3g}" for name, by in sizes if by != 1]
         parts += ["a sharper tolerance"] if self.sharper not in (None, 1.0) else []
         return " and ".join(parts) or "the first level"
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """What the level changes in the terms: their gaps."""
+        return () if self.gap == 1 else (self._divide_gaps,)
+
+    def _divide_gaps(self, tables: dict) -> dict:
+        for term in tables.get("terms", ()):
+            if "gap" in term:
+                term["gap"] /= self.gap
+        return tables
 
 
 FIRST = Level()

@@ -125,7 +125,8 @@ class FunctionProblem(CommonProblem):
         h, dt = self.h and self.h / level.h, self.dt
         if dt is not None and self.t_end is not None:
             dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
-        return replace(self, h=h, dt=dt, sharper=level.sharper)
+        finer = replace(self, h=h, dt=dt, sharper=level.sharper)
+        return finer.changed(Change(edits=level.edits)) if level.edits else finer
 
     def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
         """Return the problem with the argument `grading`, as JSON's types."""

@@ -43,6 +43,11 @@ class CommonProblem:
         return self.first.is_explicit
 
     @cached_property
+    def has_contact(self) -> bool:
+        """Whether a term has a gap."""
+        return has_kind(self.first.system.terms, "contact")
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for each likely mistake in the set-up, as before a run."""
         setup = self.first

@@ -50,15 +50,17 @@ def levels_to_run(
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
     """Return further cases on the first level: finer in what is not refined, and a sharper solver.
 
-    Of steps that their error chooses rtol is divided, in place of dt.
+    Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
+    halved in one of them.
     """
+    gaps = [Level(gap=2.0)] if opened.has_contact else []
     if opened.is_static or quantity.how == "mode":
-        return []
+        return gaps
     other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
     cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
     if refine == "h" and opened.rtol:
         cases = [Level(rtol=CLOSER)]
-    return cases + ([] if opened.is_explicit else [Level(sharper=100.0)])
+    return cases + gaps + ([] if opened.is_explicit else [Level(sharper=100.0)])
 
 
 def summarise(
@@ -172,6 +174,8 @@ def other_shares(
     for row, change in zip(more, apart, strict=True):
         if (row["point"].level.sharper or 1.0) > 1:
             errors["solver"] = change
+        elif row["point"].level.gap > 1:
+            errors["gap"] = change / (1 - 1 / row["point"].level.gap)  # of first order
         elif row["point"].level.rtol > 1:
             errors["time step"] = change / (1 - CLOSER**-RTOL_ORDER)
         elif refine == "h":
@@ -200,8 +204,9 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
     refined, *others = shares
     for other in others:
         if shares[other] > shares[refined]:
+            remedy = "take a smaller gap" if other == "gap" else "refine it too"
             lines.append(
-                f"The {other} contributes more than the {refined} that was refined: refine it too."
+                f"The {other} contributes more than the {refined} that was refined: {remedy}."
             )
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
         estimated = rows[-1]["time_error"]

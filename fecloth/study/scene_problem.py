@@ -157,7 +157,8 @@ class SceneProblem(CommonProblem):
                 values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
         elif level.sharper is not None:  # "auto" may leave more than levels differ by
             values["solver.tolerance"] = scene.solver.make().residual / level.sharper
-        return self.changed(Change(values=values)) if values else self
+        edits = level.edits
+        return self.changed(Change(values=values, edits=edits)) if values or edits else self
 
     def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""

@@ -112,6 +112,8 @@ def describe_term(term: Any, number: int) -> dict:
     parameters = parameters_of(term)
     if isinstance(parameters.get("strain"), str):
         table["strain"] = term.strain
+    if "gap" in parameters:
+        table["gap"] = term.gap
     if "rest" in parameters:
         table["rest"] = term.rest if isinstance(term.rest, str) else "given"
     return table
@@ -133,8 +135,9 @@ def _make_term(term: Mapping, own: Sequence) -> Any:
     if "number" not in term:
         return getattr(all_terms, term["type"])()
     kept = own[term["number"]]
-    strain = term.get("strain")
-    return kept if strain == parameters_of(kept).get("strain") else replace(kept, strain=strain)
+    before = parameters_of(kept)
+    other = {key: term.get(key) for key in ("strain", "gap") if term.get(key) != before.get(key)}
+    return replace(kept, **other) if other else kept
 
 
 def _unclamp(pin: Any) -> Any:
