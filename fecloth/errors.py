@@ -170,13 +170,7 @@ def flag(name: str, value: object, where: str) -> None:
 
 
 def with_article(name: str) -> str:
-    """Return a name after "a" or "an".
-
-    Examples
-    --------
-    >>> with_article("Fabric"), with_article("object")
-    ('a Fabric', 'an object')
-    """
+    """Return a name after "a" or "an"."""
     return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
 
 

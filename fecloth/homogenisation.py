@@ -179,13 +179,7 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
 
 
 def bending_note(pattern: str, terms: Iterable[str]) -> str:
-    """A note on the rigidity of hinges on a pattern, for scenes that expect values; else "".
-
-    Examples
-    --------
-    >>> bending_note("right", ["StVK", "HingeBending"])
-    'HingeBending on "right" bends along X as 0.80 B (narrow strip) to 1.00 B (wide), at any h'
-    """
+    """A note on the rigidity of hinges on a pattern, for scenes that expect values; else ""."""
     hinge_terms = [name for name in terms if name in TRAITS and TRAITS[name].by_pattern]
     if not hinge_terms or pattern not in CELLS:
         return ""

@@ -10,13 +10,6 @@ def closest(name: object, names: Iterable[str], cutoff: float = CUTOFF) -> str:
     """The name that is most like `name`; empty if none is alike.
 
     Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
-
-    Examples
-    --------
-    >>> closest("CentralDiference", ["bdf2", "central_difference"])
-    'central_difference'
-    >>> closest("cosine", ["sin", "cos"])
-    'cos'
     """
     plain = {_plain(each): each for each in names}
     word = _plain(name)

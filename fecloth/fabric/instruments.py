@@ -112,11 +112,6 @@ def secant(force: float, extension: float) -> float:
     """Y [N/m] with which StVK in uniaxial tension has the `force` [N/m] at the `extension` [-].
 
     The force is P = (1 + ε) Y E with E = ε + ε²/2. For small ε this is Y = P/ε.
-
-    Examples
-    --------
-    >>> round(secant(490.3325, 0.05), 1)
-    9111.9
     """
     return force / ((1 + extension) * _green_strain(extension))
 

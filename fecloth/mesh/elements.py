@@ -93,13 +93,7 @@ class Element:
 
 
 def blocks(m: int, size: int = 1 << 16) -> Iterator[slice]:
-    """Yield slices of m triangles, `size` at once, for work whose arrays would be large.
-
-    Examples
-    --------
-    >>> list(blocks(5, size=3))
-    [slice(0, 3, None), slice(3, 5, None)]
-    """
+    """Yield slices of m triangles, `size` at once, for work whose arrays would be large."""
     for start in range(0, m, size):
         yield slice(start, min(start + size, m))
 
@@ -138,15 +132,6 @@ def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh
     edges of that set. If a region has the same name, they are the edges of the region's triangles.
     Otherwise they are the edges with both ends in the node set. The sets named in `corner_sets`
     get no midpoints.
-
-    Examples
-    --------
-    >>> from fecloth.mesh.generate import rectangle
-    >>> mesh = add_midpoints(rectangle(1.0, 1.0, 1.0, "right"), corner_sets=["corners"])
-    >>> mesh.X[4:].tolist()
-    [[0.5, 0.0], [0.0, 0.5], [0.5, 0.5], [1.0, 0.5], [0.5, 1.0]]
-    >>> mesh.node_sets["left"].tolist(), mesh.node_sets["corners"].tolist()
-    ([0, 2, 5], [0, 1, 2, 3])
     """
     n, edges = len(mesh.X), skfem_mesh(mesh.X, mesh.triangles).facets.T
     X = np.concatenate([mesh.X, mesh.X[edges].mean(axis=1)])

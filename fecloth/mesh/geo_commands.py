@@ -101,11 +101,6 @@ def check_geo(text: str, where: str) -> str:
     Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields without
     files or processes, SetFactory, DefineConstant, arithmetic, If, and For with bounds that are
     numbers.
-
-    Examples
-    --------
-    >>> print(check_geo("Point(1) = {0, 0, 0}; // origin", "a.geo"), end="")
-    Point ( 1 ) = { 0 , 0 , 0 } ;
     """
     tokens = list(_tokens(text, where))
     _Checker(tokens, where).check()

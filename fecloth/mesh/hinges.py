@@ -25,14 +25,7 @@ class Hinges:
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
-        """Find the hinges of triangles (m, 3) between nodes X (n, 2), by their left triangles.
-
-        Examples
-        --------
-        >>> X = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-        >>> Hinges.from_triangles(X, np.array([[0, 1, 2], [0, 2, 3]])).nodes.tolist()
-        [[2, 0, 1, 3]]
-        """
+        """Find the hinges of triangles (m, 3) between nodes X (n, 2), by their left triangles."""
         start = triangles.ravel().astype(np.int64)
         end, opposite = (np.roll(triangles, -s, axis=1).ravel().astype(np.int64) for s in (1, 2))
         n = len(X)

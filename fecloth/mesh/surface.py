@@ -161,13 +161,6 @@ class Enclosure:
 
     A cap has the triangles between the edges of a rim and the mean of its nodes. So the volume of
     a dome is that between the dome and the plane of its rim.
-
-    Examples
-    --------
-    >>> x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
-    >>> closed = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-    >>> [round(6 * Enclosure.from_triangles(some, 4).volume(x), 9) for some in (closed, closed[1:])]
-    [1.0, 1.0]
     """
 
     triangles: np.ndarray  # (m, k) nodes in the order of `Cloth.cells`: P1 or P2

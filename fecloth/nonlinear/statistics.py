@@ -53,11 +53,6 @@ def describe_newton_error(
     """Return a sentence about the steps that ended by `ErrorLeft`; "" for none.
 
     `newton_error` and `step_error` are the sums over these.
-
-    Examples
-    --------
-    >>> describe_newton_error(30, 28, 0.4, 10.0)
-    "error of Newton's iteration about 4 % of the error in time in 28 of 30 steps"
     """
     if not estimated:
         return ""

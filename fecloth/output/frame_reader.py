@@ -90,13 +90,7 @@ def drawable(values: np.ndarray) -> np.ndarray:
 
 
 def clip_to_drawable(values: np.ndarray) -> np.ndarray:
-    """Return the values as float64; values that cannot be drawn become extremes of the others.
-
-    Examples
-    --------
-    >>> clip_to_drawable(np.array([1.0, np.inf, 3.0, -np.inf, np.nan])).tolist()
-    [1.0, 3.0, 3.0, 1.0, 3.0]
-    """
+    """Return the values as float64; values that cannot be drawn become extremes of the others."""
     values = np.asarray(values, dtype=float)
     numbers = values[drawable(values)]
     low, high = (numbers.min(), numbers.max()) if numbers.size else (0.0, 0.0)
@@ -142,26 +136,14 @@ class Series:
 
 
 def straight(cells: np.ndarray) -> np.ndarray:
-    """Return triangles (m or 4 m, 3) to draw; cell i has the triangle i, or 4 i to 4 i + 3.
-
-    Examples
-    --------
-    >>> straight(np.array([[0, 1, 2, 3, 4, 5]])).tolist()
-    [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
-    """
+    """Return triangles (m or 4 m, 3) to draw; cell i has the triangle i, or 4 i to 4 i + 3."""
     if cells.shape[1] == 3:
         return cells
     return cells[:, QUARTERS].reshape(-1, 3)
 
 
 def rim(triangles: np.ndarray) -> np.ndarray:
-    """Return the edges (k, 2) of one triangle only.
-
-    Examples
-    --------
-    >>> rim(np.array([[0, 1, 2], [1, 3, 2]])).tolist()
-    [[0, 1], [0, 2], [1, 3], [2, 3]]
-    """
+    """Return the edges (k, 2) of one triangle only."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     return unique[counts == 1]

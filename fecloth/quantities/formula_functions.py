@@ -15,13 +15,7 @@ CONSTANTS = {"pi": math.pi}
 
 
 def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
-    """0 up to t = a, 1 from t = b on, and between them the cubic s²(3 − 2s), without a kink.
-
-    Examples
-    --------
-    >>> [float(smoothstep(1.0, 3.0, t)) for t in (0.0, 2.0, 4.0)]
-    [0.0, 0.5, 1.0]
-    """
+    """0 up to t = a, 1 from t = b on, and between them the cubic s²(3 − 2s), without a kink."""
     s = np.clip((np.asarray(t) - a) / (np.asarray(b) - a), 0.0, 1.0)
     return s * s * (3 - 2 * s)
 

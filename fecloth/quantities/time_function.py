@@ -72,25 +72,13 @@ def difference_quotient(
 
 
 def scalar(value: OfTime, name: str, where: str) -> TimeFunction:
-    """A number, a formula of t, or a function of t.
-
-    Examples
-    --------
-    >>> float(scalar("3 * t", "p", "Pressure")(2.0)), float(scalar(5.0, "p", "Pressure")(2.0))
-    (6.0, 5.0)
-    """
+    """A number, a formula of t, or a function of t."""
     parts = value if callable(value) else (_part(value, name, where),)
     return TimeFunction(parts, (), name, where)
 
 
 def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
-    """Three numbers or formulas of t, or a function of t that returns three numbers.
-
-    Examples
-    --------
-    >>> vector((1.0, "2 * t", 0), "force", "PointForce")(0.5)
-    array([1., 1., 0.])
-    """
+    """Three numbers or formulas of t, or a function of t that returns three numbers."""
     if callable(value):
         return TimeFunction(value, (3,), name, where)
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 3:

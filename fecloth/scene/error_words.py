@@ -36,13 +36,7 @@ def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -
 
 
 def place(key: str, data: Any, text: str = "") -> str:
-    """Return which table of a list a key is in, in words, or "".
-
-    Examples
-    --------
-    >>> place("terms.1.rate = -1", {"terms": [{"type": "StVK"}, {"type": "MassDamping"}]})
-    '(It is the second [[terms]], MassDamping.)'
-    """
+    """Return which table of a list a key is in, in words, or ""."""
     if not (match := _ITEM.match(key)):
         return ""
     name, number = match[1], int(match[2])

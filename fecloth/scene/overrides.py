@@ -22,13 +22,6 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
     ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
     an override of one key leaves the other keys to the name.
-
-    Examples
-    --------
-    >>> override({"time": {"dt": 0.1}, "terms": [{"k": 1}]}, ["time.dt=0.2", "terms.0.k=3"])
-    {'time': {'dt': 0.2}, 'terms': [{'k': 3}]}
-    >>> override({"fabric": "silk"}, ["fabric.areal_density=0.2"])
-    {'fabric': {'preset': 'silk', 'areal_density': 0.2}}
     """
     data = copy.deepcopy(data)
     for text in overrides:

@@ -168,12 +168,6 @@ def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
     """Return the text before the first section, and what Parameters says of each name.
 
     Names of a base stand in the docstring of the base.
-
-    Examples
-    --------
-    >>> from fecloth import Gravity
-    >>> parts_of_docstring(Gravity)[1]
-    {'acceleration': 'g, three components [m/s²].'}
     """
     text, meanings = "", dict[str, str]()
     for each in reversed(cls.__mro__[:-1]):

@@ -76,17 +76,7 @@ def _similar(path: Path) -> str:
 
 
 def to_toml(data: dict) -> str:
-    """Return nested dicts, lists, strings and numbers as TOML, without None and empty ones.
-
-    Examples
-    --------
-    >>> print(to_toml({"mass": "lumped", "time": {"dt": 0.01}, "pins": []}))
-    mass = "lumped"
-    <BLANKLINE>
-    [time]
-    dt = 0.01
-    <BLANKLINE>
-    """
+    """Return nested dicts, lists, strings and numbers as TOML, without None and empty ones."""
     return tomli_w.dumps(without_empty(data))
 
 

@@ -162,12 +162,6 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
     level, needs three passages; with only two, T is twice the time between them. The level is
     midway between the extremes or, with three passages, the mean over whole periods.
-
-    Examples
-    --------
-    >>> t = np.linspace(0, 3, 40)
-    >>> print(f"{signal_period(t, 5 + np.cos(2 * np.pi * t / 0.7)):.4f}")
-    0.7000
     """
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:

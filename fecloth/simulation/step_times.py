@@ -68,13 +68,7 @@ def fit_step(dt: float, horizon: float) -> float:
 def given_times(
     t: float, sizes: Sequence[float], t_end: float | None, stops: Sequence[float] = ()
 ) -> np.ndarray:
-    """Return the end time of every step of these sizes; by default the last one is `t_end`.
-
-    Examples
-    --------
-    >>> given_times(0.0, [0.1, 0.2, 0.1], 0.4, stops=[0.3]).tolist()
-    [0.1, 0.3, 0.4]
-    """
+    """Return the end time of every step of these sizes; by default the last one is `t_end`."""
     if problem := coarse_clock(max(abs(t), abs(t + sum(sizes))), min(sizes)):
         raise InputError(f"dt = {min(sizes):g} s", problem, "march", EARLIER)
     last = float(np.add.accumulate([t, *sizes])[-1]) if t_end is None else t_end

@@ -27,13 +27,7 @@ HIDDEN = ("path", "digest", "content", "text", "tables")  # settings that say no
 
 
 def describe_settings(settings: Mapping) -> str:
-    """Return settings in words, without paths, hashes, contents of files and defaults.
-
-    Examples
-    --------
-    >>> describe_settings({"path": "/a.toml", "method": "BDF2", "time_step": 0.01, "linear": None})
-    'method BDF2, time step 0.01'
-    """
+    """Return settings in words, without paths, hashes, contents of files and defaults."""
     chosen = {key: value for key, value in settings.items() if key not in HIDDEN}
     words = {key.replace("_", " "): value for key, value in chosen.items() if value is not None}
     return ", ".join(f"{key} {' '.join(str(v).split())[:40]}" for key, v in words.items())

@@ -101,11 +101,6 @@ def make_levels(
 
     With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
     keep their share.
-
-    Examples
-    --------
-    >>> make_levels("both", 3, 2.0, space_order=2, time_order=1)[1:]
-    [Level(h=2.0, dt=4.0, sharper=1.0, rtol=1.0), Level(h=4.0, dt=16.0, sharper=1.0, rtol=1.0)]
     """
     if refine not in REFINED:
         remedy = did_you_mean(refine, REFINED)

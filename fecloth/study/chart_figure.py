@@ -142,13 +142,7 @@ def _label_ends(ax, ends: Sequence[tuple]) -> None:
 
 
 def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given.
-
-    Examples
-    --------
-    >>> [round(y, 2) for y in spread([0.5, 0.51, 0.9], 0.1)]
-    [0.5, 0.6, 0.9]
-    """
+    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given."""
     order = np.argsort(heights, kind="stable")
     y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
     for i in range(1, len(y)):  # from below

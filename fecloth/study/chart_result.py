@@ -76,13 +76,6 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
     """Return the numbers of the rows that no other beats in both seconds and error.
 
     Errors below their uncertainty count as equal to it: there the cheapest is the best.
-
-    Examples
-    --------
-    >>> values = (1.0, 0.3), (2.0, 0.1), (3.0, 0.2), (4.0, 0.001), (5.0, 0.0001)
-    >>> rows = [{"status": "ok", "seconds": s, "error": e, "uncertainty": 0.01} for s, e in values]
-    >>> sorted(find_front(rows))
-    [0, 1, 3]
     """
     known = [(row["seconds"], known_error(row), i) for i, row in enumerate(rows) if is_known(row)]
     front, least = set(), math.inf
@@ -145,13 +138,7 @@ def _for_seconds(row: Mapping, several: bool = True) -> str:
 
 
 def describe_row(row: Mapping, with_model: bool = True) -> str:
-    """Return a setting in words.
-
-    Examples
-    --------
-    >>> describe_row({"method": "BDF2", "element": "P1", "model": "StVK", "h": 0.01, "dt": 0.005})
-    'BDF2 with P1, StVK, h = 1 cm, dt = 5 ms'
-    """
+    """Return a setting in words."""
     parts = [f"{row['method']} with {row['element']}"]
     parts += [row["model"]] if with_model and row.get("model") else []
     if row.get("h"):

@@ -113,13 +113,7 @@ def _label_lines(ax, ends: Mapping[str, tuple]) -> None:
 
 
 def _apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Return rising heights, moved as little as upward moves allow to be `gap` apart.
-
-    Examples
-    --------
-    >>> _apart([0.0, 0.5, 3.0], 1.0)
-    [0.0, 1.0, 3.0]
-    """
+    """Return rising heights, moved as little as upward moves allow to be `gap` apart."""
     moved: list[float] = []
     for height in heights:
         moved.append(max(height, moved[-1] + gap) if moved else height)

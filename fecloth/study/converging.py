@@ -185,14 +185,7 @@ def _errors_of_uniform(
 
 
 def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
-    """Return what an error costs by interpolation between levels; NaN beyond them.
-
-    Examples
-    --------
-    >>> rows = [{"error": 0.1, "triangles": 100}, {"error": 0.01, "triangles": 1000}]
-    >>> round(_cost_of(0.1 / 10**0.5, rows, "triangles"))
-    316
-    """
+    """Return what an error costs by interpolation between levels; NaN beyond them."""
     known = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
     if not (known and known[0][0] <= error <= known[-1][0]):
         return math.nan

@@ -163,16 +163,7 @@ def _first_line(cause: object) -> str:
 
 
 def markdown_table(rows: Sequence[Row]) -> str:
-    """Format rows as a Markdown table, numbers to four digits.
-
-    Examples
-    --------
-    >>> print(markdown_table([{"h": 0.1, "error": 0.012344}, {"h": 0.05}]))
-    | h | error |
-    |---|---|
-    | 0.1 | 0.01234 |
-    | 0.05 |  |
-    """
+    """Format rows as a Markdown table, numbers to four digits."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     table = [columns, *[[_cell(row.get(column)) for column in columns] for row in rows]]
     lines = [f"| {' | '.join(cells)} |" for cells in table]

@@ -148,15 +148,7 @@ class StudyResult:
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
-    """Return a value and its uncertainty, to two digits of the latter.
-
-    Examples
-    --------
-    >>> with_uncertainty(0.123456, 0.00123, "m"), with_uncertainty(1234.5, 56.7)
-    ('0.1235 ± 0.0012 m', '1234 ± 57')
-    >>> with_uncertainty(2.5e-7, 3e-9, "m"), with_uncertainty(1.5, 0.0)
-    ('2.500e-07 ± 3.0e-09 m', '1.5 ± 0')
-    """
+    """Return a value and its uncertainty, to two digits of the latter."""
     size = max(abs(value), uncertainty)
     if not uncertainty > 0 or not size < float("inf"):
         text = f"{value:.8g} ± {uncertainty:.2g}"
@@ -175,13 +167,7 @@ def _places(number: float) -> int:
 
 
 def read_tolerance(value: float | str) -> float:
-    """Return a relative tolerance, of a number or of a text such as "1%" or "0.01".
-
-    Examples
-    --------
-    >>> read_tolerance("1%"), read_tolerance("0.5 %"), read_tolerance(0.02)
-    (0.01, 0.005, 0.02)
-    """
+    """Return a relative tolerance, of a number or of a text such as "1%" or "0.01"."""
     text = str(value).strip()
     try:
         number = float(text.rstrip("% ")) / (100 if text.endswith("%") else 1)
@@ -195,11 +181,5 @@ def read_tolerance(value: float | str) -> float:
 
 
 def in_percent(value: float) -> str:
-    """Return a fraction as text in percent.
-
-    Examples
-    --------
-    >>> in_percent(0.0123), in_percent(2.5)
-    ('1.2 %', '250 %')
-    """
+    """Return a fraction as text in percent."""
     return f"{100 * value:.2g} %" if abs(value) < 1 else f"{100 * value:.0f} %"

@@ -156,13 +156,7 @@ def stability(
 
 
 def known_methods(names: Sequence[str]) -> list[str]:
-    """Return the names as a scene writes them, each once; capitals do not count.
-
-    Examples
-    --------
-    >>> known_methods(["BDF2", "CentralDifference"])
-    ['bdf2', 'central_difference']
-    """
+    """Return the names as a scene writes them, each once; capitals do not count."""
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")

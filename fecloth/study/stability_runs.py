@@ -94,11 +94,6 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
     With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
     next to the limit are so close to it that this is seen within the run.
-
-    Examples
-    --------
-    >>> counts_of(1.0, 0.01), counts_of(1.0, math.inf)
-    ([36, 71, 95, 106, 142, 283], [8, 16, 32, 64, 128, 256])
     """
     if not predicted or math.isinf(predicted):
         return list(COUNTS)

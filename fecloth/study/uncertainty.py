@@ -117,12 +117,6 @@ def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
 
     It is negative where the differences grow, and NaN where their sign changes.
-
-    Examples
-    --------
-    >>> h = np.array([1.0, 1.5, 3.0])
-    >>> round(observed_order(h, 5 + h**1.7), 9)
-    1.7
     """
     fine, coarse = values[1] - values[0], values[2] - values[1]
     if fine * coarse <= 0:

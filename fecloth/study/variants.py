@@ -20,15 +20,7 @@ Over = str | Iterable[str] | Mapping[str, Sequence]
 
 
 def parse_range(text: str) -> tuple[str, list]:
-    """Return the key and its values: a:b:log:n, a:b:lin:n, or a list with commas.
-
-    Examples
-    --------
-    >>> parse_range("fabric.tensile_stiffness=10:1000:log:3")
-    ('fabric.tensile_stiffness', [10.0, 100.0, 1000.0])
-    >>> parse_range("time.method=bdf2, newmark"), parse_range("cloth.h=0.1,0.05")
-    (('time.method', ['bdf2', 'newmark']), ('cloth.h', [0.1, 0.05]))
-    """
+    """Return the key and its values: a:b:log:n, a:b:lin:n, or a list with commas."""
     key, equals, values = (part.strip() for part in text.partition("="))
     if not (key and equals and values):
         raise InputError(f"values {text!r}", FORM)
@@ -103,15 +95,7 @@ def size_of(opened: Problem, variant: Problem) -> Workload:
 
 
 def name_variant(values: Mapping[str, object]) -> str:
-    """Return a short name: words stand for themselves, numbers with their key.
-
-    Examples
-    --------
-    >>> name_variant({"terms.0.type": "Springs", "cloth.h": 0.1})
-    'Springs, h = 0.1'
-    >>> name_variant({"terms.0": {"type": "Springs", "kind": "van_gelder"}})
-    'Springs (kind = van_gelder)'
-    """
+    """Return a short name: words stand for themselves, numbers with their key."""
     return ", ".join(_name_value(key, value) for key, value in values.items())
 
 

@@ -133,13 +133,7 @@ def check_size(
 
 
 def in_words(seconds: float) -> str:
-    """Return a time as text with one unit.
-
-    Examples
-    --------
-    >>> [in_words(t) for t in (4.2, 100, 3600, 200000)]
-    ['4 s', '2 min', '60 min', '56 h']
-    """
+    """Return a time as text with one unit."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if seconds >= (1.5 if unit == "min" else 2.0) * length:
             return f"{seconds / length:,.0f} {unit}"

@@ -43,15 +43,7 @@ class SpaceError:
 
 
 def name_space_error(relative: float, reason: str = "") -> str:
-    """An error in space in words, or why there is no estimate.
-
-    Examples
-    --------
-    >>> name_space_error(0.0123)
-    'error in space about 1.2 % of stress and moment'
-    >>> name_space_error(math.nan, "the cloth is not strained")
-    'error in space: no estimate, as the cloth is not strained'
-    """
+    """An error in space in words, or why there is no estimate."""
     if math.isnan(relative):
         return f"error in space: no estimate, as {reason}"
     return f"error in space about {100 * relative:.2g} % of stress and moment"

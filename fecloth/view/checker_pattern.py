@@ -14,13 +14,7 @@ PIXELS = 64  # side of a square in the texture
 
 
 def square_side(X: np.ndarray) -> float:
-    """Return a round side of a square [m] for material points (n, 2) [m].
-
-    Examples
-    --------
-    >>> square_side(np.array([[0.0, 0.0], [1.5, 1.0]]))
-    0.1
-    """
+    """Return a round side of a square [m] for material points (n, 2) [m]."""
     wanted = math.log10(np.ptp(X, axis=0).max() / ACROSS)
     decade = math.floor(wanted)
     nearest = min((1, 2, 5, 10), key=lambda digit: abs(math.log10(digit) - (wanted - decade)))
@@ -36,12 +30,6 @@ def material_coordinates(frame: Frame) -> np.ndarray:
 
 
 def weave_texture() -> np.ndarray:
-    """Return the texture of one period, two squares each way: (2 PIXELS, 2 PIXELS, 3).
-
-    Examples
-    --------
-    >>> weave_texture()[0, 0].tolist(), weave_texture()[-1, -1].tolist()
-    ([250, 250, 248], [38, 70, 128])
-    """
+    """Return the texture of one period, two squares each way: (2 PIXELS, 2 PIXELS, 3)."""
     dark = np.repeat([0, 1], PIXELS)
     return np.array(SHADES, np.uint8)[dark[:, None] + dark[None, :]]

@@ -29,13 +29,6 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
 
     x and y are the labels of the axes, with units. With `log` the y axis is logarithmic, and
     values ≤ 0 are gaps in the curve.
-
-    Examples
-    --------
-    >>> t = np.linspace(0.0, 1.0, 5)
-    >>> figure = chart("fall", {"z": (t, -4.905 * t**2)}, "t [s]", "z [m]")
-    >>> figure.startswith("<figure>"), figure.count("<path"), "−4" in figure
-    (True, 1, True)
     """
     curves = {name: _points_to_draw(*curve, log) for name, curve in curves.items()}
     curves = {name: curve for name, curve in curves.items() if np.isfinite(curve[1]).sum() > 1}

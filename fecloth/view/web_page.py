@@ -47,13 +47,7 @@ class View:
 
 
 def view_of(low: np.ndarray, high: np.ndarray) -> View:
-    """Return a view of the box between two corners (3,); a flat box from higher up.
-
-    Examples
-    --------
-    >>> round(math.degrees(view_of(np.zeros(3), np.array([1.0, 1.0, 0.0])).elevation))
-    35
-    """
+    """Return a view of the box between two corners (3,); a flat box from higher up."""
     width, depth, height = high - low
     flat = height < FLAT * max(width, depth)
     return View(np.array([low, high]), AZIMUTH, math.radians(35.0) if flat else ELEVATION)

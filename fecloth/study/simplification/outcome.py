@@ -126,13 +126,7 @@ def _resolution(variant: Variant, outcome: Outcome, sizes, orders, tolerance: fl
 
 
 def round_down(value: float) -> float:
-    """Return a number with two digits that is not larger.
-
-    Examples
-    --------
-    >>> round_down(0.02379), round_down(0.05)
-    (0.023, 0.05)
-    """
+    """Return a number with two digits that is not larger."""
     if not 0 < value < math.inf:
         return value
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
