@@ -174,6 +174,17 @@ def with_article(name: str) -> str:
     return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
 
 
+def amount(count: int, noun: str) -> str:
+    """Return a number with its noun, which has an s unless the number is 1.
+
+    Examples
+    --------
+    >>> amount(1, "node"), amount(12, "load step")
+    ('1 node', '12 load steps')
+    """
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def brief(value: object) -> str:
     """Describe a value in one line: long values by their type, functions and classes by name."""
     if callable(value) and hasattr(value, "__qualname__"):

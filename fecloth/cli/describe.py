@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.cli.options import reading
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.fabric.fabric import Fabric
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
@@ -87,17 +87,13 @@ def describe_cloth(cloth: Cloth) -> list[str]:
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
     return [
-        f"{_nodes(len(cloth.X))}, {_triangles(cloth)}, area {cloth.area:.6g} m²",
+        f"{amount(len(cloth.X), 'node')}, {_triangles(cloth)}, area {cloth.area:.6g} m²",
         f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
         f"edges {edges.min():.4g} to {edges.max():.4g} m, mean {edges.mean():.4g} m",
         f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
         f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
-        *(f"set {name}: {_nodes(len(nodes))}" for name, nodes in sorted(cloth.node_sets.items())),
+        *(f"set {n}: {amount(len(cloth.nodes(n)), 'node')}" for n in sorted(cloth.node_sets)),
     ]
-
-
-def _nodes(count: int) -> str:
-    return "1 node" if count == 1 else f"{count} nodes"
 
 
 def _triangles(cloth: Cloth) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from fecloth.compiled.jit import Array
 from fecloth.compiled.threads import GIVE_UP, end_all, workers_of
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, amount, brief
 
 Result = TypeVar("Result")
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -254,7 +254,7 @@ class Team:
             return "one thread"
         if self.threads == "auto":
             return f"one or {self.count} threads, whichever is faster"
-        return f"{self.count} threads"
+        return amount(self.count, "thread")
 
     @property
     def used(self) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.distributed.partition import Part
-from fecloth.errors import IndefiniteMatrix, SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed, amount
 from fecloth.linalg.block_matrix import BlockMatrix
 
 GAMG: dict[str, object] = {
@@ -210,8 +210,8 @@ class PetscSolver:
         if reason == reasons.DIVERGED_INDEFINITE_PC:
             raise SpoiledPreconditioner(f"PETSc's {self.kind} is not positive definite")
         if reason == reasons.DIVERGED_MAX_IT:
-            most = self.ksp.getIterationNumber()
-            raise TooManyIterations(f"PETSc {self.kind} did not converge in {most} iterations")
+            most = amount(self.ksp.getIterationNumber(), "iteration")
+            raise TooManyIterations(f"PETSc {self.kind} did not converge in {most}")
         raise SolveFailed(f"PETSc {self.kind} failed (KSPConvergedReason {reason})")
 
 

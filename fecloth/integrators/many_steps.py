@@ -9,7 +9,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.compiled.team import ALONE, number_of_threads
-from fecloth.errors import InputError, StepFailed
+from fecloth.errors import InputError, StepFailed, amount
 from fecloth.integrators.explicit import LastForce, acceleration
 from fecloth.integrators.fused_forces import compiled_force
 from fecloth.integrators.fused_steps import FusedSteps
@@ -74,8 +74,8 @@ def many_steps(
         end = _take_all(fused, state, float(dt), steps)
     if end is None:
         raise StepFailed(
-            f"{steps} steps of dt = {dt:g} s from t = {state.t:g} s end at values that are not "
-            "finite. Take a dt below that of critical_dt.",
+            f"{amount(steps, 'step')} of dt = {dt:g} s from t = {state.t:g} s end at values that "
+            "are not finite. Take a dt below that of critical_dt.",
             state=state,
         )
     return end

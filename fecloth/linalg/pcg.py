@@ -7,7 +7,7 @@ import numpy as np
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import ALONE, Team
 from fecloth.compiled.threads import ONLY, Member, members
-from fecloth.errors import IndefiniteMatrix, SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed, amount
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.conjugate_gradients import (
     INDEFINITE,
@@ -156,7 +156,7 @@ class PCG:
         name = self.name
         if status == NOT_FINITE:
             raise SolveFailed(
-                f"{name} found a number that is not finite in {iterations} iterations"
+                f"{name} found a number that is not finite in {amount(iterations, 'iteration')}"
             )
         if status == INDEFINITE:
             raise IndefiniteMatrix(
@@ -170,7 +170,7 @@ class PCG:
             )
         if reached > max(rtol, 0.5 * before):
             raise SolveFailed(
-                f"{name} stands still at round-off after {iterations} iterations; "
+                f"{name} stands still at round-off after {amount(iterations, 'iteration')}; "
                 "use a direct solver",
                 *(reached, rtol),
             )

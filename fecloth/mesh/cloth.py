@@ -13,7 +13,7 @@ import scipy.sparse as sparse
 import skfem
 from numpy.typing import ArrayLike
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.mesh import elements, generate, norms, selection
 from fecloth.mesh.edge_slopes import EdgeSlopes
 from fecloth.mesh.flat_mesh import FlatMesh, quality
@@ -476,6 +476,6 @@ class Cloth:
         return norms.h1_error(self, values, exact_gradient, order)
 
     def __repr__(self) -> str:
-        kind = f"{len(self.X)} nodes, {len(self.triangles)} {self.element} triangles"
+        kind = f"{len(self.X)} nodes, {amount(len(self.triangles), f'{self.element} triangle')}"
         sets = ", ".join(sorted(self.node_sets)) or "none"
         return f"<Cloth of {kind}, {self.area:.4g} m²; node sets: {sets}>"

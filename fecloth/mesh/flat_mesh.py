@@ -1,5 +1,6 @@
 """A flat triangle mesh with named sets, and the validation of plain arrays."""
 
+import re
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -93,6 +94,8 @@ class _Source:
 
     def _raise(self, bad: np.ndarray, listed: list[str], kind: str, allowed="", remedy=""):
         more = ", ..." if len(bad) > MAX_LISTED else ""
+        if len(bad) == 1:
+            kind = re.sub(r"\b(node|triangle|edge|pair)s\b", r"\1", kind, count=1)
         what = f"{len(bad)} {kind}: {', '.join(listed)}{more}"
         raise MeshError(what, allowed, self.where, remedy)
 

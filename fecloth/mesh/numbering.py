@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.mesh.flat_mesh import FlatMesh, sorted_pairs
 
 
@@ -80,7 +80,7 @@ def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
 def _check_names(pieces: Sequence[FlatMesh], names: Sequence[str]) -> None:
     where = "Cloth.join"
     if len(pieces) < 2:
-        raise InputError(f"{len(pieces)} pieces", "must be at least two cloths", where)
+        raise InputError(amount(len(pieces), "piece"), "must be at least two cloths", where)
     if len(names) != len(pieces) or len(set(names)) != len(names):
         allowed = f"must be {len(pieces)} different names, one for each piece"
         raise InputError(f"names = {list(names)}", allowed, where)

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError, MeshError
+from fecloth.errors import InputError, MeshError, amount
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
@@ -129,7 +129,7 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
     n, t = len(raw.xyz), raw.triangles
     if len(t) > validation.MOST_TRIANGLES:
         allowed, remedy = f"must be at most {validation.MOST_TRIANGLES}", "Take a coarser mesh."
-        raise MeshError(f"{len(t)} triangles", allowed, where, remedy)
+        raise MeshError(amount(len(t), "triangle"), allowed, where, remedy)
     nodes = {k: np.concatenate(v) if v else np.empty(0, int) for k, v in raw.node_sets.items()}
     edges = {k: np.concatenate(v) for k, v in raw.edge_sets.items()}
     in_mesh = ~raw.geometric
@@ -140,7 +140,7 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
             members = validated_indices(name, members, n, (), where)
             outside = raw.node_ids[members[~in_mesh[members]]]
             if outside.size:
-                what = f"set {name!r} contains {outside.size} nodes outside all triangles"
+                what = f"set {name!r} contains {amount(outside.size, 'node')} outside all triangles"
                 what += f": {', '.join(map(str, outside[:5]))}"
                 raise MeshError(what, where=where, remedy="Embed them in the surface.")
             nodes[name] = new[members]

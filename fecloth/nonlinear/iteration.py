@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fecloth.errors import IndefiniteMatrix, SolveFailed
+from fecloth.errors import IndefiniteMatrix, SolveFailed, amount
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
@@ -88,7 +88,8 @@ def iterate(
         ask = ask or work.left.stands
         if length > 0.0:
             report(Progress(number + 1, point, remedies.order[remedies.last], length))
-    reason = work.reason if length == 0.0 else f"Newton did not converge in {most} iterations"
+    missed = f"Newton did not converge in {amount(most, 'iteration')}"
+    reason = work.reason if length == 0.0 else missed
     raise equation.failure(reason, point, work.relative(point))
 
 

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.quantities.formula_functions import (
     ARRAYS,
     BINARY,
@@ -111,7 +111,7 @@ class _Reader:
             self.refuse("unknown function", node.func, did_you_mean(name or "", FUNCTIONS))
         _, arguments, meaning = FUNCTIONS[name]
         if node.keywords or len(node.args) != len(arguments):
-            takes = f"{name} takes {len(arguments)} argument{'s' * (len(arguments) > 1)}"
+            takes = f"{name} takes {amount(len(arguments), 'argument')}"
             self.refuse(takes, node, f"{name}({', '.join(arguments)}) is {meaning}.")
         first, *others = node.args
         self.condition(first, depth + 1) if name == "where" else self.number(first, depth + 1)

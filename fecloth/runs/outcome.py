@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import FeclothError
+from fecloth.errors import FeclothError, amount
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs.folder import FolderMoved
 from fecloth.simulation.energy_ledger import Ledger
@@ -34,8 +34,9 @@ class SceneResult(Result):
         return self.accounts[Ledger]
 
     def __repr__(self) -> str:
-        steps, at = self.summary["steps"], place_in_words(self.state.t, self.summary["unit"])
-        return f"<SceneResult: {self.status} after {steps} steps at {at}, in {self.folder}>"
+        steps, unit = amount(self.summary["steps"], "step"), self.summary["unit"]
+        at = place_in_words(self.state.t, unit)
+        return f"<SceneResult: {self.status} after {steps} at {at}, in {self.folder}>"
 
 
 def read_columns(file: Path) -> dict[str, np.ndarray]:
@@ -68,7 +69,7 @@ def finished_message(outcome: SceneResult) -> str:
     return (
         f"{_shape_message(counts)}\n"
         f"{errors}"
-        f"{counts['steps']} steps and {counts['newton']} Newton iterations in "
+        f"{amount(counts['steps'], 'step')} and {amount(counts['newton'], 'Newton iteration')} in "
         f"{seconds['total']:.1f} s{_on_threads(counts)}; "
         f"open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
@@ -78,8 +79,8 @@ def finished_message(outcome: SceneResult) -> str:
 def _shape_message(summary: Mapping) -> str:
     """Return the extremes over all frames in words."""
     pairs = summary["intersecting_pairs"]
-    inverted = f"at most {summary['inverted_triangles']} triangles turned over"
-    counts = f"{inverted} and {pairs} pairs that intersect, in any frame"
+    inverted = f"at most {amount(summary['inverted_triangles'], 'triangle')} turned over"
+    counts = f"{inverted} and {amount(pairs, 'intersecting pair')}, in any frame"
     if pairs is None:
         counts = f"{inverted} in any frame; intersections were not counted"
     return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"
@@ -95,9 +96,8 @@ def warning_count(outcome: SceneResult) -> str:
     if not outcome.warnings:
         return ""
     where = outcome.folder / "report.html"
-    return f"; there were {len(outcome.warnings)} warnings, see above or {where}".replace(
-        "were 1 warnings", "was 1 warning"
-    )
+    were = "was" if len(outcome.warnings) == 1 else "were"
+    return f"; there {were} {amount(len(outcome.warnings), 'warning')}, see above or {where}"
 
 
 def failure_message(outcome: SceneResult) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fecloth.errors import FeclothError, InputError, StepFailed
+from fecloth.errors import FeclothError, InputError, StepFailed, amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import SUMMED
 from fecloth.output.atomic_files import WriteError
@@ -242,7 +242,7 @@ class Recorder:
         self._warn(accounts, warn)
         summary = self._summary(status, why, str(error) if error else None, accounts)
         place = place_in_words(state.t, self.problem.unit)
-        words = f"{status} at {place} after {steps} steps"
+        words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes = self._resume_time()
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g}{self.problem.unit}"

@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.output.atomic_files import flush_to_disk
 from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
@@ -109,6 +109,6 @@ def check_space(folder: Path, problem: Problem, size: int) -> None:
     if count > MOST_FRAMES:
         raise InputError(f"{count} frames", f"must be at most {MOST_FRAMES}", "output", _FEWER)
     if count * size > free:
-        what = f"{count} frames of {size / 1e6:.3g} MB"
+        what = f"{amount(count, 'frame')} of {size / 1e6:.3g} MB"
         allowed = f"the disk of {folder} has {free / 1e9:.3g} GB left"
         raise InputError(what, allowed, "output", _FEWER)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
@@ -145,4 +145,4 @@ def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
 def _sizes(problem: Problem) -> str:
     sizes = count_sizes(problem.system)
     terms = ", ".join(problem.system.names) or "no terms"
-    return f"{sizes['nodes']} nodes, {sizes['triangles']} triangles; {terms}"
+    return f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}; {terms}"

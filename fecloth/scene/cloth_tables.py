@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, create_model, model_validator
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.gmsh_child import TIME_LIMIT
 from fecloth.mesh.grading import Grading
@@ -111,7 +111,7 @@ class Pieces(Table):
     @model_validator(mode="after")
     def _several_of_one_element(self):
         if len(self.pieces) < 2:
-            raise InputError(f"{len(self.pieces)} pieces", "must be at least two, or [cloth]")
+            raise InputError(amount(len(self.pieces), "piece"), "must be at least two, or [cloth]")
         if len({piece.element for piece in self.pieces.values()}) > 1:
             raise InputError("pieces of P1 and of P2", "must have one element")
         for name, piece in self.pieces.items():

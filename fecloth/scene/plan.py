@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.linalg import mkl_pardiso
 from fecloth.scene.problem import Problem
 from fecloth.simulation import dimensionless
@@ -24,9 +25,9 @@ MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
     system, n = problem.system, len(problem.system.cloth.X)
-    name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangles"
+    name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangle"
     lines = [
-        f"{len(system.cloth.X)} nodes, {len(system.cloth.triangles)} {name}, "
+        f"{n} nodes, {amount(len(system.cloth.triangles), name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
         f"pins: {_pins(system)}",
@@ -52,16 +53,12 @@ def _pins(system: System) -> str:
     """Return how many nodes each pin holds, in words."""
     groups = system.constraints.groups.items()
     counts = [
-        f"{name} ({_count(len(nodes))}{', clamped' if pin.clamp else ''})"
+        f"{name} ({amount(len(nodes), 'node')}{', clamped' if pin.clamp else ''})"
         for name, (pin, nodes) in groups
     ]
     turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
     words = ", ".join(counts) or "none"
     return f"{words}, on a line, about which the cloth is free to turn" if turns else words
-
-
-def _count(nodes: int) -> str:
-    return "1 node" if nodes == 1 else f"{nodes} nodes"
 
 
 def _course(problem: Problem) -> str:

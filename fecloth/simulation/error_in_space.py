@@ -8,6 +8,13 @@ from dataclasses import dataclass
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.space_error import name_space_error, space_error
 from fecloth.terms.records import remembered
+from fecloth.terms.traits import has_kind
+
+LOCKED = 0.2  # the error of a buckled strip on P1 "cross" whose energy is 5 % too large
+LOCKING = (
+    "; P1 triangles are too stiff where they bend and cannot stretch (they lock), most of all with "
+    'the pattern "cross": take P2 or a smaller h'
+)
 
 
 @remembered
@@ -18,13 +25,16 @@ class ErrorInSpace(Account):
     name = "space_error"
     relative: float = math.nan
     reason: str = ""  # why there is no estimate
+    may_lock: bool = False  # whether the elements are P1, and the cloth resists bending
 
     def finish(self, run: Run, end: End, others: Accounts) -> ErrorInSpace:
         error = space_error(run.system, end.state)
-        return ErrorInSpace(error.relative, error.reason)
+        may_lock = run.system.cloth.element == "P1" and has_kind(run.system.terms, "bending")
+        return ErrorInSpace(error.relative, error.reason, may_lock)
 
     def words(self) -> str:
-        return name_space_error(self.relative, self.reason)
+        words = name_space_error(self.relative, self.reason)
+        return words + LOCKING if self.may_lock and self.relative > LOCKED else words
 
     def summary(self) -> dict[str, object]:
         error = None if math.isnan(self.relative) else self.relative

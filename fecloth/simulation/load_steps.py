@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
@@ -139,7 +140,7 @@ class LoadSteps:
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:
-        steps = "1 load step" if self.load_steps == 1 else f"{self.load_steps} load steps"
+        steps = amount(self.load_steps, "load step")
         return f"static equilibrium in {steps}, tolerance {self.tolerance}"
 
 

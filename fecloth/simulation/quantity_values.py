@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.run import Result
@@ -63,7 +63,7 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
         return float(record.values[quantity.text])
     if quantity.how == "mode":
         if quantity.mode > len(record.frequencies):
-            what = f"{quantity}: this cloth has {len(record.frequencies)} modes"
+            what = f"{quantity}: this cloth has {amount(len(record.frequencies), 'mode')}"
             raise InputError(what, "needs a smaller number")
         return float(record.frequencies[quantity.mode - 1])
     column = None if quantity.is_field else record.column(quantity)
@@ -165,7 +165,7 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     """
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:
-        raise InputError(f"{len(times)} samples", f"must be at least {LEAST_SAMPLES}", where)
+        raise InputError(amount(len(times), "sample"), f"must be at least {LEAST_SAMPLES}", where)
     spline = CubicSpline(times, values)
     turns = spline.derivative().roots(extrapolate=False)
     extremes = spline(np.append(turns[np.isfinite(turns)], [times[0], times[-1]]))

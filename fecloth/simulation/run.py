@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import FeclothWarning
+from fecloth.errors import FeclothWarning, amount
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.arguments import checks_arguments
@@ -144,10 +144,10 @@ class Result:
         return self.warnings[0] if self.warnings else ""
 
     def __repr__(self) -> str:
-        steps, t = self.steps, self.times[-1]
+        steps, t = amount(self.steps, "step"), self.times[-1]
         remarks = [name_time_error(self.time_error)]
         remarks += [count_warnings(self.warnings)] if self.warnings else []
-        return f"<Result of {steps} steps of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
+        return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
         """Return figures of the energies and the probes, for notebooks."""

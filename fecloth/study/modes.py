@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fecloth.errors import FeclothWarning, InputError
+from fecloth.errors import FeclothWarning, InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
 from fecloth.nonlinear.iteration import ROUND_OFF
@@ -86,7 +86,7 @@ class Modes(StudyResult):
     def __repr__(self) -> str:
         shown = ", ".join(f"{f:.4g}" for f in self.frequencies[:6])
         more = ", …" if len(self.frequencies) > 6 else ""
-        return f"<{len(self.frequencies)} modes: {shown}{more} Hz; {self.verdict}>"
+        return f"<{amount(len(self.frequencies), 'mode')}: {shown}{more} Hz; {self.verdict}>"
 
 
 def modes(system: System, state: State, *, count: int = 6) -> Modes:

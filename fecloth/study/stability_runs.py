@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, SolveFailed
+from fecloth.errors import InputError, SolveFailed, amount
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
@@ -58,7 +58,7 @@ class Run:
     @property
     def words(self) -> str:
         """The run in words, for the progress lines."""
-        parts = (describe_values(self.values), self.method, f"{self.steps} steps")
+        parts = (describe_values(self.values), self.method, amount(self.steps, "step"))
         return ", ".join(part for part in parts if part)
 
     @property

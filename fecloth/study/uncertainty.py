@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 
 SAFE, UNSAFE = 1.25, 3.0
 LEAST, ABOVE = 0.5, 0.1  # orders that are trusted: from 0.5 to the theoretical one + 0.1
@@ -70,7 +70,7 @@ def estimate_uncertainty(
     order = np.argsort(sizes)
     h, fine_first = np.asarray(sizes, float)[order], np.asarray(values, float)[order]
     if len(h) < 3 or not (np.diff(h) > 0).all():
-        what = f"{len(np.unique(h))} levels of different size"
+        what = f"{amount(len(np.unique(h)), 'level')} of different size"
         raise InputError(what, "must be at least 3", "estimate_uncertainty")
     spread = float(np.ptp(fine_first))
     if spread <= ROUND_OFF * np.abs(fine_first).max():

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.dimensionless import wave_speed
@@ -120,7 +120,7 @@ def check_size(
 ) -> None:
     """Print the size of a study before it begins: cases, triangles, steps and predicted time."""
     seconds = sum(case.seconds for case in cases) / jobs
-    count = "1 case" if len(cases) == 1 else f"{len(cases)} cases"
+    count = amount(len(cases), "case")
     size = (
         f"{count}, up to {max(case.triangles for case in cases):,.0f} triangles × "
         f"{max(case.steps for case in cases):,.0f} {cases[0].unit}"

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.fabric.panel import Clamps
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints, turn
@@ -47,7 +47,7 @@ class _ClampedGroup:
         ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
         half_edges = np.flatnonzero((edges.hinge < 0) & np.isin(ends, nodes).all(axis=1))
         if not len(half_edges):
-            count = "1 node" if len(nodes) == 1 else f"{len(nodes)} nodes"
+            count = amount(len(nodes), "node")
             what = f"clamp = true on {count}{f' of {pin.where!r}' * isinstance(pin.where, str)}"
             allowed = "must cover an edge of the boundary: two neighbouring nodes of it"
             remedy = (

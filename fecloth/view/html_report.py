@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.frame_reader import Frame
 from fecloth.output.obstacle_frames import Obstacles
@@ -77,7 +78,7 @@ def doubtful(summary: Mapping) -> bool:
 
 
 def _subtitle(summary):
-    words = f"{summary['nodes']} nodes, {summary['triangles']} triangles"
+    words = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
     return f"{words}; {summary['method']}" if summary.get("method") else words
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.output import frame_reader
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
@@ -70,7 +70,7 @@ def write_view(folder: str | Path) -> Path:
     obstacles = [read_obstacles(series.folder, i) for i in frames]
     data = pack_frames((series.read(i) for i in frames), fields, unit, obstacles)
     count = len(data["times"])
-    note = f"{count} frame{'s' * (count > 1)}, {data['cells']} triangles"
+    note = f"{amount(count, 'frame')}, {amount(data['cells'], 'triangle')}"
     if len(frames) < len(series.times):
         note += f" (of {len(series.times)} frames: the page with all would be too large)"
     page = fill_template("view.html", data, {"title": title_of(series.folder), "note": note})

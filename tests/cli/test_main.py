@@ -137,7 +137,7 @@ def test_a_failed_step_is_status_3_and_leaves_the_last_good_state(scene, capsys)
     stop = ["--set", "solver.max_iterations=1", "--set", "solver.tolerance=1e-9"]
     assert main(["run", str(scene), "-o", "run", *stop, "--set", "output.every=0.1"]) == 3
     error = capsys.readouterr().err
-    assert "did not converge in 1 iterations" in error
+    assert "did not converge in 1 iteration" in error
     assert "Take a smaller dt" in error
     summary = json.loads(Path("run/summary.json").read_text())
     assert summary["status"] == "failed"

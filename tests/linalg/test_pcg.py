@@ -148,6 +148,6 @@ def test_a_restart_must_halve_the_residual(left, goes_on):
         assert relative(A, x, b) <= 1e-4
         assert info.iterations == 11  # 0.4¹¹ < 1e-4 < 0.4¹⁰
         return
-    with pytest.raises(SolveFailed, match="stands still at round-off after 1 iterations") as caught:
+    with pytest.raises(SolveFailed, match="stands still at round-off after 1 iteration") as caught:
         solver.solve(b, rtol=1e-4)
     assert caught.value.residual == pytest.approx(left)

@@ -22,14 +22,14 @@ def test_arrays_of_the_wrong_shape_or_type():
 def test_non_finite_coordinates(bad):
     X = np.array(QUAD_X)
     X[2, 1] = bad
-    rejects(["1 nodes with non-finite", "node 2", "f.msh"], X, QUAD_T, where="f.msh")
+    rejects(["1 node with non-finite", "node 2", "f.msh"], X, QUAD_T, where="f.msh")
 
 
 def test_vertex_out_of_range_repeated_or_unused():
     rejects(["triangle 1 (nodes 0, 2, 4)", "0 to 3"], QUAD_X, [[0, 1, 2], [0, 2, 4]])
     rejects(["triangle 0 (nodes -1, 1, 2)"], QUAD_X, [[-1, 1, 2], [0, 2, 3]])
     rejects(["repeated vertex", "triangle 1 (nodes 0, 2, 2)"], QUAD_X, [[0, 1, 2], [0, 2, 2]])
-    rejects(["1 nodes used by no triangle", "node 4"], [*QUAD_X, [2, 2]], QUAD_T)
+    rejects(["1 node used by no triangle", "node 4"], [*QUAD_X, [2, 2]], QUAD_T)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -87,7 +87,7 @@ def test_edge_of_three_triangles_and_overlap():
 
 def test_unconnected_triangles():
     X = [*QUAD_X, [2, 0], [3, 0], [2, 1]]
-    rejects(["1 triangles not connected", "triangle 2 (nodes 4, 5, 6)"], X, [*QUAD_T, [4, 5, 6]])
+    rejects(["1 triangle not connected", "triangle 2 (nodes 4, 5, 6)"], X, [*QUAD_T, [4, 5, 6]])
     by_a_node = [*QUAD_X, [2, 1], [2, 2]]
     rejects(["triangle 2 (nodes 2, 4, 5)", "2 separate pieces"], by_a_node, [*QUAD_T, [2, 4, 5]])
 

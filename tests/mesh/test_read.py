@@ -108,7 +108,7 @@ def test_construction_points_and_curves_are_dropped_unless_named(tmp_path):
     mesh = read(geo(tmp_path, extra=extra))
     assert mesh.X.max() == 1
     named = geo(tmp_path, extra=extra + 'Physical Point("far") = {9};\n')
-    rejects(["'far' contains 1 nodes outside all triangles"], named, by=read)
+    rejects(["'far' contains 1 node outside all triangles"], named, by=read)
 
 
 def trusting(path):
@@ -255,7 +255,7 @@ def test_cells_that_are_not_triangles(tmp_path):
 def test_unused_nodes_of_other_formats_are_rejected(tmp_path):
     X = [*QUAD_X, [5, 5]]
     stray = saved(tmp_path, "s.vtu", [("triangle", QUAD_T)], X)
-    rejects(["1 nodes used by no triangle", "node 4"], stray, by=read)
+    rejects(["1 node used by no triangle", "node 4"], stray, by=read)
     vertex = saved(tmp_path, "v.vtu", [("vertex", [[4]]), ("triangle", QUAD_T)], X)
     assert len(read(vertex).X) == 4
 

@@ -58,7 +58,7 @@ def test_a_cloth_that_passes_through_itself_is_reported_once(scene, capsys):
     words = f"the cloth passes through itself from t = {first:g} s ("
     assert [words in one for one in summary["warnings"]].count(True) == 1
     assert "without SelfContact" in printed.err
-    assert f"{np.nanmax(counts):.0f} pairs that intersect, in any frame" in printed.out
+    assert f"{np.nanmax(counts):.0f} intersecting pairs, in any frame" in printed.out
     folder = scene.parent / "through"
     assert (folder / "run.log").read_text().count(f"warning: {words}") == 1
     assert words in (folder / "report.html").read_text()
@@ -71,7 +71,7 @@ def test_a_calm_cloth_has_no_warning(scene, capsys):
     summary, _ = run(scene, "calm", CALM)
     assert not any(kind in one for one in summary["warnings"] for kind in ("passes", "wrinkles"))
     assert summary["intersecting_pairs"] == summary["inverted_triangles"] == 0
-    assert "at most 0 triangles turned over and 0 pairs that intersect" in capsys.readouterr().out
+    assert "at most 0 triangles turned over and 0 intersecting pairs" in capsys.readouterr().out
     assert 0.99 < summary["least_stretch"] <= summary["largest_stretch"] < 1.01
 
 

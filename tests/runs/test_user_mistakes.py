@@ -113,7 +113,7 @@ def test_not_a_number_in_a_mesh_is_refused_with_its_node(suffix, scene, capsys):
     status, words = run_and_read(capsys, "--set", f"cloth={{shape='file', path='{bad}'}}")
     assert status == 2
     assert bad.name in words
-    assert "1 nodes with non-finite coordinates: node" in words
+    assert "1 node with non-finite coordinates: node" in words
     assert "Correct them." in words
     assert not Path("out").exists()
 

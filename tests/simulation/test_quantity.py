@@ -132,7 +132,7 @@ def test_unknown_names(text, message):
 def test_what_a_run_cannot_give():
     with pytest.raises(InputError, match="must lie in the run, 0 to 2 s"):
         value_of(parse_quantity("sag at 3 s"), record())
-    with pytest.raises(InputError, match="has 1 modes"):
+    with pytest.raises(InputError, match="has 1 mode"):
         value_of(parse_quantity("frequency(2)"), record(frequencies=(3.0,)))
     with pytest.raises(InputError, match="needs the cloth"):
         value_of(parse_quantity("displacement"), record())

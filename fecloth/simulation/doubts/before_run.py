@@ -36,7 +36,9 @@ OF_SCENES: tuple[Doubt, ...] = (
     course.find_short_steps,
     course.find_numerical_damping,
 )
-NOTES: tuple[Doubt, ...] = (pins.find_free_turn, course.find_flat_start)  # facts, no doubts
+NOTES: tuple[Doubt, ...] = (  # facts, no doubts
+    *(pins.find_free_fall, pins.find_free_turn, course.find_flat_start),
+)
 
 
 def find_warnings(run: PlannedRun, doubts: Iterable[Doubt] = DOUBTS) -> Iterator[str]:

@@ -10,7 +10,8 @@ from fecloth.simulation.doubts.signals import Signal, name_motion
 from fecloth.simulation.doubts.units import is_stiff
 from fecloth.system.pins import Pin, Slide
 from fecloth.system.system import System
-from fecloth.terms.traits import has_kind
+from fecloth.terms.loads.gravity import Gravity
+from fecloth.terms.traits import has_kind, traits_of
 
 DROPPED = 0.01  # part of a motion along its slide that is reported
 REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
@@ -19,6 +20,7 @@ STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a c
 UNEVEN = (1e-6, 3e-3)  # extents of the cloth: what interpolation moves nodes by
 ROUGH = 0.5  # of the deviation from a uniform stretch; a wave of 6 nodes has it from node to node
 FEWEST = 6  # nodes; the deviation of fewer is rough in any case
+INTERNAL = ("membrane", "bending", "damping")  # kinds of terms that leave a rigid motion alone
 TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 
@@ -46,6 +48,15 @@ def _dropped_motion(name: str, pin: Slide, motion: Signal) -> str:
         f"its own slide, where the nodes are free, and has no effect; leave {key} out to "
         "move the nodes, or move the slide across itself"
     )
+
+
+def find_free_fall(run: PlannedRun) -> Iterator[str]:
+    """Say of a cloth under gravity that no pin, air, obstacle or other force holds."""
+    terms = run.system.terms
+    traits = [traits_of(term) for term in terms if not isinstance(term, Gravity)]
+    is_held = any(each.kind not in INTERNAL or each.damps == "motion" for each in traits)
+    if not (len(run.system.constraints.nodes) or is_held or len(traits) == len(terms)):
+        yield "nothing holds the cloth, no pin, air or obstacle: it falls freely"
 
 
 # --- a region that catches one node ---------------------------------------------------------------

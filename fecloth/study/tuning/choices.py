@@ -10,7 +10,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, amount
 from fecloth.integrators import EXPLICIT, studied_by
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
@@ -68,7 +68,7 @@ class Choice:
         mesh = " ".join(part for part in (self.element, self.pattern, graded) if part)
         size = f"h = {1e3 * self.h:.3g} mm" if self.h else ""
         how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
-        how = f"{self.steps} steps" if self.steps else how
+        how = amount(self.steps, "step") if self.steps else how
         parts = (mesh, size, self.method, how, self.linear)
         exact = "sharper tolerance" if self.sharper else ""
         return ", ".join(part for part in (*parts, exact) if part)

@@ -9,7 +9,7 @@ from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.before_run import DOUBTS
-from fecloth.simulation.doubts.pins import find_free_turn, rotation_about_pins
+from fecloth.simulation.doubts.pins import find_free_fall, find_free_turn, rotation_about_pins
 
 CLOTH = {name: fc.Cloth.rectangle(0.3, 0.2, h=0.05, pattern=name) for name in ("right", "cross")}
 FABRIC = {"areal_density": 0.2, "tensile_stiffness": 500.0, "poisson_ratio": 0.0}
@@ -216,6 +216,26 @@ def test_a_wrong_set_up_is_warned_of_and_its_remedy_is_not(words, wrong, right):
     (found,) = find(**wrong)
     assert re.search(words, found)
     assert find(**right) == []
+
+
+HOLDS = (  # beside gravity; None is a pin
+    *(None, fc.Drag(1.0), fc.MassDamping(1.0), fc.Tether("left", (0, 0, 0), 5.0)),
+    *(fc.Obstacle(fc.shapes.Plane((0, 0, -1), UP)), fc.UserForce((0, 0, 1.0))),
+)
+
+
+def test_a_cloth_that_nothing_holds_falls_freely():
+    def noted(*given, pins=()):
+        system = fc.System(CLOTH["right"], fc.Fabric(**STIFF), given, pins)
+        return warnings_before(system, 0.01, 1.0, doubts=[find_free_fall])
+
+    inner = (fc.StVK(), fc.HingeBending(), fc.StrainRateDamping(0.01))
+    (words,) = noted(*inner, fc.Gravity())
+    assert words == "nothing holds the cloth, no pin, air or obstacle: it falls freely"
+    assert noted(*inner) == []
+    for held in HOLDS:
+        more, pins = ((held,), ()) if held else ((), ("left",))
+        assert noted(*inner, fc.Gravity(), *more, pins=pins) == []
 
 
 SOUND = {
