@@ -76,7 +76,7 @@ def test_only_five_offenders_are_listed():
 
 
 def test_duplicate_triangles():
-    rejects(["1 duplicate triangles", "triangle 2 (nodes 2, 0, 1)"], QUAD_X, [*QUAD_T, [2, 0, 1]])
+    rejects(["1 duplicate triangle", "triangle 2 (nodes 2, 0, 1)"], QUAD_X, [*QUAD_T, [2, 0, 1]])
 
 
 def test_edge_of_three_triangles_and_overlap():

@@ -166,7 +166,7 @@ def test_messages_use_the_numbers_of_the_file(tmp_path):
     assert mesh.X.tolist() == QUAD_X  # node 50 belongs to no element
     assert mesh.edge_sets["hem"].tolist() == [[0, 1]]
     path.write_text(MSH.replace("10 30 40\n$End", "10 40 30\n$End"))
-    rejects(["1 inverted triangles", "triangle 9 (nodes 10, 40, 30)", "s.msh"], path, by=read)
+    rejects(["1 inverted triangle", "triangle 9 (nodes 10, 40, 30)", "s.msh"], path, by=read)
     path.write_text(MSH.replace('2\n1 5 "hem"', '3\n1 5 "hem"\n1 8 "ghost"'))
     rejects(["'ghost' is empty"], path, by=read)
     path.write_text(MSH.replace("10 30 40\n$End", "10 30 99\n$End"))
@@ -183,7 +183,7 @@ def test_repeated_triangles_of_a_surface_in_two_groups(tmp_path):
     assert mesh.node_sets["again"].tolist() == mesh.node_sets["sheet"].tolist() == [0, 1, 2, 3]
     same = two.replace("\n5\n1 1", "\n4\n1 1").replace('3\n2 7 "again"\n', "2\n")
     path.write_text(same.replace("$EndElements", "11 2 2 6 1 10 20 30\n$EndElements"))
-    rejects(["1 duplicate triangles", "triangle 11 (nodes 10, 20, 30)"], path, by=read)
+    rejects(["1 duplicate triangle", "triangle 11 (nodes 10, 20, 30)"], path, by=read)
 
 
 def saved(tmp_path, name, cells, points=None, **extra):
