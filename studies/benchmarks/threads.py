@@ -2,10 +2,12 @@
 
     python -m studies.benchmarks.threads [--only TEXT] [--quick] [--busy [N]]
 
-Prints a table in Markdown for 50,000 triangles (`threads.md` has one). One thread and all take
-turns, and the fastest of many rounds counts, as other work on the machine can only delay. "auto" is
-the default of `System`, which measures both; the last column compares it to the better of both.
-The copy of a long array shows what the memory allows.
+Prints a table in Markdown for 50,000 triangles (`threads.md` has one), and the load of the machine
+before and after. One thread, all and "auto", the default of `System`, which measures both, take
+turns, and the fastest of many rounds counts, as other work on the machine can only delay. The last
+column is the median over the rounds of "auto" over the better of both, which is the one with the
+lesser median: calls of one round meet about the same other work. The copy of a long array shows
+what the memory allows.
 
 --busy first starts N processes, as many as there are cores if no number is given, which do nothing
 but take time. It compares the sums over many steps: "auto" must not exceed the better of one thread
@@ -70,8 +72,8 @@ def stretched(system: fc.System) -> fc.State:
     return system.state(x)
 
 
-def best(calls: list[Call], rounds: int) -> list[float]:
-    """Seconds of the fastest of many rounds of each call; they take turns."""
+def take_turns(calls: list[Call], rounds: int) -> np.ndarray:
+    """Seconds (rounds, calls) of each call in each round."""
     times = [[] for _ in calls]
     for turn in range(rounds + 2):
         for call, seconds in zip(calls, times, strict=True):
@@ -79,7 +81,7 @@ def best(calls: list[Call], rounds: int) -> list[float]:
             call()
             if turn > 1:  # the first two set up
                 seconds.append(time.perf_counter() - begin)
-    return [min(seconds) for seconds in times]
+    return np.array(times).T
 
 
 # --- what is measured: name → a function of the number of threads that makes the call -------------
@@ -163,11 +165,11 @@ def implicit(cloth: fc.Cloth, solver: str) -> Callable[[object], Call]:
     return make
 
 
-def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[str, list[float]]]:
-    """Yield the name and the milliseconds on one thread, on all, and with "auto", or a few rows."""
+def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the milliseconds (rounds, 3) with one thread, all, and "auto"."""
     cloth, quadratic = cloth_of(triangles), cloth_of(triangles // 4, "P2")
     steps = 32
-    calls = [
+    loops = [
         ("copy of a long array", memory(cloth), 1),
         ("PCG, a solve at dt = 5 ms", linear(cloth, PCG), 1),
         ("multigrid, a solve at dt = 5 ms", linear(cloth, Multigrid), 1),
@@ -179,11 +181,11 @@ def rows(triangles: int, rounds: int, few: bool, only: str) -> Iterator[tuple[st
         *((name, make, 1) for name, make in term_calls(cloth, P1)),
         *((name, make, 1) for name, make in term_calls(quadratic, P2)),
     ]
-    for name, make, units in calls[:5] if few else calls:
+    for name, make, units in loops[:5] if few else loops:
         if only not in name:
             continue
-        seconds = best([make(threads) for threads in (1, ALL, "auto")], rounds)
-        yield name, [1e3 * each / units for each in seconds]
+        calls = [make(threads) for threads in (1, ALL, "auto")]
+        yield name, 1e3 / units * take_turns(calls, rounds)
 
 
 # --- a busy machine -------------------------------------------------------------------------------
@@ -245,11 +247,16 @@ def main() -> int:
         with competitors(options.busy):
             job = partial(busy, triangles, 4 if options.quick else 30, options.only)
             return print_verdicts([job], options.quick)
+    print(f"load {os.getloadavg()[0]:.1f} on {cores} cores\n")
     print(f"| | one thread [ms] | {ALL} threads [ms] | one / {ALL} | auto [ms] | auto / better |")
     print("| --- | ---: | ---: | ---: | ---: | ---: |")
-    for name, (one, on_all, auto) in rows(triangles, rounds, options.quick, options.only):
-        ratios = f"{one / on_all:.2f} | {auto:.3g} | {auto / min(one, on_all):.2f}"
+    for name, times in rows(triangles, rounds, options.quick, options.only):
+        one, on_all, auto = times.min(axis=0)
+        better = np.median(times[:, :2], axis=0).argmin()
+        ratio = np.median(times[:, 2] / times[:, better])
+        ratios = f"{one / on_all:.2f} | {auto:.3g} | {ratio:.2f}"
         print(f"| {name} | {one:.3g} | {on_all:.3g} | {ratios} |", flush=True)
+    print(f"\nload {os.getloadavg()[0]:.1f}")
     return 0
 
 

@@ -65,6 +65,7 @@ def test_quick(study, says, out):
         "convergence",
         "models",
         "models.elastica",
+        "models.strains",
         "simplify",
         "tune",
         "work_precision",
