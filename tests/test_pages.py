@@ -57,7 +57,7 @@ SHORTER = {
     "studies/scenes/flag.toml": ["cloth.h=0.1", "time.t_end=0.48"],
     "studies/scenes/drape.toml": ["cloth.h=0.02", "time.t_end=0.1"],
     "napkin.toml": ["cloth.h=0.05", "time.t_end=0.1"],
-    "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.1", "output.restart_steps=10"],
+    "SCENE.toml": ["cloth.h=0.2", "time.t_end=0.05", "output.restart_steps=10"],
 }
 MINIMAL = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25 }
@@ -89,7 +89,7 @@ def filled(command):
         given += ["--elements", "P1", "--methods", "bdf2", "--quantity", "tip.z"]
     given += {"chart": ["--meshes", "1"], "converge": ["--levels", "3"]}.get(name, [])
     if "--resume" in given:  # a run that has come to its end goes on to a later one
-        given += ["--set", "time.t_end=0.12"]
+        given += ["--set", "time.t_end=0.06"]
     return [name, *given]
 
 

@@ -1,18 +1,13 @@
 """The figure of a chart: error over CPU seconds, a labelled line for each series."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fecloth.study.figures import line_style, new_figure, use_plain_ticks
+from fecloth.study.figures import Figure, line_style, new_figure, use_plain_ticks
 from fecloth.study.status import OK
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_LINES = 8
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"

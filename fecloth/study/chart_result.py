@@ -1,20 +1,16 @@
 """The result of `chart`: the Pareto front of error over CPU seconds, and what it says."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fecloth import errors
 from fecloth.study.chart_figure import draw_chart, grey_letters
 from fecloth.study.convergence import Convergence
+from fecloth.study.figures import Figure
 from fecloth.study.result import StudyResult, Table, with_uncertainty
 from fecloth.study.status import OK
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, the errors that the verdict names
 

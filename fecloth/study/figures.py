@@ -4,11 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from fecloth.study.command import require_packages
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+Figure: TypeAlias = "matplotlib.figure.Figure"  # as text: the package may be missing
 
 # Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which is
 # too light for a line on white.
@@ -41,11 +46,10 @@ def can_draw() -> bool:
 def new_figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0, 5.0)) -> tuple:
     """Return a figure and its axes in this style, without pyplot: the user's backend stays."""
     require_packages("matplotlib")
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
+    from matplotlib import figure, rc_context
 
     with rc_context(STYLE):
-        drawing = Figure(figsize=size, layout="constrained")
+        drawing = figure.Figure(figsize=size, layout="constrained")
         return drawing, drawing.subplots(rows, columns)
 
 

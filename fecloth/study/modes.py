@@ -1,13 +1,10 @@
 """Natural frequencies and modes of small vibration about a state."""
 
-from __future__ import annotations
-
 import math
 import warnings as python_warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,15 +15,11 @@ from fecloth.nonlinear.iteration import ROUND_OFF
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
-from fecloth.study.figures import new_figure
+from fecloth.study.figures import Figure, new_figure
 from fecloth.study.result import StudyResult, Table
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 BALANCED = 0.01  # part of the forces that may be out of balance
 SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly

@@ -1,24 +1,18 @@
 """The shape that the results of all studies share: verdict, table, figure, report."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
 from fecloth.study.command import missing_package
-from fecloth.study.figures import can_draw
+from fecloth.study.figures import Figure, can_draw
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
 from fecloth.view.templates import render
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown

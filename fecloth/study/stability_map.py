@@ -1,11 +1,9 @@
 """`stability`: where each method fails, over the step and the values of any key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fecloth import errors
 from fecloth.errors import InputError
@@ -14,6 +12,7 @@ from fecloth.scene.scene import Scene
 from fecloth.study import variants
 from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
+from fecloth.study.figures import Figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import print_warnings, refuse_huge
@@ -32,9 +31,6 @@ from fecloth.study.stability_words import (
     range_of,
     shorten,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LONGEST_CASE = 120.0  # s
 

@@ -1,19 +1,13 @@
 """A stability map in words and as a figure: ranges of steps, ties, runs over key and step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from fecloth.study.figures import new_figure
+from fecloth.study.figures import Figure, new_figure
 from fecloth.study.status import FAILED, OK
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 WRONG = "wrong"  # the run reached its end with energy from nowhere, or with a warning
 JUDGED = (OK, WRONG, FAILED)  # any other run, as one above the time limit, says nothing

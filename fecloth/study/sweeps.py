@@ -1,11 +1,9 @@
 """`sweep`: quantities of interest over the values of any key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
@@ -13,7 +11,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems
 from fecloth.study.change import FIRST, describe_values
-from fecloth.study.figures import line_style, mark_failures, new_figure
+from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.result import StudyResult, Table
@@ -25,9 +23,6 @@ from fecloth.study.variants import (
     size_of,
     with_first_values,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

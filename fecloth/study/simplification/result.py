@@ -1,21 +1,15 @@
 """The result of `simplify`: what a scene does not need, in words, as a table and as a figure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.figures import COLOURS, new_figure
+from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COMBINED, REDUCED = "combined", "reduced scene"
 LEAST, MOST = 1e-5, 300.0  # %, limits of the axis of changes
