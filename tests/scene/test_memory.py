@@ -65,14 +65,14 @@ def run(folder, kind: str, element: str, bending: str, triangles: int, pattern: 
         *(
             pytest.param(kind, element, bending, triangles, pattern, marks=SLOW)
             for kind, element, bending, triangles, pattern in [
-                ("explicit", "P1", BENDING, 250_000, "right"),
+                ("explicit", "P1", BENDING, 100_000, "right"),
                 ("explicit", "P2", PLATE, 10_000, "right"),
-                ("pcg", "P1", BENDING, 250_000, "right"),
-                ("pcg", "P1", "", 80_000, "cross"),
-                ("pcg", "P2", "", 40_000, "right"),
+                ("pcg", "P1", BENDING, 100_000, "right"),
+                ("pcg", "P1", "", 40_000, "cross"),
+                ("pcg", "P2", "", 20_000, "right"),
                 ("direct", "P1", BENDING, 2_000, "right"),
-                ("direct", "P1", BENDING, 80_000, "right"),
-                ("direct", "P2", "", 40_000, "right"),
+                ("direct", "P1", BENDING, 40_000, "right"),
+                ("direct", "P2", "", 20_000, "right"),
             ]
         ),
     ],
