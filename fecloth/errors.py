@@ -117,6 +117,8 @@ class StepFailed(FeclothError):
         The state at the start of the step.
     remedy
         A sentence that says what to try.
+    unit
+        What follows a value of t: " s", or " of the loads" of a static scene.
     """
 
     def __init__(
@@ -131,20 +133,23 @@ class StepFailed(FeclothError):
         triangle: int | None = None,
         state: Any = None,
         remedy: str = "",
+        unit: str = " s",
     ):
-        self.reason, self.step, self.t, self.dt = reason, step, t, dt
+        self.reason, self.step, self.t, self.dt, self.unit = reason, step, t, dt, unit
         self.residual, self.stretch, self.triangle = residual, stretch, triangle
         self.state, self.remedy = state, remedy
         super().__init__(reason)
 
     def __str__(self) -> str:
-        if self.step is None:
+        if self.step is None or self.t is None or self.dt is None:
             return self.reason
         residual = "" if math.isnan(self.residual) else f"relative residual {self.residual:.2e}; "
+        place = f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s"
+        if self.unit != " s":
+            place = f"step {self.step}, from {self.t:.6g} to {self.t + self.dt:.6g}{self.unit},"
         return (
-            f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s failed: "
-            f"{self.reason} ({residual}most deformed triangle {self.triangle} with a principal "
-            f"stretch of {self.stretch:.4g}). {self.remedy}"
+            f"{place} failed: {self.reason} ({residual}most deformed triangle {self.triangle} "
+            f"with a principal stretch of {self.stretch:.4g}). {self.remedy}"
         )
 
 

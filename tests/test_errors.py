@@ -86,6 +86,11 @@ def test_step_failed_states_step_residual_and_stretch():
     assert (error.state, error.remedy) == ("the last good one", "Take a smaller dt.")
 
 
+def test_step_failed_of_a_static_scene_has_parts_of_the_loads():
+    message = str(failed(t=0.5, dt=0.25, unit=" of the loads"))
+    assert message.startswith("step 12, from 0.5 to 0.75 of the loads, failed: Newton did not")
+
+
 def test_step_failed_without_residual_does_not_mention_it():
     message = str(failed(residual=float("nan")))
     assert "residual" not in message

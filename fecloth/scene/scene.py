@@ -84,6 +84,9 @@ class Scene(Table):
         data = as_tuples(data)
         if not isinstance(data, dict):
             return data
+        if "time" in data and "equilibrium" in data:
+            allowed = "one of them: a scene with [equilibrium] is static and has no time, and no dt"
+            raise InputError("time and equilibrium are given", allowed, "", "Leave out the other.")
         if isinstance(cloth := data.get("cloth"), dict):
             pieces = cloth.get("pieces")
             one = next(iter(pieces.values()), {}) if isinstance(pieces, dict) else cloth

@@ -51,6 +51,12 @@ class ScaledLoad(BoundTerm):
         f += self.factor * force
 
 
+class LoadsFailed(NewtonFailed):
+    """A load step without an equilibrium."""
+
+    unit = " of the loads"
+
+
 @dataclass(frozen=True)
 class LoadSteps:
     """Equilibria under growing loads; each step finds one by `nonlinear.equilibrium`.
@@ -117,8 +123,7 @@ class LoadSteps:
                 system, start, solver, horizon, (state.t, load), rate, history
             )
         except EquilibriumFailed as failure:
-            reason = f"no equilibrium was found: {failure.reason}"
-            raise NewtonFailed(reason, failure.residual, failure.remedy) from failure
+            raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
         new, over = State(load, solved.x, still), over.with_bound(_scaled(over, load))
         counts, earlier = solved.counts, history
         return Step(new, new, LoadRate(rate), counts, over=over, history=after, earlier=earlier)

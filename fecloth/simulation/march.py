@@ -253,4 +253,5 @@ def step_failed(system: System, state: State, number: int, dt: float, cause) -> 
         triangle=int(triangle),
         state=state,
         remedy=remedy,
+        unit=getattr(cause, "unit", " s"),
     )
