@@ -36,12 +36,6 @@ def rectangle(
 
     `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
     ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
-
-    Examples
-    --------
-    >>> mesh = rectangle(2.0, 1.0, 0.5, "right")
-    >>> mesh.X.shape, mesh.triangles.shape, mesh.node_sets["left"].tolist()
-    ((15, 2), (16, 3), [0, 5, 10])
     """
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
@@ -62,14 +56,7 @@ def rectangle(
 
 
 def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
-    """Mesh a disk around the origin by Gmsh; the nodes of the set ``boundary`` lie on the circle.
-
-    Examples
-    --------
-    >>> mesh = disk(0.5, 0.25)
-    >>> bool(np.allclose(np.hypot(*mesh.X[mesh.node_sets["boundary"]].T), 0.5))
-    True
-    """
+    """Mesh a disk around the origin by Gmsh; nodes of the set ``boundary`` lie on the circle."""
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
     check_gradings(grading, "disk")

@@ -23,13 +23,7 @@ def least_stiffness(system: System, state: State) -> tuple[float, float]:
 
 
 def describe_instability(least: float, zero: float) -> str:
-    """Return a sentence if the least eigenvalue is below round-off, or "".
-
-    Examples
-    --------
-    >>> describe_instability(2.0, 1e-9)
-    ''
-    """
+    """Return a sentence if the least eigenvalue is below round-off, or else ""."""
     if not least < -zero:
         return ""
     return (

@@ -33,16 +33,6 @@ def checks_arguments(target: Target) -> Target:
     A number may be a text with a unit where the type has a dimension, as
     ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
     `InputError` that has all arguments.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> fc.Gravity((0, 0, "-981 cm/s^2")).acceleration
-    (0, 0, -9.81)
-    >>> fc.Tether("left", (0, 0, 1))
-    Traceback (most recent call last):
-    fecloth.errors.InputError: Tether: stiffness is missing: \
-it needs where, point [m], stiffness [N/m], and it may have damping [N*s/m]
     """
     create: Any = vars(target)["__init__"] if isinstance(target, type) else target
 

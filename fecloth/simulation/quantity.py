@@ -101,15 +101,7 @@ class Quantity:
 
 
 def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
-    """Return the quantity of a text, or of a function of the result of a run.
-
-    Examples
-    --------
-    >>> parse_quantity("max tip.z").how, parse_quantity("tip.z at 30 ms").at
-    ('max', 0.03)
-    >>> parse_quantity("displacement in H1").norm, parse_quantity("frequency(2)").mode
-    ('h1', 2)
-    """
+    """Return the quantity of a text, or of a function of the result of a run."""
     if isinstance(text, Quantity):
         return text
     if callable(text):
