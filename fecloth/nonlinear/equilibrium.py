@@ -178,7 +178,7 @@ def equilibrium(
     space = error.relative, error.reason
     doubts = _find_instability(system, x, start.t if load_steps is None else 1.0, solved)
     for words in doubts:
-        warnings.warn(words, FeclothWarning, stacklevel=2)
+        warnings.warn(words, FeclothWarning, stacklevel=3)
     still = np.zeros_like(x)
     return Equilibrium(start.t, x, still, counts.residual, *work, *space, solved.error, doubts)
 
