@@ -76,7 +76,10 @@ class Account:
         return self
 
     def changed(self, **values: Any) -> Self:
-        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost."""
+        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost.
+
+        Nothing checks the names, and what a cached property holds is copied, too.
+        """
         after = object.__new__(type(self))
         vars(after).update(vars(self), **values)
         return after
