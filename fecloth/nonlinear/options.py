@@ -45,22 +45,20 @@ class Newton:
     Parameters
     ----------
     tolerance
-        Where the iteration ends. "auto": when the error that it leaves is a tenth of the step's
-        error in time, at the latest at the residual 1e-6. A number: at this residual, relative to
-        the forces of the step; to compare runs that differ by less than their error in time, and
-        for an exact balance of momentum. See `fecloth/integrators/README.md`.
+        "auto": the iteration ends when its error is a tenth of the step's error in time, at the
+        latest at the residual 1e-6. A number: it ends at this residual, relative to the forces of
+        the step. `fecloth/integrators/README.md` says when to give a number.
     max_iterations
         A step that needs more iterations fails.
     forcing
         Relative residual at which an iterative linear solver stops in each iteration.
     definiteness
-        What replaces the exact tangent. "none": nothing. "clamp": every term's tangent is made
-        symmetric and positive semi-definite, so conjugate gradients always apply. "on_failure": the
-        exact tangent is kept until it is not positive definite or gives no useful direction; then
-        clamped tangents, then added mass. See `fecloth/integrators/README.md`.
+        What replaces a tangent that is not positive definite, as in compression. "on_failure":
+        remedies, one after the other, where the exact tangent fails. "clamp": always a clamped
+        tangent, so that conjugate gradients always apply. "none": nothing, and the step fails.
     reuse
-        Whether a direct solver's factor serves further iterations, and steps of the same size,
-        while that is cheaper than a new factor; see `context.FactorReuse`.
+        Whether a direct solver takes a factor again in further iterations and steps, while that is
+        cheaper than a new factor.
     """
 
     tolerance: float | Literal["auto"] = "auto"

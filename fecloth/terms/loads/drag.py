@@ -53,10 +53,10 @@ class Drag:
     Parameters
     ----------
     normal, tangential
-        k_n (normal) and k_t (tangential), >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²], equal
-        to ½ ρ C with the density ρ = 1.2 kg/m³ of air. The tangential C is about 0.01. The
-        normal C is 1.17 for a square plate and 1.98 for a long plate (Matthews 2002,
-        Aeronautical Engineer's Data Book, fig. 5.13): `normal` is 0.7 and 1.2.
+        k_n (normal) and k_t (tangential), >= 0. Linear: [Pa s/m]. Quadratic: ½ ρ C [Pa s²/m²],
+        with ρ = 1.2 kg/m³ of air. For a square plate C is 1.17 and `normal` 0.7, for a long plate
+        1.98 and 1.2; the tangential C is about 0.01 (Matthews 2002, Aeronautical Engineer's Data
+        Book, fig. 5.13).
     law
         "quadratic" or "linear".
     tangent
