@@ -73,19 +73,19 @@ class Balance(Account):
         self, system: System, ledger: Ledger, deformation: Deformation, number: int = 1
     ) -> Balance:
         """Return the balance after a `number` of steps, with the ledger after the last of them."""
-        now, remainder = deformation.energy(ledger), abs(ledger.remainder)
+        now, remainder = deformation.energy(ledger), ledger.remainder
         new = self.changed(
             steps=self.steps + number,
             largest=max(self.largest, min(now, self.last, self.before)),
             last=now,
             before=self.last,
             t=ledger.t,
-            remainder=ledger.remainder,
+            remainder=remainder,
             kinetic=max(self.kinetic, min(ledger.kinetic, self.last_kinetic, self.kinetic_before)),
             last_kinetic=ledger.kinetic,
             kinetic_before=self.last_kinetic,
         )
-        trusted = new.trusted(system, ledger)
+        trusted, remainder = new.trusted(system, ledger), abs(remainder)
         if remainder <= trusted:
             return new.changed(off=0, least=math.inf) if new.off else new
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
