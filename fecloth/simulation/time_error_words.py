@@ -11,7 +11,9 @@ LONGER = 10.0  # most by which that step may be longer than the one taken
 LEAST = 1e-5  # a smaller error is reported as below it
 
 
-def describe_time_error(error: float, method, dt: float, jump: float | None = None) -> str:
+def describe_time_error(
+    error: float, method, dt: float, jump: float | None = None, unknown: str = ""
+) -> str:
     """Return a sentence about the relative error in time of a run.
 
     Parameters
@@ -22,6 +24,8 @@ def describe_time_error(error: float, method, dt: float, jump: float | None = No
         The method or the choice of its steps, and their mean size [s].
     jump
         Time at which a load jumps [s], if most of the error comes from there.
+    unknown
+        Why there is no estimate.
 
     Examples
     --------
@@ -29,6 +33,8 @@ def describe_time_error(error: float, method, dt: float, jump: float | None = No
     >>> describe_time_error(0.16, fc.BDF2(), dt=0.004)
     'error in time about 16 % of the motion; dt = 0.001 s would give 1 %'
     """
+    if unknown:
+        return f"error in time: not known, because {unknown}"
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"

@@ -105,7 +105,7 @@ def test_one_step_with_much_kinetic_energy_excuses_no_balance(system):
 @pytest.mark.parametrize(("share", "doubted"), [(0.8, False), (1.25, True)])
 def test_dissipation_matters_from_an_error_of_two_per_cent(share, doubted, system, monkeypatch):
     monkeypatch.setattr(method_dissipation, "warn_of_dissipation", lambda *given: "much")
-    start = Sample(0.0, 0, system.rest().x, 0.0, 0.0, 0.0, 0.0)
+    start = Sample(0.0, 0, system.rest().x, None, 0.0, 0.0, 0.0, 0.0)
     error = replace(TimeError.open(system.rest(), start), relative=share * 0.02)
     others = {TimeError: error, Balance: None, Ledger: None}
     run = SimpleNamespace(system=system)

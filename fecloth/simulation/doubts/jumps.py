@@ -1,6 +1,6 @@
 """Jumps in the motion of a pin or an obstacle, which no step size can resolve."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import pairwise
 
@@ -8,8 +8,9 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.simulation.doubts.planned_run import PlannedRun, say_of_each
-from fecloth.simulation.doubts.signals import Signal, Values
+from fecloth.simulation.doubts.signals import Signal, Values, find_signals
 from fecloth.system.pins import Pin
+from fecloth.system.state import State
 from fecloth.system.system import System
 
 JUMP = 0.25  # of the velocity; a smooth motion that the steps resolve shows (ω dt)²/12
@@ -22,8 +23,17 @@ SLOW = 1.0  # m/s, of the motion that a warning proposes instead
 
 def find_motion_jumps(run: PlannedRun) -> Iterator[str]:
     """Say of each pin and obstacle whether its motion jumps, when, and how far."""
-    motions = (signal for signal in run.signals if signal.kind in ("pin", "obstacle"))
-    return say_of_each(motions, _sentence, SMALL * run.system.cloth.extent)
+    return _say_jumps(run.signals, run.system)
+
+
+def find_jumping_motions(system: System, start: State, t_end: float) -> str:
+    """Return what `find_motion_jumps` says first of a run to `t_end`, or ""."""
+    return next(filter(None, _say_jumps(find_signals(system, start, t_end, True), system)), "")
+
+
+def _say_jumps(signals: Iterable[Signal], system: System) -> Iterator[str]:
+    motions = (signal for signal in signals if signal.kind in ("pin", "obstacle"))
+    return say_of_each(motions, _sentence, SMALL * system.cloth.extent)
 
 
 def _sentence(motion: Signal, least: float) -> str:

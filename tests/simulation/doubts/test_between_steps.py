@@ -9,7 +9,12 @@ from support.planned import STRIP, along_z, strip, warnings_before
 
 import fecloth as fc
 from fecloth.simulation.doubts.signals import find_signals
-from fecloth.simulation.doubts.unseen import _without_uniform_motion, find_missed, missed_share
+from fecloth.simulation.doubts.unseen import (
+    _missed_impulse,
+    _without_uniform_motion,
+    find_missed,
+    missed_share,
+)
 
 PULSE = "where(t > 0.1013 and t < 0.1018, 300, 0)"
 
@@ -160,3 +165,22 @@ def test_a_load_that_no_shifted_step_sees_is_missed_wholly(recwarn):
     (sentence,) = missed(0.01, 0.4, load)
     assert "100 % of it is not seen" in sentence
     assert not recwarn.list
+
+
+@pytest.mark.parametrize(("share", "warned"), [(0.25, 0), (0.5, 0), (1.5, 0), (3.0, 1), (4.5, 1)])
+def test_a_smooth_pulse_is_seen_if_its_impulse_is(share, warned):
+    """Steps of 1.5 widths err by up to a third in a pulse of a wind or a load, not in its sum."""
+    dt = 0.01 * share
+    pulse = "exp(-((t - 0.2 - 0.3*0.01)/0.01)**2)"
+    for load in (fc.Pressure(f"300*{pulse}"), fc.Wind((0, 0, f"9*{pulse}"), normal=0.7)):
+        assert len(missed(dt, 20 * dt * round(0.02 / dt + 0.5), load)) == warned
+
+
+def test_the_share_of_a_missed_impulse_is_exact():
+    """Twelve steps of 0.5 s, and a load of 1 from 2 s to 4 s whose line is 1.3 in one step."""
+    size, g = np.full((12, 1), 0.5), np.ones((12, 4, 1))
+    g[:4], g[8:] = 0.0, 0.0
+    lines = g.copy()
+    lines[5] = 1.3
+    expected = 0.15 / (2.0 * (1 - 2.0 / 6))
+    assert _missed_impulse(g, lines, size) == pytest.approx(expected)

@@ -1,0 +1,80 @@
+"""How a small error of a motion moves on with the cloth: the linear equations about its state."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.protocol import LinearSolver
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms.records import remembered
+
+GAMMA = 1 - math.sqrt(0.5)
+RTOL = 1e-3  # of the linear solves
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class Error:
+    """Error of x [m] and of v [m/s], (n, 3) each."""
+
+    x: np.ndarray
+    v: np.ndarray
+
+    @classmethod
+    def none(cls, x: np.ndarray) -> Error:
+        """Return no error of positions x."""
+        return cls(np.zeros_like(x), np.zeros_like(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Transport:
+    """One step of the error δ of x and η of v, with K and D of a state:
+
+        δ' = η + s,    M η' = −K δ − D η + M r
+
+    s and r are what is added in each second. The method is L-stable, of order 2, with two stages
+    (Alexander 1977, Diagonally implicit Runge–Kutta methods for stiff ODEs). A stage solves, with
+    h = γ τ and γ = 1 − 1/√2,
+
+        (M + h D + h² K) η = M b − h K a,    δ = a + h η
+
+    An error grows where K has negative eigenvalues, as in a cloth that buckles.
+    """
+
+    system: System
+    seconds: float  # τ
+    K: BlockMatrix
+    solver: LinearSolver
+
+    @classmethod
+    def at(cls, system: System, state: State, seconds: float) -> Transport:
+        """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor."""
+        h = GAMMA * seconds
+        zeros = BlockMatrix.zeros(system.pattern, system.team)
+        K = system.assemble(zeros, state, wx=1.0)
+        solver, J, _ = system.linear_solver("auto", system.symmetric)
+        J.values[:] = h * h * K.values
+        system.project(system.add_tangents(J, state, wv=h, wa=1.0))
+        solver.begin(h * h, 1.0, state.x)
+        solver.prepare(system.couple(J, state, h * h, h))
+        part = system.coupling(state, wx=1.0)
+        return cls(system, seconds, K if part is None else K.plus(part), solver)
+
+    def carry(self, error: Error, s: np.ndarray, r: np.ndarray) -> Error:
+        """Return the error after the step, with s [m/s] and r [m/s²] (n, 3) added all the time."""
+        h, more = GAMMA * self.seconds, (1 - GAMMA) / GAMMA
+        middle = self._stage(error.x + h * s, error.v + h * r)
+        x = error.x + more * (middle.x - error.x)
+        v = error.v + more * (middle.v - error.v)
+        return self._stage(x + h * s, v + h * r)
+
+    def _stage(self, a: np.ndarray, b: np.ndarray) -> Error:
+        h, project = GAMMA * self.seconds, self.system.constraints.project
+        a = project(a)
+        v, _ = self.solver.solve(project(self.system.mass_times(b) - h * (self.K @ a)), RTOL)
+        return Error(a + h * v, v)

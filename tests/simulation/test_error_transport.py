@@ -1,0 +1,155 @@
+"""How an error moves on with the cloth, and the error in time that follows, in closed form."""
+
+import math
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support.planned import along_z
+
+import fecloth as fc
+from fecloth.simulation import error_transport
+from fecloth.simulation.account import Run
+from fecloth.simulation.error_transport import Error, Transport
+from fecloth.simulation.time_error import GROWN, GROWS, Sample, TimeError, _add_as_random
+
+RATE = 30.0  # of the damping [1/s]
+
+
+@cache
+def sheet(stretch: float):
+    """A held sheet with damping, its state, and the mode of least ω²: shape (n, 3) and ω²."""
+    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="cross")
+    terms = [fc.StVK(), fc.MassDamping(rate=RATE)]
+    system = fc.System(cloth, fc.Fabric(0.2, 50.0, 0.2), terms, pins=["boundary"])
+    state = system.state(np.column_stack([stretch * cloth.X, 0 * cloth.X[:, 0]]))
+    free = system.free
+    K = system.stiffness(state).toarray()[np.ix_(free, free)]
+    squares, shapes = eigh(K, np.diag(np.repeat(system.nodal_mass, 3)[free]))
+    shape = np.zeros((len(cloth.X), 3))
+    shape.ravel()[free] = shapes[:, 0]
+    return system, state, shape, squares[0]
+
+
+def moved_on(square: float, seconds: float, at, s: float, r: float) -> np.ndarray:
+    """(δ, η) after the time of δ' = η + s, η' = −ω² δ − c η + r, by its exponential."""
+    A = np.array([[0.0, 1.0, s], [-square, -RATE, r], [0.0, 0.0, 0.0]])
+    values, vectors = np.linalg.eig(A)
+    flow = vectors @ np.diag(np.exp(values * seconds)) @ np.linalg.inv(vectors)
+    return (flow @ [*at, 1.0]).real[:2]
+
+
+@pytest.mark.parametrize("stretch", [1.05, 0.95], ids=["taut", "buckling"])
+@pytest.mark.parametrize("forcing", [(0.0, 0.0), (3.0, 0.0), (0.0, 500.0)], ids=["free", "s", "r"])
+def test_an_error_swings_or_grows_as_a_mode(stretch, forcing, monkeypatch):
+    """A taut sheet has ω² > 0, a compressed one ω² < 0. The method has order 2."""
+    monkeypatch.setattr(error_transport, "RTOL", 1e-9)
+    system, state, shape, square = sheet(stretch)
+    assert (square > 0) == (stretch > 1)
+    frequency, (s, r) = math.sqrt(abs(square)), forcing
+    far = []
+    for seconds in (0.2 / frequency, 0.1 / frequency):
+        step = Transport.at(system, state, seconds)
+        error = step.carry(Error(0.7 * shape, 20.0 * shape), s * shape, r * shape)
+        size = (shape**2).sum()
+        said = np.array([(each * shape).sum() / size for each in (error.x, error.v)])
+        true = moved_on(square, seconds, (0.7, 20.0), s, r)
+        far.append(np.abs((said - true) / [1.0, frequency]).max())
+    assert far[0] < 2e-3
+    assert far[1] < far[0] / 6  # order 3 in a step
+
+
+def test_waves_that_no_step_resolves_are_taken_away():
+    system, state, shape, square = sheet(1.05)
+    step = Transport.at(system, state, 1e4 / math.sqrt(square))
+    after = step.carry(Error(shape, 0 * shape), 0 * shape, 0 * shape)
+    assert np.abs(after.x).max() < 1e-2 * np.abs(shape).max()
+
+
+def test_random_errors_add_up_by_their_squares(rng):
+    a, b = rng.normal(size=(2, 5, 3))
+    for sign in (1.0, -1.0):
+        assert (_add_as_random(a, sign * b) ** 2).sum() == pytest.approx((a**2 + b**2).sum())
+
+
+def run_quietly(system, method, state, dt, t_end):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        return fc.run(system, method, state, dt, t_end)
+
+
+@pytest.mark.parametrize("name", ["BackwardEuler", "BDF2"])
+def test_a_sheet_that_the_wind_blows_along_is_judged_rightly(name):
+    """Of a free sheet across the wind u' = −k u², u = U − v: the way is U t − ln(1 + k U t)/k."""
+    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="cross")
+    wind = fc.Wind((0.0, 0.0, 8.0), normal=0.6, tangential=0.0)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK(), wind])
+    start = system.rest()
+    k = system.force(start)[:, 2].sum() / system.nodal_mass.sum() / 8.0**2
+    result = run_quietly(system, getattr(fc, name)(), start, 0.01, t_end := 0.5)
+    way = 8.0 * t_end - math.log(1 + k * 8.0 * t_end) / k
+    true = abs(result.state.x[:, 2].mean() - way) / way
+    assert 1e-5 < true < 0.1
+    assert 1 / 3 < result.time_error / true < 3
+
+
+def test_a_fall_is_judged_rightly():
+    """Backward Euler falls by g t dt / 2 too far."""
+    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="cross")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK(), fc.Gravity()])
+    result = run_quietly(system, fc.BackwardEuler(), system.rest(), 0.002, 0.5)
+    assert result.time_error == pytest.approx(0.002 / 0.5, rel=0.3)
+
+
+def test_a_wind_that_is_switched_off_within_a_step_is_in_the_error():
+    """The velocity is off by up to half a step of the acceleration, by a quarter on average."""
+    cloth, dt = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="cross"), 0.01
+    wind = fc.Wind((0.0, 0.0, f"where(t < {2.5 * dt}, 4, 0)"), normal=0.2, tangential=0.0)
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK(), wind])
+    result = run_quietly(system, fc.ImplicitMidpoint(), system.rest(), dt, 20 * dt)
+    assert result.time_error == pytest.approx(0.25 / 2.5, rel=0.5)
+
+
+@pytest.mark.parametrize(("share", "known"), [(0.8, True), (1.25, False)])
+def test_an_error_that_has_grown_beyond_the_sum_is_not_known(share, known):
+    system, state, _, _ = sheet(1.05)
+    start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
+    error = replace(
+        TimeError.open(state, start), largest=1e-3, carried=share * GROWN * 1e-3, moved=1.0
+    )
+    assert error._find_unknown(Run(system, None, state, 0, 1.0), 1.0) == ("" if known else GROWS)
+
+
+def test_a_flat_sheet_that_is_pressed_together_has_no_number():
+    """Its buckles grow from nothing, by a factor that no step sees."""
+    cloth = fc.Cloth.rectangle(0.6, 0.6, h=0.1, pattern="cross")
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()], pins=["boundary"])
+    x = np.column_stack([0.97 * cloth.X, 1e-5 * np.sin(9 * cloth.X[:, 0])])
+    result = run_quietly(system, fc.BDF2(), system.state(x), 0.001, 0.03)
+    assert math.isnan(result.time_error)
+    assert result.figures["time_error_in_words"] == f"error in time: not known, because {GROWS}"
+
+
+@pytest.mark.parametrize(
+    ("motion", "known"),
+    [("where(t < 0.0213, 0, 0.01)", False), ("0.01 * smoothstep(0.0, 0.04, t)", True)],
+)
+def test_a_pin_that_jumps_leaves_no_number(motion, known):
+    cloth = fc.Cloth.rectangle(0.4, 0.4, h=0.2, pattern="cross")
+    pin = fc.Pin("left", motion=along_z(motion))
+    system = fc.System(cloth, fc.Fabric(0.2, 500.0, 0.2), [fc.StVK()], [pin])
+    result = run_quietly(system, fc.BDF2(), system.rest(), 0.002, 0.05)
+    assert math.isnan(result.time_error) != known
+    assert ("a pin or an obstacle jumps" in result.figures["time_error_in_words"]) != known
+
+
+def test_the_rms_of_a_carried_error_is_in_the_estimate():
+    """The stated error is the geometric mean of the sum and of the field."""
+    system, state, _, _ = sheet(1.05)
+    start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
+    error = replace(TimeError.open(state, start), recent=(start,) * 4, moved=2.0)
+    error = replace(error, largest=4e-3, carried=1e-3)
+    assert error.relative_error(system, fc.BDF2().traits, 1.0) == pytest.approx(1e-3)
