@@ -44,4 +44,17 @@ def test_findings():
         finding.is_met for finding in findings_of([*rows, *[row(0.01, stated=0.001)] * 2], 1)
     )
     assert not is_judged(row(0.5))
-    assert not is_judged(row(0.01, stated=float("nan")))
+
+
+@pytest.mark.parametrize(("silent", "met"), [(2, True), (3, False)])
+def test_a_set_up_that_states_no_number_counts_as_none(silent, met):
+    """Of eight set-ups with a number and two or three without one, 80 % and 73 % have one."""
+    none = row(0.01, stated=float("nan"))
+    assert is_judged(none)
+    (share,) = (
+        finding
+        for finding in findings_of([row(0.01)] * 8 + [none] * silent, 1)
+        if "with a number" in finding.what
+    )
+    assert share.value == pytest.approx(8 / (8 + silent))
+    assert share.is_met == met
