@@ -105,6 +105,21 @@ def test_lengths_and_times_may_be_texts_with_units(tmp_path):
     assert len(fc.Cloth.read(tmp_path / "a.geo", h="10 cm").X) > 8
 
 
+def test_a_study_takes_texts_with_units_and_further_arguments_as_they_are():
+    def strip(h, dt, stiffness="soft"):
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h=h, pattern="right")
+        fabric = fc.Fabric(0.2, {"soft": 10.0, "hard": 100.0}[stiffness])
+        system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
+        return cloth, system, fc.BDF2(), system.rest()
+
+    given = {"h": "25 cm", "dt": "5 ms", "t_end": "10 ms", "stiffness": "hard"}
+    first = fc.study.of(strip, **given).problem.first
+    assert (len(first.cloth.triangles), first.t_end) == (16, 0.01)
+    assert first.steps.dt == 0.005
+    with pytest.raises(fc.InputError, match="Opened.of: h = '25 s': must be .* units m, cm"):
+        fc.study.of(strip, **given | {"h": "25 s"})
+
+
 def test_an_error_inside_a_function_stays_what_it_is():
     def wrong(info):
         raise TypeError("mine")

@@ -13,6 +13,8 @@ from fecloth.suggest import did_you_mean
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 
+ANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)  # *values, **named
+
 OLD_NAMES = {"Pressure": {"p": "pressure"}}
 """By class: arguments that had another name in earlier versions, which is still accepted."""
 
@@ -75,10 +77,10 @@ def _misfit(
     signature: inspect.Signature, positional: tuple[Any, ...], named: dict[str, Any]
 ) -> tuple[str, str]:
     """What does not fit, and the remedy."""
-    parameters = signature.parameters
+    parameters = {n: each for n, each in signature.parameters.items() if each.kind not in ANY}
     by_place = [name for name, each in parameters.items() if each.kind != each.KEYWORD_ONLY]
     unknown = [name for name in named if name not in parameters]
-    if unknown:
+    if unknown and len(parameters) == len(signature.parameters):
         return f"argument {unknown[0]!r} is unknown", did_you_mean(unknown[0], parameters)
     if len(positional) > len(by_place):
         return f"{brief(positional[len(by_place)])} is a value too many", ""
@@ -101,9 +103,9 @@ def _names(target: Callable[..., Any], required: bool) -> str:
 
 def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
     fields = _fields(target)
-    known = {name: value for name, value in values.items() if name in fields}
+    named = {name: value for name, value in values.items() if name in fields}
     try:
-        return in_si(known, fields, refuse_other_text=False)
+        return in_si(named, fields, refuse_other_text=False)
     except InputError as error:
         raise InputError(error.what, error.allowed, target.__qualname__, error.remedy) from None
 
@@ -114,7 +116,7 @@ def _fields(target: Callable[..., Any]) -> dict[str, Measured]:
     hints = get_type_hints(target, include_extras=True)
     fields = {}
     for name, parameter in inspect.signature(target).parameters.items():
-        if name not in ("self", "cls"):
+        if name not in ("self", "cls") and parameter.kind not in ANY:
             marks = getattr(hints.get(name), "__metadata__", ())
             dimensions = tuple(mark for mark in marks if isinstance(mark, Dimension))
             fields[name] = Measured(hints.get(name), dimensions, parameter.default)

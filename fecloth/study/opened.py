@@ -3,9 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from fecloth.errors import InputError
+from fecloth.quantities.arguments import checks_arguments
+from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.scene import Scene
 from fecloth.simulation.probes import Probe
 from fecloth.study.problems import Problem, open_problem
@@ -22,19 +24,20 @@ class Opened:
     takes_usual_limit: bool  # whether each study chooses the longest time of a case
 
     @classmethod
+    @checks_arguments
     def of(
         cls,
         problem: Scene | str | Path | Callable | Sequence[Scene | str | Path | Callable],
         *,
-        h: float | None = None,
-        dt: float | None = None,
-        t_end: float | None = None,
+        h: Annotated[float | None, LENGTH] = None,
+        dt: Annotated[float | None, TIME] = None,
+        t_end: Annotated[float | None, TIME] = None,
         probes: Sequence[Probe] = (),
         cache: str | Path | None = None,
         jobs: int = 1,
         scheduler: str | None = None,
-        time_limit: float | Literal["auto"] | None = "auto",
-        most_seconds: float | None = LONGEST,
+        time_limit: Annotated[float | Literal["auto"] | None, TIME] = "auto",
+        most_seconds: Annotated[float | None, TIME] = LONGEST,
         fresh: bool = False,
         **settings: object,
     ) -> Self:
