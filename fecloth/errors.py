@@ -146,7 +146,9 @@ class StepFailed(FeclothError):
         residual = "" if math.isnan(self.residual) else f"relative residual {self.residual:.2e}; "
         place = f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s"
         if self.unit != " s":
-            place = f"step {self.step}, from {self.t:.6g} to {self.t + self.dt:.6g}{self.unit},"
+            place = (
+                f"load step {self.step}, from {self.t:.6g} to {self.t + self.dt:.6g}{self.unit},"
+            )
         return (
             f"{place} failed: {self.reason} ({residual}most deformed triangle {self.triangle} "
             f"with a principal stretch of {self.stretch:.4g}). {self.remedy}"

@@ -88,7 +88,7 @@ def test_step_failed_states_step_residual_and_stretch():
 
 def test_step_failed_of_a_static_scene_has_parts_of_the_loads():
     message = str(failed(t=0.5, dt=0.25, unit=" of the loads"))
-    assert message.startswith("step 12, from 0.5 to 0.75 of the loads, failed: Newton did not")
+    assert message.startswith("load step 12, from 0.5 to 0.75 of the loads, failed: Newton did not")
 
 
 def test_step_failed_without_residual_does_not_mention_it():

@@ -85,7 +85,9 @@ class Scene(Table):
         if not isinstance(data, dict):
             return data
         if "time" in data and "equilibrium" in data:
-            allowed = "one of them: a scene with [equilibrium] is static and has no time, and no dt"
+            allowed = (
+                "a scene has one of them; with [equilibrium] it is static, without time and dt"
+            )
             raise InputError("time and equilibrium are given", allowed, "", "Leave out the other.")
         if isinstance(cloth := data.get("cloth"), dict):
             pieces = cloth.get("pieces")

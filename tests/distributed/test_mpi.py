@@ -156,7 +156,8 @@ def test_a_killed_process_ends_the_run_and_leaves_restart_files(tmp_path):
     assert "signal 9" in said
     assert restart.find(tmp_path / "out").progress.state.t > 0
     for file in restarts.glob("*.npz"):
-        assert len(np.load(file).files) > 2
+        with np.load(file) as data:
+            assert len(data.files) > 2
 
 
 def processes_of(scene: Path) -> list[int]:

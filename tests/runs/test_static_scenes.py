@@ -267,8 +267,8 @@ def test_the_example_expects_the_height_of_the_exact_membrane():
 
 
 MISTAKES = {
-    "time.t_end=1.0": "time and equilibrium are given: one of them: a scene with [equilibrium]",
-    "time.dt=1": "is static and has no time, and no dt. Leave out the other.",
+    "time.t_end=1.0": "time and equilibrium are given: a scene has one of them",
+    "time.dt=1": "it is static, without time and dt. Leave out the other.",
     "equilibrium.load_steps=0": "load_steps = 0: must be a whole number >= 1",
     "equilibrium.tolerance=2.0": "tolerance = 2.0: must be a finite number >= 1e-13 and < 1",
     "equilibrium.dt=0.1": "dt = 0.1: unknown key; the keys are tolerance, load_steps",
