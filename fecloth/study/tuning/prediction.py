@@ -67,6 +67,7 @@ class Prediction:
     # Power of √triangles with which errors in time grow, by method and kind of rule: finer meshes
     # have shorter waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
+    dropped: frozenset[tuple] = frozenset()  # `Candidate.key` of what is not tried again
 
     def in_order(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
         """Return the best candidate of each mesh and rule, the best of all first.
@@ -93,10 +94,12 @@ class Prediction:
         factor = self.factors.get(candidate.key, 1.0) * seconds / candidate.seconds
         return replace(self, factors={**self.factors, candidate.key: factor})
 
-    def without(self, rule: Rule) -> Prediction:
-        """Return the prediction without a rule."""
-        rules = tuple(other for other in self.times.rules if other.key != rule.key)
-        return replace(self, times=replace(self.times, rules=rules))
+    def without(self, candidate: Candidate, on_all_meshes: bool = False) -> Prediction:
+        """Return the prediction without the rule of a candidate on its mesh, or on all meshes."""
+        rule = candidate.rule
+        meshes = self.meshes if on_all_meshes else [candidate.mesh]
+        keys = {(*mesh.choice.mesh, *rule.key) for mesh in meshes}
+        return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
         """Return all meshes with all rules.
@@ -109,7 +112,8 @@ class Prediction:
             (mesh, rule)
             for mesh in self.meshes
             for rule in self.times.rules
-            if mesh.choice.element != "P2" or (rule.kind == "limit") == lumped
+            if (mesh.choice.element != "P2" or (rule.kind == "limit") == lumped)
+            and (*mesh.choice.mesh, *rule.key) not in self.dropped
         ]
 
     def _best_of(

@@ -15,8 +15,7 @@ from fecloth.study.uncertainty import SAFE
 FINER = 1.4  # times the √triangles of a tuned run: the verifying run has at least so many
 COUNTS = 0.25  # part of the error from which a cause is refined in the verifying run
 ROUNDS = 3  # verifying runs at most
-LOOSE = 0.85  # times the tolerance: below this error a cheaper setting is tried
-TRIES, CLOSE = 4, 0.9  # of cheaper settings; part of the tolerance that their errors may take
+TRIES, CLOSE = 8, 0.9  # of cheaper settings; part of the tolerance that their errors may take
 CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 SLOWER = 5.0  # measured over predicted seconds, that a prediction is corrected by at most
 
@@ -90,7 +89,8 @@ def prove(
         (trial,) = bench.run([candidates[0].choice], timed=True)
         runs = [*runs, trial]
         if not trial.is_ok:
-            prediction = prediction.without(candidates[0].rule)
+            is_method = candidates[0].rule.kind != "static"
+            prediction = prediction.without(candidates[0], on_all_meshes=is_method)
             continue
         proof = judge.attempt(candidates[0], trial)
         attempts.append(proof)
@@ -101,7 +101,7 @@ def prove(
     if not attempts:
         return None
     proof = stated(attempts, goal)
-    if not proof.why and proof.error < LOOSE * goal.tolerance < math.inf:
+    if not proof.why and proof.meets(goal) and goal.tolerance < math.inf:
         proof, runs = cheaper(judge, prediction, proof, runs)
     return replace(proof, search=others(runs, proof))
 
@@ -259,7 +259,8 @@ def cheaper(
         (trial,) = judge.bench.run([candidates[0].choice], timed=True)
         runs = [*runs, trial]
         if not trial.is_ok:
-            break
+            prediction = prediction.without(candidates[0])
+            continue
         tried.append(beside(judge, candidates[0], trial))
         if tried[-1].error <= judge.goal.tolerance and trial.seconds < proof.trial.seconds:
             proof = tried[-1]
@@ -271,16 +272,15 @@ def next_candidates(
 ) -> tuple[list[Candidate], Prediction]:
     """Return the settings to try next, the best first, and the prediction that the latest corrects.
 
-    After a setting whose error is too large, one halfway to it is tried, or another method.
+    After a setting whose error is too large, one halfway to it is tried, or another mesh or method.
     """
     latest = tried[-1]
     assert latest.candidate is not None
-    if latest.error <= goal.tolerance:
-        prediction = corrected(prediction, latest)
-    elif halfway := untried(between(proof, latest), tried):
-        return halfway, corrected(prediction, latest)
-    else:
-        prediction = prediction.without(latest.candidate.rule)
+    prediction = corrected(prediction, latest)
+    if latest.error > goal.tolerance:
+        if halfway := untried(between(proof, latest), tried):
+            return halfway, prediction
+        prediction = prediction.without(latest.candidate)
     return untried(goal.candidates(prediction, CLOSE), tried), prediction
 
 

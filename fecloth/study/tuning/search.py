@@ -34,6 +34,7 @@ EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions a
 TIMES = 3.0  # times the CPU time of the tuned run: what its search may take if this is longer
 RESERVE = 5.0  # s of the search: for what follows the meshes
 DEARER = 6.0  # times the seconds: a run with half of h
+QUICK = 0.2  # s: the seconds of such a run are measured more than once
 SHARE = 0.7  # part of the time left that the next mesh may take
 
 
@@ -134,7 +135,8 @@ def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list
     trials = [coarse]
     if coarse.seconds > COSTLY:
         return trials
-    trials += bench.run([choice for choice in started if choice.mesh != coarse.choice.mesh])
+    others = [choice for choice in started if choice.mesh != coarse.choice.mesh]
+    trials += bench.run(others, timed=coarse.seconds < QUICK)
     if coarse.choice.h is None:
         return trials
     return trials + bench.run(graded_choices(bench.opened, trials))
@@ -152,7 +154,7 @@ def _refine_once(
         if choice in known:
             refined.append(known[choice])
         elif trial.is_ok and (is_own or DEARER * trial.seconds <= COSTLY):
-            refined += bench.run([choice])
+            refined += bench.run([choice], timed=trial.seconds < QUICK)
     return refined
 
 
