@@ -12,6 +12,7 @@ from fecloth.study.status import OK
 MOST_LINES = 8
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 BETTER = 0.98  # times the best error so far: what a line counts as an improvement
+LEAST = 1e-12  # where errors of zero are drawn
 GAP = 0.062  # between two labels, as a fraction of the axes
 Series = dict[str, list[Mapping]]
 
@@ -59,37 +60,46 @@ def draw_chart(chart: Any) -> Figure:
         return drawing
     unit = " %" if all("error %" in row for row in _rows(lines)) else ""
     floor = next(iter(_rows(lines)))[f"uncertainty{unit}"]
-    least = 0.3 * floor if floor > 0 else 1e-12  # where errors of zero are drawn
     ax.set(xscale="log", yscale="log", xlabel="CPU time [s]")
     ax.set_ylabel(f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]")
     ax.set_title(chart.title, loc="left")
-    ax.set_title("wide grey line: Pareto front", loc="right", fontsize=10, color="0.35")
+    key = "wide grey line: Pareto front; open: at most this error"
+    ax.set_title(key, loc="right", fontsize=10, color="0.35")
     for name, letter in grey_letters(chart.table).items():
-        x, y = _points(rest[name], unit, least)
+        x, y = _points(rest[name], unit)
         ax.plot(x, y, ls="", marker=f"${letter}$", ms=7, color="0.55", mew=0.3)
     ends = []
     for i, (name, rows) in enumerate(lines.items()):
         style = line_style(i)
-        ax.plot(*_points(rows, unit, least), **{**style, "ls": "", "ms": 4}, alpha=0.35)
-        x, y = _points(best_rows(rows), unit, least)
-        ax.plot(x, y, **style)
+        _draw_marks(ax, rows, unit, {**style, "ls": "", "ms": 4, "alpha": 0.35})
+        x, y = _draw_marks(ax, best_rows(rows), unit, style)
         ends.append((name, str(style["color"]), x[-1], y[-1]))
-    x, y = _points(sorted(chart.front, key=lambda row: row["seconds"]), unit, least)
+    x, y = _points(sorted(chart.front, key=lambda row: row["seconds"]), unit)
     ax.plot(x, y, color="0.2", lw=9, alpha=0.2, zorder=1, solid_capstyle="round")
-    _set_limits(ax, [*_rows(lines), *_rows(rest)], unit, least)
+    _set_limits(ax, [*_rows(lines), *_rows(rest)], unit)
     _draw_band(ax, floor)
     use_plain_ticks(ax)
     _label_ends(ax, ends)
     return drawing
 
 
+def _draw_marks(ax, rows: Sequence[Mapping], unit: str, style: Mapping) -> tuple[list, list]:
+    """Draw a line with a mark for each row, open where the error is a bound; return all points."""
+    measured = [row for row in rows if row["error"] > row["uncertainty"]]
+    ax.plot(*_points(measured, unit), **style)
+    bounds = [row for row in rows if row not in measured]
+    ax.plot(*_points(bounds, unit), **{**style, "ls": "", "mfc": "white"})
+    return _points(rows, unit)
+
+
 def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
     """Return the front of one series, the cheapest first."""
     better, least = [], math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], row["error"])):
-        if row["error"] < BETTER * least:
+        error = max(row["error"], row["uncertainty"])
+        if error < BETTER * least:
             better.append(row)
-            least = row["error"]
+            least = error
     return better
 
 
@@ -97,13 +107,19 @@ def _rows(series: Series) -> Iterable[Mapping]:
     return (row for rows in series.values() for row in rows)
 
 
-def _points(rows: Iterable[Mapping], unit: str, least: float) -> tuple[list, list]:
+def _points(rows: Iterable[Mapping], unit: str) -> tuple[list, list]:
     rows = list(rows)
-    return [row["seconds"] for row in rows], [max(row[f"error{unit}"], least) for row in rows]
+    return [row["seconds"] for row in rows], [bound_of(row, unit) for row in rows]
 
 
-def _set_limits(ax, rows: Sequence[Mapping], unit: str, least: float) -> None:
-    x, y = _points(rows, unit, least)
+def bound_of(row: Mapping, unit: str = "") -> float:
+    """Return the error of a row; below its uncertainty it is not known, but at most their sum."""
+    error, uncertainty = row[f"error{unit}"], row[f"uncertainty{unit}"]
+    return error if error > uncertainty else error + max(uncertainty, LEAST)
+
+
+def _set_limits(ax, rows: Sequence[Mapping], unit: str) -> None:
+    x, y = _points(rows, unit)
     ax.set_xlim(min(x) / 1.4, max(x) * 1.4)
     ax.set_ylim(min(*y, rows[0][f"uncertainty{unit}"] or math.inf) / 2, max(y) * 1.6)
 

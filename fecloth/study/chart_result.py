@@ -22,6 +22,7 @@ class Chart(StudyResult):
     quantity: str = ""  # text of the quantity
     # The converged limit of the problem: value, uncertainty, order; None if it was not found
     limit: Convergence | None = None
+    others: tuple[str, ...] = ()  # quantities of interest that the chart is not of
     size: float = math.nan  # size of the quantity, in its unit; errors are a percentage of it
 
     @property
@@ -33,6 +34,9 @@ class Chart(StudyResult):
     def notes(self) -> list[str]:
         """Sentences on the limit, the grey points and the settings without an error."""
         lines = []
+        if self.others:
+            names = ", ".join(self.others)
+            lines.append(f"All errors are of {self.quantity}, the first quantity; not of {names}.")
         if self.limit:
             convergence = self.limit
             value = convergence.limit if math.isfinite(convergence.limit) else convergence.value
@@ -108,18 +112,29 @@ def describe_chart(table: Table, limit: Convergence) -> str:
     if "error %" not in rows[0]:
         cheapest = min((row for row in rows if row["on front"]), key=known_error)
         error = f"error {cheapest['error']:.2g} {limit.unit}"
-        return f"{error} {_for_seconds(cheapest)}; the limit is zero"
-    several, parts, said = len({row.get("model") for row in rows}) > 1, [], set()
+        words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
+        return f"{error} {words}; the limit is zero"
+    several, named, last = len({row.get("model") for row in rows}) > 1, {}, []
     for level in LEVELS:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
         if not reached:
-            parts.append(_not_reached(level, rows))
+            last = [_not_reached(level, rows)]
             break
         cheapest = min(reached, key=seconds_of)
-        if id(cheapest) not in said:
-            said.add(id(cheapest))
-            parts.append(f"{cheapest['error %']:.2g} % {_for_seconds(cheapest, several)}")
-    return "; ".join(parts)
+        named.setdefault(id(cheapest), (cheapest, []))[1].append(f"{level:g}")
+    lines = [
+        f"{', '.join(levels)} %: {describe_row(row, several)}, {row['seconds']:.2g} s "
+        f"({_stated_error(row)})"
+        for row, levels in named.values()
+    ]
+    return "\n".join([*lines, *last])
+
+
+def _stated_error(row: Mapping) -> str:
+    """Return the error of a row; below its uncertainty only a bound is known."""
+    if row["error %"] > row["uncertainty %"]:
+        return f"error {row['error %']:.2g} %"
+    return f"error at most {row['error %'] + row['uncertainty %']:.2g} %"
 
 
 def _not_reached(level: float, rows: Iterable[Mapping]) -> str:
@@ -127,10 +142,6 @@ def _not_reached(level: float, rows: Iterable[Mapping]) -> str:
     if known_to >= level:
         return f"the limit is known to {known_to:.2g} % only"
     return f"no setting is proved to reach {level:g} %"
-
-
-def _for_seconds(row: Mapping, several: bool = True) -> str:
-    return f"for {row['seconds']:.2g} s by {describe_row(row, several)}"
 
 
 def describe_row(row: Mapping, with_model: bool = True) -> str:

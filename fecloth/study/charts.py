@@ -113,6 +113,7 @@ def chart(
     run_problems.refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantity(quantity)
+    offered = opened.quantities if quantity is None else ()
     if chosen.how == "mode":
         raise InputError(f"{chosen}", "has no method and no step: take converge", "chart")
     listed = make_settings(opened, methods, elements, models, meshes)
@@ -132,6 +133,7 @@ def chart(
         verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen.text,
+        others=tuple(other.text for other in offered if other.text != chosen.text),
         limit=limit.study,
         size=limit.size,
     )

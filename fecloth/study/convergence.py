@@ -78,6 +78,7 @@ class Convergence(StudyResult):
         right.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=_labelled("value", self.unit))
         left.set(xlabel=f"{size} [{unit}]", ylabel=_labelled("estimated error", self.unit))
         right.ticklabel_format(useOffset=False)
+        right.locator_params(axis="x", nbins=5)
         return drawing
 
     def _draw_errors(self, ax, h: np.ndarray, errors: np.ndarray) -> None:
@@ -104,12 +105,16 @@ def judge(
     values: Sequence[float],
     obstacles: Sequence[str],
     size: float = 0.0,
+    doubt: str = "",
 ) -> tuple[bool, str]:
     """Return whether values converge, and a sentence that says so and why not.
 
     `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by a
-    small part of the `size` of the quantity, without an order, that part is what is known.
+    small part of the `size` of the quantity, without an order, that part is what is known. `doubt`
+    is the warning of the finest run by which its values are no evidence.
     """
+    if doubt:
+        return False, f"not known to converge: the finest run warns of {doubt}"
     theory, order = estimate.theory, estimate.order
     why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""
     if estimate.behaviour == "constant":

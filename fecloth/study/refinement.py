@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from fecloth.simulation.doubts.course import WRINKLES
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.change import Level, make_levels
@@ -97,7 +98,8 @@ def summarise(
     added = sum(UNSAFE * part for part in list(shares.values())[1:])
     uncertainty = estimate.uncertainty + added
     obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
-    converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]))
+    doubt = next((words for words in rows[-1]["warnings"] if WRINKLES in words), "")
+    converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
     answer = describe_value(quantity.text, values[-1], uncertainty, shown["unit"])
     lines = [
         _table_row(row) | {"value": value, "error": abs(difference - estimate.limit)}

@@ -16,11 +16,19 @@ from fecloth.view.templates import render
 
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
+UNCERTAIN = {  # column: column of its error, which says how many of its digits are shown
+    "value": "error",
+    "limit": "uncertainty",
+    "error %": "uncertainty %",
+    "difference of limits": "±",
+}
 
 
 @dataclass(frozen=True)
 class Table(Sequence[Mapping[str, Cell]]):
     """Rows of named cells; numbers are shown to four digits and stored in full.
+
+    A number beside its error is shown with as many digits as the error has.
 
     Examples
     --------
@@ -32,6 +40,10 @@ class Table(Sequence[Mapping[str, Cell]]):
     |---|---|
     | 0.1 | 0.01234 |
     | 0.05 |  |
+    >>> print(Table(({"value": 0.12345678, "error": 1.234e-6},)))
+    | value | error |
+    |---|---|
+    | 0.1234568 | 0.0000012 |
     """
 
     rows: tuple[Mapping[str, Cell], ...]
@@ -52,7 +64,8 @@ class Table(Sequence[Mapping[str, Cell]]):
         return iter(self.rows)
 
     def __str__(self) -> str:
-        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in self.rows])
+        shown = [row | _digits(row) for row in self.rows]
+        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in shown])
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, with all digits."""
@@ -60,8 +73,21 @@ class Table(Sequence[Mapping[str, Cell]]):
 
     def _repr_html_(self) -> str:
         """Return an HTML table."""
-        rows = [[_text(row.get(name)) for name in self.columns] for row in self.rows]
+        shown = [row | _digits(row) for row in self.rows]
+        rows = [[_text(row.get(name)) for name in self.columns] for row in shown]
         return render("table.html", {"head": map(_head, self.columns), "rows": rows})
+
+
+def _digits(row: Mapping[str, Cell]) -> dict[str, str]:
+    """Return the cells of numbers and their errors, with as many digits as the errors have."""
+    cells = {}
+    for column, value in row.items():
+        name, bracket, unit = column.partition(" [")
+        beside = f"{UNCERTAIN.get(name, '')}{bracket}{unit}"
+        error = row.get(beside)
+        if isinstance(value, float) and isinstance(error, float) and error > 0:
+            cells[column], cells[beside] = with_uncertainty(value, error).split(" ± ")
+    return cells
 
 
 def _head(column: str) -> str:

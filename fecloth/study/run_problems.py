@@ -9,6 +9,7 @@ from typing import Any
 
 from fecloth import validation
 from fecloth.errors import InputError
+from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
@@ -95,8 +96,8 @@ def print_warnings(opened: Problem) -> tuple[str, ...]:
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
     """Return a row for each point, with its `point`.
 
-    A function that other processes cannot import, and a function as quantity, run in this process
-    and are not stored.
+    A run that warns not to trust its motion has failed: it is no evidence. A function that other
+    processes cannot import, and a function as quantity, run in this process and are not stored.
     """
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
@@ -117,7 +118,14 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     else:
         cases = [point.refined.case() | asked | _timing(point, runs) for point in points]
         rows = run_stored(points, cases, first.runner, runs)
-    return [{**row, "point": point} for row, point in zip(rows, points, strict=True)]
+    return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
+
+
+def judged(row: Mapping) -> dict:
+    """Return a row, as failed if its run warns not to trust its motion."""
+    doubts = (words for words in row.get("warnings", ()) if DISTRUST in words)
+    cause = next(doubts, "") if row["status"] == status.OK else ""
+    return {**row, **status.failure(status.FAILED, cause)} if cause else {**row}
 
 
 def _timing(point: Point, runs: Runs) -> dict:

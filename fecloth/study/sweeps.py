@@ -10,19 +10,14 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems
-from fecloth.study.change import FIRST, describe_values
+from fecloth.study.change import FIRST, Change, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
+from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
-from fecloth.study.variants import (
-    combine,
-    make_variants,
-    read_ranges,
-    size_of,
-    with_first_values,
-)
+from fecloth.study.variants import combine, read_ranges, size_of, with_first_values
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,8 +76,8 @@ def sweep(
     Raises
     ------
     InputError
-        For a key, a value or a quantity that the problem refuses, before any run. A value that
-        only the mesh or the function refuses gives a row with the status "refused".
+        For a quantity or a key that the problem refuses, or if it refuses every value. One value
+        of several that is refused gives a row with the status "refused" and the reason.
 
     Examples
     --------
@@ -104,13 +99,10 @@ def sweep(
     run_problems.refuse_huge(opened, runs)
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
-    variants = zip(combinations, make_variants(opened, combinations), strict=True)
-    points = [
-        run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
-        for values, variant in variants
-    ]
-    run_problems.check_points(points, runs)
-    rows = run_problems.run_points(points, chosen, runs)
+    listed = [_point(opened, values) for values in combinations]
+    if points := [item for item in listed if isinstance(item, run_problems.Point)]:
+        run_problems.check_points(points, runs)
+    rows = run_problems.run_or_skip(listed, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
     lines = [_line(*pair, chosen) for pair in zip(combinations, rows, strict=True)]
@@ -125,6 +117,15 @@ def sweep(
         quantities=tuple(quantity.text for quantity in chosen),
         units=tuple(quantity.unit(names) for quantity in chosen),
     )
+
+
+def _point(opened: Problem, values: dict) -> run_problems.Point | dict:
+    """Return what runs for some values; a row with the reason if the problem refuses them."""
+    try:
+        variant = opened.changed(Change.of(values)) if values else opened
+        return run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
+    except InputError as error:
+        return failure(REFUSED, error)
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

@@ -3,6 +3,7 @@
 import io
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.study.chart_figure import MOST_LINES, grey_letters, split_series, spread
+from fecloth.study.chart_figure import MOST_LINES, bound_of, grey_letters, split_series, spread
 from fecloth.study.chart_result import Chart, describe_chart, find_front
 from fecloth.study.convergence import Convergence
 from fecloth.study.result import Table
@@ -80,11 +81,34 @@ def test_the_verdict_names_the_cheapest_setting_of_each_level():
     ]
     limit = made_up_chart().limit
     assert describe_chart(Table(tuple(rows)), limit) == (
-        "5 % for 0.1 s by BDF2 with P1, h = 1 cm, dt = 5 ms; 0.3 % for 0.8 s by BDF2 with P1, "
-        "h = 1 cm, dt = 5 ms; no setting is proved to reach 0.1 %"
+        "10 %: BDF2 with P1, h = 1 cm, dt = 5 ms, 0.1 s (error 5 %)\n"
+        "1 %: BDF2 with P1, h = 1 cm, dt = 5 ms, 0.8 s (error 0.3 %)\n"
+        "no setting is proved to reach 0.1 %"
+    )
+    exact = [row | {"seconds": 0.05, "error": 5e-5, "error %": 0.005}, *rows]
+    assert describe_chart(Table(tuple(exact)), limit).splitlines()[0] == (
+        "10, 1, 0.1 %: BDF2 with P1, h = 1 cm, dt = 5 ms, 0.05 s (error at most 0.015 %)"
     )
     vague = [one | {"uncertainty %": 0.2} for one in rows]
     assert describe_chart(Table(tuple(vague)), limit).endswith("is known to 0.2 % only")
+
+
+@pytest.mark.parametrize(("error", "drawn"), [(0.8, 1.8), (1.25, 1.25), (0.0, 1.0)])
+def test_an_error_below_its_uncertainty_is_drawn_as_an_open_mark_at_its_bound(error, drawn):
+    row = made_up_rows()[0] | {"error": error, "uncertainty": 1.0, "on front": True}
+    row |= {"error %": error, "uncertainty %": 1.0}
+    assert bound_of(row) == pytest.approx(drawn)
+    axes = Chart("t", "…", Table((row,)), "x", made_up_chart().limit, size=1.0).figure().axes[0]
+    open_marks = [
+        line for line in axes.lines if line.get_mfc() == "white" and len(line.get_xdata())
+    ]
+    assert len(open_marks) == 2 * (error < 1.0)  # the mark of each setting and of the best ones
+    assert all(line.get_ydata() == pytest.approx([drawn]) for line in open_marks)
+
+
+def test_the_chart_says_of_which_quantity_its_errors_are():
+    chart = replace(made_up_chart(), others=("y", "z"))
+    assert chart.notes()[0] == "All errors are of x, the first quantity; not of y, z."
 
 
 def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
@@ -113,7 +137,7 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
     tolerances = {row["rtol"] for row in found.table if row["method"] == "Auto"}
     assert tolerances == {0.1, 0.01, 0.001}
     assert all(row["seconds"] > 0 for row in found.table if row["status"] == "ok")
-    assert "% for" in found.verdict
+    assert found.verdict.startswith("10")
 
 
 def test_too_long_cases_are_rows(scene):

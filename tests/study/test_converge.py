@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
+from fecloth.simulation.doubts.course import WRINKLES
+from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import parse_quantity
+from fecloth.study import run_problems
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.problem import find_obstacles, is_round, space_order
 from fecloth.study.problems import open_problem
-from fecloth.study.result import with_uncertainty
+from fecloth.study.result import Table, with_uncertainty
 from fecloth.study.setups import Setup, setup_of_function
 from fecloth.study.uncertainty import estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
@@ -66,6 +70,7 @@ def test_the_tip_of_a_hanging_strip_is_covered(element, levels):
     assert len(found.table) == levels
 
 
+@pytest.mark.filterwarnings("ignore:the equilibrium is unstable")
 def test_a_field_converges_with_its_order_and_its_uncertainty_covers_the_error():
     found = fc.study.converge(strip, "displacement in H1", h=0.25, levels=4)
     assert found.order == pytest.approx(1, abs=0.15)
@@ -213,6 +218,35 @@ def test_levels_that_fail_are_named():
     assert not found.converges
 
 
+@pytest.mark.parametrize(
+    ("words", "verdict"),
+    [
+        (DISTRUST, "not known: 3 of 3 levels failed; the first: step 3: do not trust"),
+        (WRINKLES, "not known to converge: the finest run warns of step 3: wrinkles as fine"),
+        ("the air is still", "no order to be seen"),
+    ],
+)
+def test_runs_that_warn_of_themselves_are_no_evidence(words, verdict, monkeypatch):
+    def warned(point, **asked):
+        return run_problems.measure(point.refined.setup(), **asked) | {"warnings": [said]}
+
+    def local(h, mass=0.2):
+        cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+        terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+        system = fc.System(cloth, fc.Fabric(mass, 40.0), terms, pins=["left"])
+        return cloth, system, None, system.rest()
+
+    said = f"step 3: {words}"
+    monkeypatch.setattr(run_problems, "_measure", warned)
+    found = fc.study.converge(local, "tip.x", h=0.25, levels=3, probes=TIP)
+    assert found.verdict.startswith(verdict)
+    assert (found.estimate is None) == (words == DISTRUST)
+    compared = fc.study.compare(local, "mass=0.2,0.1", "tip.x", h=0.25, probes=TIP)
+    assert (compared.table["status"] == ["ok", "ok"]) == (words != DISTRUST)
+    notes = [words for words in compared.notes() if "not known to converge" in words]
+    assert len(notes) == 2 * (words == WRINKLES)
+
+
 def test_slow_changes_are_called_so_only_with_a_reason():
     h, values = [0.8, 0.4, 0.2, 0.1], [1.0, 1.1, 1.199, 1.297]
     estimate = estimate_uncertainty(h, values, 2.0)
@@ -326,6 +360,25 @@ def test_report_figure_and_words(tmp_path):
     assert "\n" not in repr(found)
     assert "<table>" in found._repr_html_()
     assert isinstance(found, Convergence)
+
+
+@pytest.mark.parametrize(
+    ("finest", "ratio"), [(1e-4, 1.3), (1.7e-3, 1.3), (1.7e-3, 3.0), (0.012, 4.5), (0.01, 2.0)]
+)
+def test_tick_labels_do_not_run_into_each_other(finest, ratio):
+    rows = [
+        {"h": finest * ratio**k, "value": 1.04 + 1e-7 * ratio**k, "error": 1e-7 * ratio**k}
+        for k in (2, 1, 0)
+    ]
+    found = Convergence("a", "", Table(tuple(rows)), "x", "m", uncertainty=1e-7)
+    drawing = found.figure()
+    drawing.draw_without_rendering()
+    for ax in drawing.axes:
+        low, high = sorted(ax.get_xlim())
+        shown = [tick for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+        boxes = [tick.label1.get_window_extent() for tick in shown]
+        ends = sorted((box.x0, box.x1) for box in boxes)
+        assert all(end < begin for (_, end), (begin, _) in pairwise(ends))
 
 
 def test_rounded_values():

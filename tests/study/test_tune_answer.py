@@ -10,11 +10,10 @@ from support.power_laws import PowerLaws, known_run, predict, trial
 from fecloth.errors import InputError
 from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import parse_quantity
-from fecloth.study import status
-from fecloth.study.run_problems import Runs
+from fecloth.study import run_problems, status
 from fecloth.study.tuning import choices, time_errors
 from fecloth.study.tuning.answer import Yardstick, answer, choose_yardstick
-from fecloth.study.tuning.choices import Bench, Choice
+from fecloth.study.tuning.choices import Choice
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.result import summarise
 from fecloth.study.tuning.search import Goal
@@ -111,9 +110,9 @@ def test_the_yardstick_is_the_run_of_which_less_is_left():
 @pytest.mark.parametrize(("words", "is_ok"), [(DISTRUST, False), ("a wrinkle", True)])
 def test_a_run_that_warns_of_itself_is_no_evidence(words, is_ok):
     row = {"status": "ok", "cause": "", "warnings": [f"step 3: {words}; take a smaller dt"]}
-    made = Bench(None, (), Runs())._trial(Choice(), row)
-    assert made.is_ok == is_ok
-    assert (DISTRUST in made.row["cause"]) != is_ok
+    judged = run_problems.judged(row)
+    assert (judged["status"] == "ok") == is_ok
+    assert (DISTRUST in judged["cause"]) != is_ok
 
 
 def test_runs_without_a_period_end_at_the_steps_of_the_problem(monkeypatch):
@@ -194,5 +193,5 @@ def test_the_seconds_of_a_search_have_its_set_up():
     assert bench.spent([run]) == pytest.approx(5.0, abs=1.0)
     late = replace(bench, begin=bench.begin - 8.0)
     assert late.spent([run]) == pytest.approx(8.0, abs=1.0)
-    in_processes = replace(late, runs=Runs(jobs=2))
+    in_processes = replace(late, runs=run_problems.Runs(jobs=2))
     assert in_processes.spent([run]) == pytest.approx(13.0, abs=1.0)

@@ -21,6 +21,7 @@ from fecloth.terms.traits import has_kind, traits_of
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 RESOLVED = 4.0  # fewest edges per wrinkle
+WRINKLES = "wrinkles as fine as the mesh"  # what such a warning says; studies look for it
 COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
 ROUGH = 0.6  # part of the angles between triangles; where less is rough, the mesh resolves them
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
@@ -170,7 +171,7 @@ def wrinkle_warning(system: System, compressed: float, rough: float) -> str:
     if not (compressed > COMPRESSED and rough > ROUGH) or taut_only:
         return ""
     where = (
-        f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, and "
+        f"{WRINKLES}: {100 * compressed:.0f} % of the cloth is compressed, and "
         "its triangles decide how it folds"
     )
     if not has_kind(system.terms, "bending"):

@@ -14,7 +14,6 @@ from fecloth.errors import InputError, amount
 from fecloth.integrators import EXPLICIT, studied_by
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.change import FIRST, Change, Level
@@ -22,7 +21,7 @@ from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_names, known_
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
 from fecloth.study.setups import table_of_grading
-from fecloth.study.status import FAILED, NO_VALUE, OK, REFUSED, failure
+from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 
 SEARCH, COSTLY = 60.0, 6.0  # CPU time [s] of a search, and of a run that it can do without
@@ -259,9 +258,6 @@ class Bench:
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
         if row["status"] != OK:
             return Trial(choice, row)
-        for words in row["warnings"]:
-            if DISTRUST in words:  # a run that says so is no evidence
-                return Trial(choice, {**row, **failure(FAILED, words)})
         try:
             records = tuple(record_at(row, quantity) for quantity in self.quantities)
             for quantity, record in zip(self.quantities, records, strict=True):
@@ -323,4 +319,5 @@ def spent(trials: Sequence[Trial]) -> float:
 
 def each_once(trials: Sequence[Trial]) -> list[Trial]:
     """Return the trials without copies: a run that comes again from the store has its seconds."""
-    return list({(run.choice, run.row.get("cpu_seconds")): run for run in trials}.values())
+    seen = {(r.choice, bool(r.records), r.row.get("cpu_seconds")): r for r in trials}
+    return list(seen.values())
