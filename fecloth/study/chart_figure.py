@@ -4,16 +4,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from fecloth.study.figures import Figure, line_style, new_figure, use_plain_ticks
+from fecloth.study.figures import Figure, label_ends, line_style, new_figure, use_plain_ticks
 from fecloth.study.status import OK
 
 MOST_LINES = 8
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 BETTER = 0.98  # times the best error so far: what a line counts as an improvement
 LEAST = 1e-12  # where errors of zero are drawn
-GAP = 0.062  # between two labels, as a fraction of the axes
 Series = dict[str, list[Mapping]]
 
 
@@ -79,7 +76,7 @@ def draw_chart(chart: Any) -> Figure:
     _set_limits(ax, [*_rows(lines), *_rows(rest)], unit)
     _draw_band(ax, floor)
     use_plain_ticks(ax)
-    _label_ends(ax, ends)
+    label_ends(ax, ends)
     return drawing
 
 
@@ -131,36 +128,3 @@ def _draw_band(ax, floor: float) -> None:
     ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
     text = "below: within the uncertainty of the limit"
     ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")
-
-
-def _label_ends(ax, ends: Sequence[tuple]) -> None:
-    """Label the lines in the right margin, apart from each other, each with a leader."""
-    to_axes = ax.transAxes.inverted().transform
-    heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
-    for (name, colour, x, y), height in zip(ends, spread(heights, GAP), strict=True):
-        arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
-        ax.annotate(
-            name,
-            (x, y),
-            (1.02, height),
-            textcoords="axes fraction",
-            va="center",
-            color=colour,
-            fontsize=10,
-            arrowprops=arrow,
-            annotation_clip=False,
-        )
-
-
-def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given."""
-    order = np.argsort(heights, kind="stable")
-    y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
-    for i in range(1, len(y)):  # from below
-        y[i] = max(y[i], y[i - 1] + gap)
-    y[-1] = min(y[-1], 1.0)
-    for i in range(len(y) - 1, 0, -1):  # and from above
-        y[i - 1] = min(y[i - 1], y[i] - gap)
-    spread = np.empty_like(y)
-    spread[order] = y
-    return spread.tolist()

@@ -1,14 +1,14 @@
 """The result of `compare`: differences between variants beside the error of each."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from fecloth.study.convergence import Convergence
-from fecloth.study.figures import line_style, new_figure
+from fecloth.study.figures import label_ends, line_style, new_figure
 from fecloth.study.overlay import Overlay
 from fecloth.study.result import StudyResult, with_uncertainty
 
@@ -72,7 +72,7 @@ class Comparison(StudyResult):
         _, size, unit, _ = REFINED[self.refine]
         drawing, ax = new_figure(size=(8.0, 5.0))
         drawing.suptitle(f"{self.title}: {self.quantity}")
-        ends = {}
+        ends = []
         for i, (name, study) in enumerate(self.studies.items()):
             h = np.array(study.table[size], dtype=float)
             values = np.array(study.table["value"], dtype=float)
@@ -81,43 +81,15 @@ class Comparison(StudyResult):
             ax.axhspan(*around, color=style["color"], alpha=0.15, lw=0)
             ax.plot([0, h[-1]], [limit, values[-1]], ":", color=style["color"])
             ax.plot(h, values, **style)
-            ends[name] = h[0], values[0], style["color"]
+            ends.append((name, style["color"], h[0], values[0]))
         label = f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
         ax.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=label)
         ax.ticklabel_format(useOffset=False)
-        _label_lines(ax, ends)
+        if ends:
+            label_ends(ax, ends)
+        else:
+            ax.text(0.5, 0.5, "no variant has a value", ha="center", transform=ax.transAxes)
         return drawing
-
-
-def _label_lines(ax, ends: Mapping[str, tuple]) -> None:
-    """Write the names beside the ends of the lines, far enough apart to be read."""
-    low, high = ax.get_ylim()
-    right = ax.get_xlim()[1]
-    if not ends:
-        ax.text(0.5, 0.5, "no variant has a value", ha="center", transform=ax.transAxes)
-        return
-    names = sorted(ends, key=lambda name: ends[name][1])
-    heights = _apart([ends[name][1] for name in names], 0.055 * (high - low))
-    for name, height in zip(names, heights, strict=True):
-        x, y, colour = ends[name]
-        leader = {"arrowstyle": "-", "color": colour, "lw": 0.6, "relpos": (0, 0.5)}
-        ax.annotate(
-            name,
-            (x, y),
-            (1.02 * right, height),
-            color=colour,
-            va="center",
-            annotation_clip=False,
-            arrowprops=leader,
-        )
-
-
-def _apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Return rising heights, moved as little as upward moves allow to be `gap` apart."""
-    moved: list[float] = []
-    for height in heights:
-        moved.append(max(height, moved[-1] + gap) if moved else height)
-    return moved
 
 
 def best_value(study: Convergence) -> float:

@@ -20,6 +20,7 @@ Figure: TypeAlias = "matplotlib.figure.Figure"  # as text: the package may be mi
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
+GAP = 0.062  # between two labels, as a fraction of the axes
 STYLE: dict[Any, Any] = {
     "figure.dpi": 100,
     "savefig.dpi": 160,
@@ -195,3 +196,36 @@ def draw_slope_triangle(
         f"{order:g}", (corners[1, 0], middle), (4, 0), textcoords="offset points", va="center"
     )
     ax.set(xlim=limits[0], ylim=limits[1])
+
+
+def label_ends(ax, ends: Sequence[tuple]) -> None:
+    """Label the lines in the right margin, apart from each other, each with a leader."""
+    to_axes = ax.transAxes.inverted().transform
+    heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
+    for (name, colour, x, y), height in zip(ends, spread(heights, GAP), strict=True):
+        arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
+        ax.annotate(
+            name,
+            (x, y),
+            (1.02, height),
+            textcoords="axes fraction",
+            va="center",
+            color=colour,
+            fontsize=10,
+            arrowprops=arrow,
+            annotation_clip=False,
+        )
+
+
+def spread(heights: Sequence[float], gap: float) -> list[float]:
+    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given."""
+    order = np.argsort(heights, kind="stable")
+    y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
+    for i in range(1, len(y)):  # from below
+        y[i] = max(y[i], y[i - 1] + gap)
+    y[-1] = min(y[-1], 1.0)
+    for i in range(len(y) - 1, 0, -1):  # and from above
+        y[i - 1] = min(y[i - 1], y[i] - gap)
+    spread = np.empty_like(y)
+    spread[order] = y
+    return spread.tolist()

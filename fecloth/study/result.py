@@ -40,10 +40,6 @@ class Table(Sequence[Mapping[str, Cell]]):
     |---|---|
     | 0.1 | 0.01234 |
     | 0.05 |  |
-    >>> print(Table(({"value": 0.12345678, "error": 1.234e-6},)))
-    | value | error |
-    |---|---|
-    | 0.1234568 | 0.0000012 |
     """
 
     rows: tuple[Mapping[str, Cell], ...]
