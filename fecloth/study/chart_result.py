@@ -114,7 +114,8 @@ def describe_chart(table: Table, limit: Convergence) -> str:
         error = f"error {cheapest['error']:.2g} {limit.unit}"
         words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
         return f"{error} {words}; the limit is zero"
-    several, named, last = len({row.get("model") for row in rows}) > 1, {}, []
+    several, last = len({row.get("model") for row in rows}) > 1, list[str]()
+    named: dict[int, tuple[Any, list[str]]] = {}
     for level in LEVELS:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
         if not reached:

@@ -60,7 +60,7 @@ class Table(Sequence[Mapping[str, Cell]]):
         return iter(self.rows)
 
     def __str__(self) -> str:
-        shown = [row | _digits(row) for row in self.rows]
+        shown = [{**row, **_digits(row)} for row in self.rows]
         return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in shown])
 
     def to_csv(self, path: str | Path) -> None:
@@ -69,7 +69,7 @@ class Table(Sequence[Mapping[str, Cell]]):
 
     def _repr_html_(self) -> str:
         """Return an HTML table."""
-        shown = [row | _digits(row) for row in self.rows]
+        shown = [{**row, **_digits(row)} for row in self.rows]
         rows = [[_text(row.get(name)) for name in self.columns] for row in shown]
         return render("table.html", {"head": map(_head, self.columns), "rows": rows})
 
