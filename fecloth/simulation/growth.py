@@ -11,6 +11,7 @@ from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Problem, StepInfo, step_failed
+from fecloth.simulation.stability_limited import remedy_for_growth
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
@@ -43,7 +44,7 @@ class Growth(Account):
         if self.excess and after.excess:
             noise = _noise(run.system, info, others[Ledger].kinetic)
             if min(self.kinetic, after.kinetic) > noise:
-                problem = Problem(after.excess)
+                problem = Problem(after.excess, remedy=remedy_for_growth(run.method))
                 raise step_failed(run.system, info.old, info.step, info.dt, problem)
         return after
 

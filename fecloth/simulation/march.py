@@ -24,6 +24,7 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import choose_steps, resolve
+from fecloth.simulation.stability_limited import remedy_for_growth
 from fecloth.simulation.step_history import StepHistory, needs_history
 from fecloth.simulation.step_times import EARLIER, coarse_clock, targets_after
 from fecloth.system.arguments import check_system
@@ -188,6 +189,7 @@ def march(
         if new.t < target and (words := coarse_clock(new.t, taken)):
             raise step_failed(system, good, number, taken, Problem(words, remedy=EARLIER))
         if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
+            problem = replace(problem, remedy=remedy_for_growth(steps))
             raise step_failed(system, good, number, taken, problem)
         good = new if number % check_every == 0 else good
         if is_informed:

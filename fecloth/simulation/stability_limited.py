@@ -21,6 +21,10 @@ FRACTION = 0.9  # of the limit
 UPDATE_STEPS = 500  # after this number the limit is computed again, at less than 10 % of their cost
 LOOK = 4  # steps between two checks of the stretches
 BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
+COLLAPSED = (
+    "Its steps are at the stability limit, which fell faster than they follow, as where a cloth "
+    "collapses: take an implicit method, or a term that prevents the collapse."
+)
 LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
 
 
@@ -114,6 +118,11 @@ class StabilityLimited(ChosenSteps):
         return LimitMemory(
             dt, 0, min(least, last.least), max(largest, last.largest), last.method_memory
         )
+
+
+def remedy_for_growth(steps: object) -> str:
+    """Return what to do where a method with these steps has made energy."""
+    return COLLAPSED if isinstance(steps, StabilityLimited) else "Take a smaller dt."
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:

@@ -222,3 +222,19 @@ def test_a_state_of_no_finite_stiffness_is_an_error_that_names_the_term():
             fc.stability.estimate(system, system.rest(), method)
         with pytest.raises(SolveFailed, match="the stable step cannot be computed"):
             fc.critical_dt(system, system.rest(), method)
+
+
+@pytest.mark.parametrize(
+    ("dt", "remedy"),
+    [(None, "take an implicit method"), (0.0012, "Take a smaller dt")],
+    ids=["own steps", "given steps"],
+)
+def test_where_no_step_follows_a_collapse_the_remedy_is_another_method(dt, remedy):
+    """A force draws a stiff plate into a point, in whose folds the limit falls without an end."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1)
+    draw = fc.UserForce(("-400*(x-0.5)", "-400*(y-0.5)", "-400*z"))
+    fabric = fc.Fabric(0.2, 500.0, 0.2, bending_rigidity=1e-3)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), draw])
+    start = system.state(np.column_stack([cloth.X, 0.01 * np.sin(9 * cloth.X[:, 0])]))
+    with pytest.raises(fc.StepFailed, match=remedy):
+        fc.run(system, fc.CentralDifference(), start, dt, 0.3)
