@@ -1,6 +1,7 @@
 """The gap of contact is a part of the error that `converge` states, beside mesh and time step."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,10 @@ from scipy.optimize import brentq
 import fecloth as fc
 from fecloth import study
 from fecloth.study.change import Level
+from fecloth.study.opened import open_study
 from fecloth.study.problems import open_problem
+from fecloth.study.tuning.choices import Bench, Choice
+from fecloth.study.tuning.tune import narrow_gaps
 
 KAPPA, GAP, DENSITY = 200.0, 4e-3, 0.2
 SCENE = f"""
@@ -101,3 +105,34 @@ def test_a_problem_without_contact_has_no_share_of_a_gap():
 
     assert not open_problem(hang, h=0.1).has_contact
     assert open_problem(lay, h=0.1).has_contact
+
+
+@pytest.mark.parametrize("by", [1.0, 8.0, 20.0, 32.0])
+def test_tune_divides_the_gaps_until_a_quarter_of_the_tolerance_is_left(by):
+    """The height is all error, relative to the displacement from 0.9 gaps in the finer run."""
+    part = height(GAP) / GAP
+    whole = part / abs(part / 2 - 0.9)
+    tolerance = whole / (0.25 * by) * {1.0: 1.25, 32.0: 0.8}.get(by, 1.0)
+    probes = [fc.Probe("corner", point=(0.0, 0.0))]
+    opened = open_study(lay, {"h": 0.1, "probes": probes, "cache": None})
+    quantities = opened.problem.choose_quantities("corner.z")
+    bench = Bench(opened.problem, quantities, opened.runs())
+    narrow, error, words, runs = narrow_gaps(bench, Choice(h=0.1), tolerance)
+    assert error.max() == pytest.approx(whole / by, rel=1e-3)
+    assert narrow.opened.first.system.terms[-1].gap == pytest.approx(GAP / by, rel=1e-3)
+    assert words == ([f"gaps / {by:g}"] if by > 1 else [])
+    assert len(runs) == 2
+
+
+def test_an_error_of_gaps_that_is_not_known_proves_nothing(monkeypatch):
+    bench = Bench(open_problem(lay, h=0.1), (), None)
+    monkeypatch.setattr(Bench, "run", lambda self, choices: [Failed()])
+    _, error, words, _ = narrow_gaps(replace(bench, quantities=(1,)), Choice(h=0.1), 0.01)
+    assert math.isinf(error[0])
+    assert not words
+
+
+class Failed:
+    """A run that failed."""
+
+    is_ok = False

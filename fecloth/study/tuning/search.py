@@ -229,8 +229,10 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal) -> str:
         return f"no setting is predicted to take less than {goal.budget:g} s"
     allowed = MARGIN * goal.tolerance
     if prediction.other > allowed:
+        if not math.isfinite(prediction.other):
+            return "the error of the gaps of contact is not known: a run with half of them failed"
         left = in_percent(prediction.other)
-        return f"the tolerance of the solver and changed terms alone make an error of {left}"
+        return f"the solver's tolerance, changed terms and gaps alone make an error of {left}"
     mesh = space.most_accurate
     error = mesh.errors.y[-1]
     if error.max() <= allowed:

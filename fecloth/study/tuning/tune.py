@@ -14,6 +14,7 @@ from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
+from fecloth.study.change import Level
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import SceneProblem
 from fecloth.study.result import read_tolerance
@@ -46,6 +47,8 @@ METHODS_TIME = 30.0  # s, CPU time for the runs of all methods
 REPEATED = 3  # times that steps are halved because meshes disagree, at most
 STEPS = 128  # of the runs that compare terms
 SHARE = 0.25  # of the tolerance, for the terms that are left out or replaced
+GAPS = 0.25  # of the tolerance, for the gaps of contact
+NARROWEST = 32.0  # by so much gaps are divided at most
 SAVES = 0.97  # times the seconds: what a change must at most cost to be worth it
 SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
 
@@ -71,7 +74,8 @@ def tune(
     where they should save 40 % of the triangles. The cheapest setting that should meet the
     tolerance is run. Its error is that by which it differs from a finer run, the best one so far or
     one that is finer in what contributes most, plus the error of that, by its order (grid
-    convergence index). Cheaper settings are then tried beside it.
+    convergence index). Cheaper settings are then tried beside it. With contact the gaps are divided
+    until their error, of first order, takes at most a quarter of the tolerance.
 
     Parameters
     ----------
@@ -135,6 +139,10 @@ def tune(
     if model:
         _say("terms: what they change on a coarse mesh")
         bench, other["model"], dropped, of_terms = _reduce(bench, meshes[0], goal)
+    if opened.has_contact:
+        _say("gaps of contact: what halving them changes on a coarse mesh")
+        bench, other["gap"], changed, of_gaps = narrow_gaps(bench, meshes[0], goal.scale)
+        dropped, of_terms = [*dropped, *changed], [*of_terms, *of_gaps]
     _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], names, goal.scale, METHODS_TIME)
     coarse = shared_run(bench, times, goal.scale)
@@ -218,9 +226,12 @@ def _reduce(bench: Bench, mesh: Choice, goal: Goal) -> tuple:
     if not isinstance(bench.opened, SceneProblem):
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-    is_static = bench.opened.span is None
-    choice = mesh if is_static else replace(mesh, method="bdf2", steps=STEPS)
-    return drop_terms(bench, choice, goal.scale)
+    return drop_terms(bench, _coarse_choice(bench, mesh), goal.scale)
+
+
+def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
+    """Return the setting on a coarse mesh in which models are compared."""
+    return mesh if bench.opened.span is None else replace(mesh, method="bdf2", steps=STEPS)
 
 
 def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
@@ -229,6 +240,30 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
         return None
     (trial,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
     return trial if trial.is_ok else None
+
+
+# --- the gaps of contact --------------------------------------------------------------------------
+
+
+def narrow_gaps(
+    bench: Bench, mesh: Choice, tolerance: float
+) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
+    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,).
+
+    The error is of first order in the gap: halving the gaps shows half of it. Return also the
+    change in words, and the runs. Where a run fails the error is not known, and infinite.
+    """
+    choice, opened = _coarse_choice(bench, mesh), bench.opened
+    halved = replace(bench, opened=opened.refined(Level(sharper=None, gap=2.0)))
+    runs = [*bench.run([choice]), *halved.run([choice])]
+    if not all(run.is_ok for run in runs):
+        return bench, np.full(len(bench.quantities), math.inf), [], runs
+    error = 2 * bench.distance(runs[1], runs[0])
+    by = min(max(1.0, float(error.max()) / (GAPS * tolerance)), NARROWEST)
+    if by == 1:
+        return bench, error, [], runs
+    narrow = replace(bench, opened=opened.refined(Level(sharper=None, gap=by)))
+    return narrow, error / by, [f"gaps / {by:.3g}"], runs
 
 
 # --- terms that a scene does not need -------------------------------------------------------------
