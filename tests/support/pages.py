@@ -95,8 +95,9 @@ def sections(page: str) -> list[Section]:
 
 
 def anchors(page: str) -> set[str]:
-    """The names of a page's headings in links."""
-    titles = re.findall(r"^#+ (.*)$", FENCE.sub("", read(page)), re.MULTILINE)
+    """The names of a page's headings in links, also of its generated part."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    titles = re.findall(r"^#+ (.*)$", FENCE.sub("", text), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", title.lower()).strip().replace(" ", "-") for title in titles}
 
 
