@@ -70,7 +70,11 @@ class LinearlyImplicitEuler:
     """
 
     traits = replace(
-        BackwardEuler.traits, has_difference=False, gains=True, studied=("stability", "tune")
+        BackwardEuler.traits,
+        has_difference=False,
+        gains=True,
+        solves=False,
+        studied=("stability", "tune"),
     )
 
     def open(

@@ -67,6 +67,8 @@ class MethodTraits:
         at all; 1 keeps them, 0 takes them away at once. Explicit methods have none.
     gains
         Whether such waves may gain energy in large motions.
+    solves
+        Whether a step solves its equation. The error of a linearisation is in no estimate.
     studied
         The studies that run the method if they are not told which: "chart", "stability", "tune".
 
@@ -94,6 +96,7 @@ class MethodTraits:
     has_difference: bool = False
     at_infinity: float = 1.0
     gains: bool = False
+    solves: bool = True
     studied: tuple[str, ...] = ()
 
     def __new__(cls, *values: object, **named: object) -> Self:

@@ -15,7 +15,8 @@ from fecloth.terms.records import remembered
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
 DISTRUST = "do not trust this motion"  # what such a warning says; studies look for it
-LASTING = 10  # steps after which a balance that stays off is reported
+LASTING = 10  # steps in a row that a balance must be off, before the end
+FAR = 0.5  # of the energy of the motion: a remainder that no estimate of the error excuses
 UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
 SLIGHT = 1e-3  # of the kinetic energy, or 3 % of the speed
 
@@ -46,7 +47,8 @@ class Balance(Account):
     kinetic: float = 0.0
     last_kinetic: float = 0.0
     kinetic_before: float = 0.0
-    lasting: int = LASTING  # number of steps in a row that cause a warning
+    doubt: str = ""  # a sentence if the balance was off
+    is_far: bool = False  # whether it was off by more than FAR
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> Balance:
@@ -90,11 +92,26 @@ class Balance(Account):
             return new.changed(off=0, least=math.inf) if new.off else new
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
             return new.changed(off=1, least=remainder)
-        return new.changed(off=self.off + 1, least=min(self.least, remainder))
+        new = new.changed(off=self.off + 1, least=min(self.least, remainder))
+        return new._doubted(new.least) if new.off >= LASTING else new
 
     def finish(self, run: Run, end: End, others: Accounts) -> Balance:
-        """At the end of a run one step whose balance is off is enough for a warning."""
-        return self.changed(lasting=1)
+        """At the end of a run one step whose balance is off is enough for a doubt."""
+        return self._doubted(abs(self.remainder)) if self.off else self
+
+    def _doubted(self, off: float) -> Balance:
+        """Return it with its doubt, where it is off by so much [J].
+
+        A balance must be off for ten steps in a row, all by more than is trusted at the last of
+        them: a load that sets in has moved little in its first steps.
+        """
+        is_far = self.is_far or off > FAR * max(self.scale, self.kinetic)
+        words = (
+            f"step {self.steps}, at t = {self.t:g} s: the energy balance is off by "
+            f"{self.remainder:.3g} J, where the energy of deformation was {self.scale:.3g} J at "
+            f"most: {DISTRUST}; take a smaller dt"
+        )
+        return self.changed(doubt=self.doubt or words, is_far=is_far)
 
     @property
     def scale(self) -> float:
@@ -128,17 +145,3 @@ class Balance(Account):
     def row(self) -> dict[str, float]:
         """Return the remainder relative to the largest energy of deformation so far."""
         return {"drift": self.remainder / self.scale if self.scale else 0.0}
-
-    def warnings(self) -> tuple[str, ...]:
-        """Return a sentence if the balance does not close.
-
-        It must be off for ten steps in a row, all by more than is trusted at the last of them: a
-        load that sets in has moved little in its first steps.
-        """
-        if self.off < self.lasting:
-            return ()
-        return (
-            f"step {self.steps}, at t = {self.t:g} s: the energy balance is off by "
-            f"{self.remainder:.3g} J, where the energy of deformation was {self.scale:.3g} J at "
-            f"most: {DISTRUST}; take a smaller dt",
-        )

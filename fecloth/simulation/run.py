@@ -28,7 +28,6 @@ from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
-from fecloth.simulation.method_dissipation import MethodDissipation
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import (
     ROWS,
@@ -43,15 +42,16 @@ from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import name_time_error
+from fecloth.simulation.verdict import Verdict
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 AT_END = (ErrorInSpace, Contact, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
-    *(Deformation, Growth, Balance, Solves, TimeError, MethodDissipation),
+    *(Deformation, Growth, Balance, Solves, TimeError, Verdict),
     *AT_END,
 )
-STATIC: tuple[type[Account], ...] = (Deformation, Balance, Solves, RestStability, *AT_END)
+STATIC: tuple[type[Account], ...] = (Deformation, Balance, Verdict, Solves, RestStability, *AT_END)
 
 
 def list_accounts(is_static: bool) -> tuple[type[Account], ...]:

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.dimensionless import mean_edge
 from fecloth.simulation.doubts.course import wrinkle_warning
+from fecloth.simulation.time_error import TimeError
 from fecloth.system.space_error import roughness
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -86,7 +89,9 @@ class Shapes(Account):
         return after, row | more
 
     def finish(self, run: Run, end: End, others: Accounts) -> Shapes:
-        wrinkles = find_wrinkles(run.system, end.state)
+        mass, estimate = run.system.diagonal_mass, others.get(TimeError)
+        moved = max(rms(mass, end.state.x - run.start.x), estimate.moved if estimate else 0.0)
+        wrinkles = find_wrinkles(run.system, end.state, moved)
         if self.step is not None:
             doubts, shape = (*self.doubts, wrinkles), Shape.of(run, end.state, self.pairs)
             return self.changed(doubts=doubts, at_end=shape)
@@ -109,15 +114,21 @@ class Shapes(Account):
         }
 
 
-def find_wrinkles(system: System, state: State) -> str:
-    """Return `wrinkle_warning` for a state; "" without a membrane that has stresses."""
+def find_wrinkles(system: System, state: State, moved: float) -> str:
+    """Return `wrinkle_warning` for a state; "" without a membrane that has stresses.
+
+    `moved` is the largest rms displacement [m], beside which the folds count.
+    """
     membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(system.cloth.triangles), 4))
     for term in membranes:
         term.add_stress(state.x, stress)
     cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False)) if membranes else {}
-    rough = roughness(system.cloth, hinge_angles(system.cloth, state.x))
-    return wrinkle_warning(system, compressed_share(system, cells), rough)
+    angles = hinge_angles(system.cloth, state.x)
+    rough = roughness(system.cloth, angles)
+    angle = rough * float(np.sqrt((angles**2).mean()))
+    height = 0.5 * mean_edge(system) * angle / moved if moved else 0.0
+    return wrinkle_warning(system, compressed_share(system, cells), rough, angle, height)
 
 
 def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:

@@ -150,9 +150,10 @@ class TimeError(Account):
         kicked = self._kicked(run, state, sample)
         return kicked.sampled(run.system, run.method.traits, state, sample)
 
-    def warnings(self) -> tuple[str, ...]:
-        is_large = self.unknown and self.largest > WARNED * self.moved
-        return (self.sentence,) if self.relative > WARNED or is_large else ()
+    @property
+    def is_large(self) -> bool:
+        """Whether the error, or what is known of one that cannot be stated, is above 10 %."""
+        return self.relative > WARNED or bool(self.unknown and self.largest > WARNED * self.moved)
 
     def words(self) -> str:
         return self.sentence

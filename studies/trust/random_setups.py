@@ -5,10 +5,10 @@ agree within 2 %; runs that never agree do not count. The error in time is the r
 weighted by mass, the largest over the frames, over the largest rms displacement: what the run
 states. A run is good below 2 % and wrong above 10 %. Where a run warns of wrinkles as fine as the
 mesh, it runs with halved edges too; the warning is right if that moves the cloth by more than 10 %.
-Thresholds were chosen on seed 1; random_setups.md and random_setups.csv are the table of the first
-81 set-ups of seed 2, where two of the promises are missed: false warnings, and stated errors.
+Thresholds were chosen on seeds 1 and 2; random_setups.md and random_setups.csv are the table of
+seed 3, which no threshold has seen.
 
-    python -m studies.trust.random_setups [--quick] [--seed 2] [--count 200] [--jobs N] [--out DIR]
+    python -m studies.trust.random_setups [--quick] [--seed 3] [--count 200] [--jobs N] [--out DIR]
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def refined(drawn: Drawn, times: np.ndarray, most: int):
     while True:
         run = drawn.build(factor)
         _, x = march_through(run, times)
-        if before is not None and len(x) == len(before):
+        if before is not None and len(x) == len(before) > 0:
             error, moved = errors_of(run, before, x)
             apart = error / moved if moved else math.inf
         if apart < AGREE or 2 * factor * drawn.steps > most:
@@ -167,7 +167,7 @@ def table_line(row: dict) -> dict:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the set-ups, write their table and the report, and return the exit status."""
-    more = {"seed": {"type": int, "default": 2}, "count": {"type": int, "default": 200}}
+    more = {"seed": {"type": int, "default": 3}, "count": {"type": int, "default": 200}}
     options = study.parse_arguments(__doc__ or "", argv, **more)
     seed, numbers = QUICK if options.quick else (options.seed, range(options.count))
     most = QUICK_MOST if options.quick else MOST

@@ -261,7 +261,7 @@ def test_energy_balance_that_does_not_close_is_reported(scene, capsys):
     assert main(["run", str(scene), "-o", "good", *make, "--set", "time.dt=0.001"]) == 0
     assert "energy balance" not in capsys.readouterr().err + Path("good/run.log").read_text()
     assert "energy balance" not in Path("good/summary.json").read_text()
-    long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.5", "--set", "output.every=0.1"]
+    long = ["--set", "time.dt=0.02", "--set", "time.t_end=0.6", "--set", "output.every=0.1"]
     assert main(["run", str(scene), "-o", "bad", *make, *long]) == 0
     printed = capsys.readouterr()
     error, warnings = printed.err, json.loads(Path("bad/summary.json").read_text())["warnings"]

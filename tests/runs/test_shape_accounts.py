@@ -139,7 +139,7 @@ WRINKLES = [  # overrides, words of the warning or ""
 @pytest.mark.parametrize(("overrides", "words"), WRINKLES)
 def test_wrinkles_as_fine_as_the_mesh_cause_a_warning(overrides, words, scene):
     system = load_scene(scene, [CALM, *overrides]).build().system
-    found = wrinkle_warning(system, 0.5, 0.9)
+    found = wrinkle_warning(system, 0.5, 0.9, 0.1, 1.0)
     assert words in found
     assert bool(found) == bool(words)
 
@@ -154,4 +154,5 @@ def test_a_compressed_sheet_warns_where_its_mesh_is_as_coarse_as_its_folds(
     x = system.rest().x
     x[:, 0] *= 0.99
     x[:, 2] = 0.002 * np.sin(2 * np.pi * waves * cloth.X[:, 0] / 1.2 + 1)
-    assert bool(find_wrinkles(system, system.state(x))) == warned
+    assert bool(find_wrinkles(system, system.state(x), moved=0.01)) == warned
+    assert find_wrinkles(system, system.state(x), moved=1.0) == ""  # low beside the motion

@@ -119,7 +119,7 @@ def test_not_a_number_in_a_mesh_is_refused_with_its_node(suffix, scene, capsys):
 
 
 def test_large_implicit_dt_causes_a_warning(scene, capsys):
-    large = "--set", "time.dt=0.02", "--set", "time.t_end=0.5"
+    large = "--set", "time.dt=0.03", "--set", "time.t_end=0.6"
     status, words = run_and_read(capsys, "--set", "time.method=implicit_midpoint", *large)
     assert status == 0
     assert "the energy balance is off by" in words

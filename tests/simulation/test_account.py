@@ -111,9 +111,9 @@ def test_it_survives_a_restart(scene, tmp_path):
 
 def test_a_restart_file_of_an_older_format_is_refused_with_words(scene, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(restart, "FORMAT", 7)
+        patch.setattr(restart, "FORMAT", 8)
         fc.run_scene(scene, tmp_path / "out")
-    with pytest.raises(fc.InputError, match="has format 7, and this fecloth reads 9; the fecloth"):
+    with pytest.raises(fc.InputError, match="has format 8, and this fecloth reads 9; the fecloth"):
         fc.run_scene(scene, tmp_path / "out", resume=True)
 
 

@@ -26,7 +26,11 @@ def moved(cloth, motion, *terms, where="left", tension=200.0):
 def warning(system, ledger):
     """What a run says that ends with this ledger, whose kinetic energy is all deformation."""
     deformation = Deformation(ledger.kinetic, 0.0, in_place={})
-    return Balance(0.0, lasting=1).after(system, ledger, deformation).warnings()
+    return doubt_at_end(Balance(0.0).after(system, ledger, deformation))
+
+
+def doubt_at_end(balance):
+    return balance.finish(None, None, None).doubt
 
 
 def bump(t):
@@ -89,8 +93,8 @@ def test_energy_balance_that_does_not_close_warns_in_python(small):
     """The midpoint rule without damping on a sheet that folds, in steps that are far too long."""
     system = moved(small, None, fc.StVK(), fc.Gravity(), tension=2e4)
     run = system, fc.ImplicitMidpoint(), system.rest()
-    with pytest.warns(fc.FeclothWarning, match="energy balance is off by"):
-        result = fc.run(*run, 0.02, 0.5, most_growth=np.inf)
+    with pytest.warns(fc.FeclothWarning, match="energy balance is off"):
+        result = fc.run(*run, 0.02, 0.6, most_growth=np.inf)
     assert "do not trust this motion" in result.doubt
     with warnings.catch_warnings(action="error"):
         assert fc.run(*run, 5e-4, 0.02).doubt == ""
@@ -103,7 +107,7 @@ def test_round_off_causes_no_energy_warning(small):
     for off, told in ((2e-27, False), (2e-12, True)):
         ledger = replace(opened, t=1.0, kinetic=off)
         assert bool(warning(system, ledger)) == told
-    assert warning(system, opened) == ()
+    assert warning(system, opened) == ""
 
 
 @pytest.mark.parametrize("method", [fc.ImplicitMidpoint(), fc.BDF2()], ids=str)
@@ -121,4 +125,4 @@ def test_term_without_energy_or_work_causes_no_warning(small):
     system = moved(small, None, fc.StVK())
     ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=1.0)
     assert warning(system, ledger)
-    assert warning(system, replace(ledger, silent=True)) == ()
+    assert warning(system, replace(ledger, silent=True)) == ""

@@ -22,7 +22,6 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     terms.find_cutting_edges,
     pins.find_idle_pins,
     pins.find_uneven_start,
-    jumps.find_motion_jumps,
     course.find_step_beyond_end,
     unseen.find_missed,
     unseen.find_short_pulses,
@@ -38,6 +37,7 @@ OF_SCENES: tuple[Doubt, ...] = (
 )
 NOTES: tuple[Doubt, ...] = (  # facts, no doubts
     *(pins.find_free_fall, pins.find_free_turn, course.find_flat_start),
+    jumps.find_motion_jumps,  # the end of a run says whether it matters: see `Verdict`
 )
 
 

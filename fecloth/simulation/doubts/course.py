@@ -23,7 +23,9 @@ POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 RESOLVED = 4.0  # fewest edges per wrinkle
 WRINKLES = "wrinkles as fine as the mesh"  # what such a warning says; studies look for it
 COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
-ROUGH = 0.6  # part of the angles between triangles; where less is rough, the mesh resolves them
+HIGH = 0.012  # height of folds over the displacement; lower folds do not matter
+SHALLOW, VISIBLE = 0.05, 0.03  # folds of such an angle [rad] matter from this height on
+ROUGH = 0.65  # part of the angles between triangles; where less is rough, the mesh resolves them
 STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
 UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
 LOST = 0.01  # part of the amplitude in a step that damping must take from waves
@@ -157,7 +159,9 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
         )
 
 
-def wrinkle_warning(system: System, compressed: float, rough: float) -> str:
+def wrinkle_warning(
+    system: System, compressed: float, rough: float, angle: float, height: float
+) -> str:
     """Return a sentence if a compressed cloth is folded as finely as its triangles, or "".
 
     Parameters
@@ -166,9 +170,13 @@ def wrinkle_warning(system: System, compressed: float, rough: float) -> str:
         Part of the area that is compressed at the end of a run; see `compressed_share`.
     rough
         Part of the angles between triangles that no curvature explains; see `roughness`.
+    angle, height
+        The rms of these angles [rad], and the height of the folds over the largest rms
+        displacement: folds that are low beside the motion do not change it.
     """
     taut_only = any(isinstance(term, TensionField) for term in system.terms)
-    if not (compressed > COMPRESSED and rough > ROUGH) or taut_only:
+    matters = height > (HIGH if angle > SHALLOW else VISIBLE)
+    if not (compressed > COMPRESSED and rough > ROUGH and matters) or taut_only:
         return ""
     where = (
         f"{WRINKLES}: {100 * compressed:.0f} % of the cloth is compressed, and "

@@ -23,17 +23,19 @@ SLOW = 1.0  # m/s, of the motion that a warning proposes instead
 
 def find_motion_jumps(run: PlannedRun) -> Iterator[str]:
     """Say of each pin and obstacle whether its motion jumps, when, and how far."""
-    return _say_jumps(run.signals, run.system)
+    return describe_jumps(run.signals, SMALL * run.system.cloth.extent)
 
 
 def find_jumping_motions(system: System, start: State, t_end: float) -> str:
     """Return what `find_motion_jumps` says first of a run to `t_end`, or ""."""
-    return next(filter(None, _say_jumps(find_signals(system, start, t_end, True), system)), "")
+    signals = find_signals(system, start, t_end, True)
+    return next(filter(None, describe_jumps(signals, SMALL * system.cloth.extent)), "")
 
 
-def _say_jumps(signals: Iterable[Signal], system: System) -> Iterator[str]:
+def describe_jumps(signals: Iterable[Signal], least: float) -> Iterator[str]:
+    """Say of each pin and obstacle whether its motion jumps by more than `least` [m], or ""."""
     motions = (signal for signal in signals if signal.kind in ("pin", "obstacle"))
-    return say_of_each(motions, _sentence, SMALL * system.cloth.extent)
+    return say_of_each(motions, _sentence, least)
 
 
 def _sentence(motion: Signal, least: float) -> str:

@@ -253,8 +253,8 @@ def swinging(f):
     return warnings_before(held, dt, method=fc.BackwardEuler(), doubts=doubts)
 
 
-def wrinkled(compressed=0.5, rough=0.9):
-    words = course.wrinkle_warning(bound(), compressed, rough)
+def wrinkled(compressed=0.5, rough=0.9, angle=0.1, height=1.0):
+    words = course.wrinkle_warning(bound(), compressed, rough, angle, height)
     return [words] if words else []
 
 
@@ -288,7 +288,10 @@ ABOVE = {  # the words about a quantity of f times its threshold, which are ther
     "steps beyond fast waves": resonant,
     "a damped swing": swinging,
     "a compressed cloth": lambda f: wrinkled(compressed=f * 0.2),
-    "folds as fine as the mesh": lambda f: wrinkled(rough=f * 0.6),
+    "folds as fine as the mesh": lambda f: wrinkled(rough=f * 0.65),
+    "folds beside the motion": lambda f: wrinkled(height=f * 0.012),
+    "shallow folds beside the motion": lambda f: wrinkled(angle=0.04, height=f * 0.03),
+    "folds that are not shallow": lambda f: wrinkled(angle=f * 0.05, height=0.02),
 }
 BELOW = {  # the same, for f < 1
     "a light fabric": lambda f: fabric(density=f * 0.004),

@@ -1,0 +1,83 @@
+"""The one doubt about a motion as a whole, at the end of a run: the cause, not what follows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.jumps import SMALL, describe_jumps
+from fecloth.simulation.doubts.signals import find_signals
+from fecloth.simulation.energy_balance import DISTRUST, Balance
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.time_error import TimeError
+from fecloth.system.system import System
+from fecloth.terms.records import remembered
+from fecloth.terms.traits import has_kind
+
+SLIGHT = 0.03  # error in time below which energy that is off or dissipated does not matter
+SHARE = 0.05  # of the largest displacement: a smaller jump is not the cause
+EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
+
+
+@remembered
+@dataclass(frozen=True)
+class Verdict(Account):
+    """What an error in time, the energy balance and numerical dissipation say together.
+
+    Energy is a strict measure of a motion: fast waves have much of it and move the cloth little.
+    Where the error in time is known and slight, a balance counts if it is far off only. With
+    contact, and for steps that do not solve their equations, that error is not known.
+    """
+
+    name = "verdict"
+    doubt: str = ""
+
+    def finish(self, run: Run, end: End, others: Accounts) -> Verdict:
+        return Verdict(next(filter(None, _doubts(run, end, others)), ""))
+
+    def warnings(self) -> tuple[str, ...]:
+        return (self.doubt,)
+
+
+def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
+    """Yield what may be said, what is a cause first; "" for none."""
+    balance, estimate = others[Balance], others.get(TimeError)
+    error = estimate.relative if estimate else math.nan
+    solves = run.method.traits.solves and not has_kind(run.system.terms, "contact")
+    is_slight = error < SLIGHT and solves
+    if estimate and not (is_slight and not balance.is_far):
+        least = max(SMALL * run.system.cloth.extent, SHARE * estimate.moved)
+        motions = find_signals(run.system, run.start, end.state.t, True)
+        jumps = list(filter(None, describe_jumps(motions, least)))
+        if jumps:
+            yield jumps[0] if estimate.is_large or not solves else ""
+            return
+    if estimate and estimate.is_large:
+        too = f"; the energy balance is off, too: {DISTRUST}" if balance.doubt else ""
+        yield f"{estimate.sentence}{too}"
+    if balance.is_far or not is_slight:
+        yield balance.doubt
+    if estimate and not error < SLIGHT:
+        yield warn_of_dissipation(run.system, balance, others[Ledger])
+
+
+def warn_of_dissipation(system: System, balance: Balance, ledger: Ledger) -> str:
+    """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
+
+    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
+    loads keep in motion loses more than it ever has. A cloth that only flies has none.
+    """
+    if ledger.silent or ledger.t <= balance.start:
+        return ""
+    lost = ledger.numerical + sum(ledger.dissipated.values())
+    motion = max(balance.scale, lost)
+    noise = balance.noise(system, ledger)
+    if balance.scale <= noise or not ledger.numerical > max(EATEN * motion, noise):
+        return ""
+    return (
+        f"numerical dissipation has taken {ledger.numerical:.3g} J, "
+        f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion: take a smaller "
+        "dt, or a method that dissipates less"
+    )

@@ -1,0 +1,76 @@
+"""What a run says of its motion as a whole: one doubt, its cause, at the thresholds."""
+
+from dataclasses import replace
+
+import pytest
+
+import fecloth as fc
+from fecloth.simulation import verdict
+from fecloth.simulation.account import End, Run
+from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.energy_balance import DISTRUST, Balance
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.verdict import Verdict
+
+CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
+MOVED = 0.2  # m
+OFF = Balance(0.0, doubt=f"the energy balance is off: {DISTRUST}")
+
+
+def doubt(monkeypatch, error, balance=OFF, method=None, eaten="", jump=0.0, terms=()):
+    """The verdict of a run with this error in time, balance, dissipation and jump of a pin [m]."""
+    motion = ("0", "0", f"where(t < 0.1, 0, {jump})") if jump else None
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *terms], [fc.Pin("left", motion)])
+    start = system.rest()
+    estimate = TimeError(start.x, None, (), relative=error, moved=MOVED, sentence="error in time")
+    monkeypatch.setattr(verdict, "warn_of_dissipation", lambda *given: eaten)
+    others = {TimeError: estimate, Balance: balance, Ledger: None}
+    run = Run(system, method or fc.BDF2(), start, 0, 4.0)
+    return Verdict().finish(run, End(replace(start, t=0.3), 10), others).doubt
+
+
+@pytest.mark.parametrize(("error", "doubted"), [(0.024, False), (0.0375, True)])
+def test_a_balance_and_dissipation_matter_from_an_error_of_three_per_cent(
+    error, doubted, monkeypatch
+):
+    assert (doubt(monkeypatch, error) == OFF.doubt) == doubted
+    assert (doubt(monkeypatch, error, Balance(0.0), eaten="much") == "much") == doubted
+
+
+def test_a_balance_counts_where_it_is_far_off_or_the_error_is_not_known(monkeypatch):
+    far = replace(OFF, is_far=True)
+    assert doubt(monkeypatch, 0.001, far) == OFF.doubt
+    assert doubt(monkeypatch, float("nan")) == OFF.doubt
+    assert doubt(monkeypatch, 0.001, method=fc.LinearlyImplicitEuler()) == OFF.doubt
+    touching = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
+    assert doubt(monkeypatch, 0.001, terms=touching) == OFF.doubt
+    assert doubt(monkeypatch, 0.001) == ""
+
+
+@pytest.mark.parametrize(("part", "is_far"), [(0.8, False), (1.25, True)])
+def test_a_balance_is_far_off_from_half_of_the_energy(part, is_far):
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK()], ["left"])
+    ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, kinetic=0.5 * part)
+    for balance in (Balance(0.0, largest=1.0), Balance(0.0, largest=0.1, kinetic=1.0)):
+        after = balance.after(system, ledger, Deformation(0.0, 0.0, in_place={}))
+        assert after.finish(None, None, None).is_far == is_far
+
+
+def test_a_large_error_in_time_is_one_warning_with_its_balance(monkeypatch):
+    assert doubt(monkeypatch, 0.2, Balance(0.0), eaten="much") == "error in time"
+    words = doubt(monkeypatch, 0.2, OFF, eaten="much")
+    assert words.startswith("error in time; the energy balance is off")
+    assert DISTRUST in words
+
+
+@pytest.mark.parametrize(("jump", "is_cause"), [(0.8, False), (1.25, True)])
+def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, is_cause, monkeypatch):
+    words = doubt(monkeypatch, 0.2, jump=jump * 0.05 * MOVED)
+    assert ("jumps by" in words) == is_cause
+    assert (DISTRUST in words) != is_cause
+
+
+@pytest.mark.parametrize(("error", "doubted"), [(0.08, False), (0.125, True)])
+def test_a_jump_matters_where_the_error_does(error, doubted, monkeypatch):
+    assert ("jumps by" in doubt(monkeypatch, error, jump=0.1)) == doubted
