@@ -1,6 +1,7 @@
 """BDF2, the two-step backward differentiation formula."""
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from fecloth.integrators.step import (
     Opening,
     Step,
     ending,
+    newton_step,
     prescribed_end,
     set_prescribed,
 )
@@ -23,15 +25,21 @@ from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
+# A step does not resolve an impact if the force of contact changes in it by this part, and if that
+# would change the momentum of what it touches by this part.
+JUMP, KICK = 0.5, 0.35
+
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Step size [s], Δx and Δv (n, 3) of the last step."""
+    """Step size [s], Δx and Δv (n, 3) of the last step; with contact, how it ended."""
 
     dt: float
     dx: np.ndarray
     dv: np.ndarray
+    push: np.ndarray | None = None  # (n, 3) force of the contacts at its end [N]
+    jumped: bool = False  # whether this has changed within the step by more than half
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,27 @@ class BDF2(WithMemory):
         e, h = _coefficients(dt, last)
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: SolverContext,
+        memory: Change | None = None,
+        history: History | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s].
+
+        A step in which the force of contact jumps, as in an impact, is taken again by backward
+        Euler: the memory of the motion before would throw the cloth off.
+        """
+        step = newton_step(self, system, state, dt, solver, memory, history)
+        after = cast(Change, step.memory)
+        if memory is None or memory.jumped or not after.jumped:
+            return step
+        again = newton_step(self, system, state, dt, solver, replace(memory, jumped=True), history)
+        return replace(again, counts=step.counts.plus(again.counts))
+
     def open(
         self,
         system: System,
@@ -91,10 +120,13 @@ class BDF2(WithMemory):
 
         The first step is a step of another method. With contact it is of first order, which leaves
         this method of second order: the friction and the push at its begin are not to be relied
-        on, as a cloth that stands still may be held by any friction below the limit.
+        on, as a cloth that stands still may be held by any friction below the limit. So is the step
+        after a step in which the force of contact jumped.
         """
-        if memory is None and any(term.needs_end for term in system.bound):
-            return BackwardEuler().open(system, state, dt, None, history)
+        contact = any(term.needs_end for term in system.bound)
+        if contact and (memory is None or memory.jumped):
+            opening = BackwardEuler().open(system, state, dt, None, history)
+            return replace(opening, memory=memory)
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark().open(system, state, dt, None, history, solver, over)
@@ -112,15 +144,16 @@ class BDF2(WithMemory):
         new = State(end.t, stage.x_end + stage.w_end * q, v)
         new = set_prescribed(opening.system, new, end)
         forces = ending(opening, new) | {"ends": (opening.system, begin), "a": a, "share": 1.0}
-        return Step(new, new, _change(begin, new), counts, **forces)
+        return Step(new, new, _memory(opening, new), counts, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
         """The first step, by the method that opened it; its memory and reactions are of this."""
         step: Step = opening.method.close(opening, q, counts)
-        memory = _change(opening.begin, step.state)
+        memory = _memory(opening, step.state)
         if step.ends:
             return replace(step, memory=memory)
-        a, before = memory.dv / opening.dt, opening.system.with_history(opening.history)
+        a = (step.state.v - opening.begin.v) / opening.dt
+        before = opening.system.with_history(opening.history)
         return replace(step, memory=memory, ends=(before, opening.begin), a=a, share=1.0)
 
 
@@ -130,5 +163,19 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
-def _change(old: State, new: State) -> Change:
-    return Change(new.t - old.t, new.x - old.x, new.v - old.v)
+def _memory(opening: Opening, new: State) -> Change:
+    """The record of a step."""
+    old, last = opening.begin, opening.memory
+    change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
+    pairs = zip(opening.system.bound, opening.over.bound, strict=True)
+    contacts = [over for term, over in pairs if term.needs_end]
+    if not contacts:
+        return change
+    push, size = np.zeros_like(new.x), opening.system.sums.norm
+    for contact in contacts:
+        contact.add_force(new.x, new.v, new.t, push)
+    before = push if last is None else last.push
+    changed, touched = size(push - before), (push != 0.0) | (before != 0.0)
+    stopped = size(opening.system.mass_times(old.v) * touched.any(axis=1, keepdims=True))
+    jumped = changed > JUMP * max(size(push), size(before)) and change.dt * changed > KICK * stopped
+    return replace(change, push=push, jumped=bool(jumped))

@@ -82,17 +82,17 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
     """
     new, total = step.state, 0.0
     records = step.history or (None,) * len(system.bound)
-    terms = zip(*(each.bound for each in (system, *step.around(system))), records, strict=True)
-    for term, before, after, record in terms:
-        if term.needs_end or (record is not None and term.has_energy):
+    systems = step.over or system, *step.around(system)
+    terms = zip(*(each.bound for each in systems), records, strict=True)
+    for over, before, after, record in terms:
+        if before.needs_end or (record is not None and before.has_energy):
             f, still = np.zeros_like(old.x), np.zeros_like(old.v)
             for one, at in ((before, old), (after, new)):
                 one.add_force(at.x, still, at.t, f)
             total -= 0.5 * system.sums.dot(f, new.x - old.x)
             total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
-            if has_power_column(term) and term.supplies:
-                works = [term.supply(at.x, at.v, at.t) for at in step.stages]
-                total += (new.t - old.t) * sum(works) / len(works)
+            if over.works_over_step:
+                total += over.work(new.x)
     return total
 
 

@@ -107,8 +107,8 @@ class Ledger(Account):
             if term.dissipative
         }
         work = {
-            name: _work(term, old, step, method.traits.explicit)
-            for name, term in zip(system.names, system.bound, strict=True)
+            name: _work(term, over, old, step, method.traits.explicit)
+            for name, term, over in zip(system.names, system.bound, acting, strict=True)
             if name in self.work
         }
         pins = _pin_work(system, method.traits.theta, old, step)
@@ -192,13 +192,16 @@ def _dissipation(term, over, step, dt):
     return dt * _mean(term.power, step.stages)
 
 
-def _work(term, old, step, explicit):
+def _work(term, over, old, step, explicit):
     """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
 
-    The air's, whose force also dissipates, is its power at the stages. A quadratic energy U(x, t),
-    of a tether, is moved by the change of U from t to t + dt, as a mean over both ends of the step.
+    A contact says it of itself. The air's, whose force also dissipates, is its power at the stages.
+    A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt, as a
+    mean over both ends of the step.
     """
     new = step.state
+    if over.works_over_step:
+        return over.work(new.x)
     if has_power_column(term):
         work = (new.t - old.t) * _mean(term.supply, step.stages)
         if term.conserves:  # a mean of the rate of U would not see a jump

@@ -248,6 +248,13 @@ class BoundTerm:
         """
         return 0.0
 
+    def work(self, x: np.ndarray) -> float:
+        """Work [J] on the cloth of a term that `supplies`, in the step that ends at x.
+
+        It is asked of what `over_step` returned; without it the work is the mean `supply`.
+        """
+        return 0.0
+
     def allows(self, x: np.ndarray, t: float) -> bool:
         """Whether a contact has nothing inside or crossed at the positions x (n, 3)."""
         return True
@@ -350,6 +357,11 @@ class BoundTerm:
     def dissipates_over_step(self) -> bool:
         """Whether, over a step, it says what it dissipated in it."""
         return has_own(self, "dissipation")
+
+    @property
+    def works_over_step(self) -> bool:
+        """Whether, over a step, it says what work it did in it."""
+        return has_own(self, "work")
 
     @property
     def limits_direction(self) -> bool:

@@ -52,7 +52,7 @@ def _resistance(system: System) -> float:
     for term, bound in zip(system.terms, system.bound, strict=True):
         stencil = protocol.stencil(term, system.cloth)
         is_internal = stencil is not None and stencil.shape[1] > 1
-        if is_internal and not bound.load:
+        if is_internal and not bound.load and not bound.limits_direction:  # contact resists nothing
             bound.add_force((1 + STRETCH) * rest, np.zeros_like(rest), 0.0, resists)
             bound.add_force(rest, np.zeros_like(rest), 0.0, f)
     stiffness = system.panel.each(lambda fabric: fabric.moduli()[[0, 1, 3, 3]].sum())[:, 0]

@@ -42,6 +42,12 @@ def curvature(s: np.ndarray) -> np.ndarray:
         return np.where(s > 0, ((s - 1) / s) ** 2 - 4 * (s - 1) / s - 2 * np.log(s), np.nan)
 
 
+def integral(s: np.ndarray) -> np.ndarray:
+    """∫ b ds from 0 to s, for s > 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return s**3 / 9 - s**2 / 2 + s - (s**3 / 3 - s**2 + s) * np.log(s)
+
+
 def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
     """Raise `InputError` for numbers that no contact can have."""
     validation.positive("gap", gap, "m", where)

@@ -4,6 +4,8 @@ A subclass of `BoundContact` has the barrier, and says what slides; here that is
 one state and for a step.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,15 +28,25 @@ Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """Where the cloth was at the end of the last step: friction has its λ and directions there."""
+    """The last step: friction has its λ and directions at its end.
 
-    place: np.ndarray  # (n, 3) [m]
+    With a restitution between 0 and 1 it also has, for each kind of points of an obstacle, the
+    speeds (p,) [m/s] with which they came nearer when they first touched; infinite where unknown.
+    """
+
+    place: np.ndarray  # (n, 3) at its end [m]
+    # (n, 3) [m] and the time [s] at its begin, and its size [s].
+    start: np.ndarray
+    begin: float
+    dt: float
+    speeds: tuple[np.ndarray, ...] = ()
 
 
 class BoundContact(BoundTerm):
     """A contact on a cloth."""
 
     friction: float  # μ
+    restitution: Any = 1.0  # part of the speed that an impact leaves
 
     has_energy = True
     stores_strain = False
@@ -46,10 +58,12 @@ class BoundContact(BoundTerm):
         raise NotImplementedError
 
     @property
-    def dissipative(self) -> bool:
+    def velocity_dependent(self) -> bool:
         return self.friction > 0.0
 
-    velocity_dependent = dissipative
+    @property
+    def dissipative(self) -> bool:
+        return self.friction > 0.0 or self.restitution < 1.0
 
     @property
     def no_equilibrium(self) -> str:
@@ -62,6 +76,18 @@ class BoundContact(BoundTerm):
         return self.body is not None and self.body.moves
 
     # --- what a subclass has ----------------------------------------------------------------------
+
+    def over(self, moved: Touched) -> BoundContact:
+        """The contact over a step, in which it dissipates what an impact takes."""
+        return self
+
+    def lost(self, x: np.ndarray, t: float) -> float:
+        """Energy [J] that it has dissipated over a step that ends at x, without friction."""
+        return 0.0
+
+    def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
+        """`Touched.speeds` after a step that ends at x."""
+        return ()
 
     def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
@@ -138,20 +164,23 @@ class BoundContact(BoundTerm):
         """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
         return sum(each.power(w) for each, w in self.rubbing(x, v, t))
 
-    def supply(self, x, v, t) -> float:
-        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
-        if self.body is None:
-            return 0.0
-        f = np.zeros_like(x)
-        self.add_forces(x, t, self.rubbing(x, v, t), f)
-        return float((f * self.body.velocity(x, t)).sum())
+    def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
+        """Work [J] on the cloth by a shape that deforms from the time `before` to t.
+
+        The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the end.
+        """
+        return 0.0
 
     def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
         """Return zeros: at rest nothing touches."""
         return 0.0, 0.0
 
+    @property
+    def keeps_history(self) -> bool:
+        return self.friction > 0.0 or 0.0 < self.restitution < 1.0
+
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
-        return Touched(x) if self.friction else None
+        return Touched(x, x, t, 1.0, self.speeds(x, t)) if self.keeps_history else None
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The contact over a step: it knows where the step began."""
@@ -161,6 +190,8 @@ class BoundContact(BoundTerm):
 @dataclass(frozen=True, eq=False)
 class ContactOverStep(BoundTerm):
     """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
+
+    What it dissipates beside has a potential too: see `restitution`.
 
     λ and the directions of sliding are taken at the end of the last step, where that was committed,
     and the velocity is the method's difference.
@@ -174,19 +205,37 @@ class ContactOverStep(BoundTerm):
     stores_strain = False
     name, couples_nodes = taken_from("contact.name"), taken_from("contact.couples_nodes")
     rate_bounds, limit = taken_from("contact.rate_bounds"), taken_from("contact.limit")
-    commit = taken_from("contact.start_history")
+    dissipates_over_step = taken_from("contact.dissipative")
 
     @property
-    def dissipates_over_step(self) -> bool:
-        return self.contact.friction > 0.0
+    def end(self) -> float:
+        """The time at the end of the step [s]."""
+        return self.step.t + self.step.dt
+
+    @cached_property
+    def last(self) -> Touched:
+        """The step before."""
+        start, t = self.step.start, self.step.t
+        return self.step.history or Touched(start, start, t, 1.0, self.contact.speeds(start, t))
+
+    @cached_property
+    def acting(self) -> BoundContact:
+        """The contact over this step."""
+        step = self.step
+        return self.contact.over(Touched(step.start, step.start, step.t, step.dt, self.last.speeds))
+
+    def commit(self, x: np.ndarray, t: float) -> Touched | None:
+        if not self.contact.keeps_history:
+            return None
+        step = self.step
+        return Touched(x, step.start, step.t, step.dt, self.acting.speeds(x, t))
 
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
         """What slides at the begin of the step, where the cloth touched last."""
         if not self.contact.friction:
             return ()
-        last = self.step.history or Touched(self.step.start)
-        return self.contact.lag(last.place, self.step.t, self.step.dt)
+        return self.contact.over(self.last).lag(self.last.place, self.step.t, self.step.dt)
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
@@ -202,28 +251,39 @@ class ContactOverStep(BoundTerm):
     def energy(self, x, t) -> float:
         """The energy of the barrier, and h Σ μ λ f₀(y) [J]."""
         rubbing = self.rubbing(x)
-        energy = self.contact.energy(x, t)
+        energy = self.acting.energy(x, t)
         return sum((self.step.h * each.rate(w) for each, w in rubbing), start=energy)
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
-        self.contact.add_forces(x, t, self.rubbing(x), f)
+        self.acting.add_forces(x, t, self.rubbing(x), f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; the part of friction is positive semi-definite."""
         weight = wx / self.step.h
-        self.contact.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
+        self.acting.add_tangents(x, t, wx, self.rubbing(x), weight, J, definite)
 
     def coupling(self, x, v, t, wx, wv, definite):
         weight = wx / self.step.h
         return self.contact.couplings(x, t, wx, self.rubbing(x), weight, definite)
 
     def dissipation(self, x: np.ndarray) -> float:
-        """dt Σ μ λ f₁(y) y [J] with the velocity over the step, (x − x₀)/dt."""
+        """dt Σ μ λ f₁(y) y [J] with the velocity over the step, and what damping takes."""
         power, start, dt = 0.0, self.step.start, self.step.dt
         for each in self.sliding:
             power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
-        return dt * power
+        return dt * power + self.acting.lost(x, self.end)
+
+    def work(self, x: np.ndarray) -> float:
+        """Force [N] at the end times the way of the surface where the cloth began [J]."""
+        contact, start, t = self.contact, self.step.start, self.end
+        if contact.body is None:
+            return 0.0
+        begin, f = contact.body.pose(self.step.t).to_body(start), np.zeros_like(x)
+        self.add_force(x, start, t, f)
+        carried = contact.body.pose(t).to_space(begin) - start
+        shape = self.acting.work_of_shape(begin, x, self.step.t, t)
+        return float((f * carried).sum()) + shape
 
     def way(self, t: float) -> Way:
         return Way(self.contact, self.contact.begin(self.step, t), self.step.start, t)

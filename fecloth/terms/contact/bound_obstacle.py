@@ -1,8 +1,10 @@
 """An obstacle bound to a cloth: energy, force, tangent, and how far the cloth may move."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,15 +12,17 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, move_out
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.points import MOST, Contacts, Points, divisions, longest_edges
+from fecloth.terms.contact.restitution import Approach, rates
 from fecloth.terms.contact.shape import AT_REST, Pose, Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.step_difference import StepDifference
 
 MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
 NAMED = 5  # nodes that an error names
+SPEED_UNKNOWN = 1e9  # m/s, of the first touch
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,10 @@ class BoundObstacle(BoundContact):
     friction: float
     creep: float  # speed of sliding [m/s] from which friction has its full value
     points: tuple[Points, ...]  # on which it acts
+    restitution: float = 1.0
+    # The places at the begin and the end of a step over which it acts, and the speeds of the first
+    # touch; None at one state, where it does not dissipate.
+    moved: Touched | None = None
 
     name = "Obstacle"
 
@@ -48,15 +56,31 @@ class BoundObstacle(BoundContact):
         """The points nearer than the gap, of each kind."""
         pose = self.shape.pose(t)
         at_nodes = self.shape.distance(pose.to_body(x), t)
-        for points in self.points:
+        for kind, points in enumerate(self.points):
             which = points.candidates(at_nodes, self.gap)
             if not len(which):
                 continue
             y = pose.to_body(points.values(x, which))
-            d = self.shape.distance(y, t)
-            is_touching = d < self.gap
+            s = self.shape.distance(y, t) / self.gap
+            is_touching = s < 1.0
             if is_touching.any():
-                yield Contacts(points, which[is_touching], y[is_touching], d[is_touching])
+                which, s = which[is_touching], s[is_touching]
+                yield Contacts(points, which, y[is_touching], s, self._approach(kind, which, s))
+
+    def _approach(self, kind: int, which: np.ndarray, s: np.ndarray) -> Approach:
+        """How some of the points of a kind have come to the distances s (p,) over the gap."""
+        if self.moved is None:
+            return Approach(s, np.zeros(len(s)))
+        speeds = self.moved.speeds[kind][which] if self.moved.speeds else np.zeros(len(s))
+        before = self.distances(self.moved.start, self.moved.begin, kind, which)
+        return Approach(
+            before / self.gap, rates(self.restitution, speeds) * self.gap / self.moved.dt
+        )
+
+    def distances(self, x: np.ndarray, t: float, kind: int, which: np.ndarray) -> np.ndarray:
+        """(p,) distances [m] of some of the points of a kind."""
+        y = self.shape.pose(t).to_body(self.points[kind].values(x, which))
+        return self.shape.distance(y, t)
 
     def slopes(self, at: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
@@ -67,14 +91,15 @@ class BoundObstacle(BoundContact):
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     def normal_force(self, at: Contacts) -> np.ndarray:
-        """(p,) −κ A b′(d/gap), the factor of ∇d [N]."""
-        return self.stiffness * at.points.areas[at.which] * barrier.pressure(at.d / self.gap)
+        """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
+        force = self.stiffness * at.points.areas[at.which] * barrier.pressure(at.s)
+        return force * at.approach.factor(at.s)
 
     def energy(self, x, t) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
         density = self.stiffness * self.gap
         return density * sum(
-            float((at.points.areas[at.which] * barrier.value(at.d / self.gap)).sum())
+            float((at.points.areas[at.which] * at.approach.value(at.s)).sum())
             for at in self.touching(x, t)
         )
 
@@ -87,7 +112,7 @@ class BoundObstacle(BoundContact):
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d [N], the force without friction."""
         for at in self.touching(x, t):
-            if at.d.min() <= 0.0:
+            if at.s.min() <= 0.0:
                 f += np.nan
                 return
             gradient = self.slopes(at, t)[0]
@@ -102,8 +127,8 @@ class BoundObstacle(BoundContact):
     def push_tangent(self, at: Contacts, t: float, definite: bool) -> np.ndarray:
         """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
         gradient, hessian = self.slopes(at, t)
-        areas, s = at.points.areas[at.which], at.d / self.gap
-        steep = self.stiffness / self.gap * areas * barrier.curvature(s)
+        steep = self.stiffness / self.gap * at.points.areas[at.which]
+        steep *= at.approach.curvature(at.s)
         K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
             K -= self.normal_force(at)[:, None, None] * hessian
@@ -131,13 +156,39 @@ class BoundObstacle(BoundContact):
             K = each.stiffness(each.values(v), change, spin)
             each.at.points.add_tangent(each.at.which, wx * K, J)
 
-    def supply(self, x, v, t) -> float:
-        """Power F · w [W] of its force on the cloth at the velocity w of its surface."""
-        deforms = (
-            float(self.normal_force(at) @ self.shape.time_rate(at.y, t))
-            for at in self.touching(x, t)
+    def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
+        if not self.shape.deforms:
+            return 0.0
+        work = 0.0
+        for at in self.touching(x, t):
+            there = at.points.values(y, at.which)
+            grown = self.shape.distance(there, t) - self.shape.distance(there, before)
+            work -= float(self.normal_force(at) @ grown)
+        return work
+
+    def over(self, moved: Touched) -> BoundObstacle:
+        return replace(self, moved=moved) if self.restitution < 1.0 else self
+
+    def lost(self, x: np.ndarray, t: float) -> float:
+        """Σ κ gap A p (w − 1)(s₀ − s) [J]."""
+        density = self.stiffness * self.gap
+        return density * sum(
+            float(at.points.areas[at.which] @ at.approach.lost(at.s)) for at in self.touching(x, t)
         )
-        return super().supply(x, v, t) - sum(deforms)
+
+    def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
+        if not 0.0 < self.restitution < 1.0:
+            return ()
+        if self.moved is None:
+            return tuple(np.full(len(each.areas), SPEED_UNKNOWN) for each in self.points)
+        speeds = []
+        for kind, before in enumerate(self.moved.speeds):
+            every = np.arange(len(before))
+            d = self.distances(x, t, kind, every)
+            nearer = self.distances(self.moved.start, self.moved.begin, kind, every) - d
+            keeps = (d < self.gap) & (before < SPEED_UNKNOWN)
+            speeds.append(np.where(keeps, before, np.maximum(nearer / self.moved.dt, 0.0)))
+        return tuple(speeds)
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle on the way to x + α s."""
@@ -205,7 +256,7 @@ class BoundObstacle(BoundContact):
         force = moment = 0.0
         for at in self.touching(x, t):
             push = self.normal_force(at)
-            force, moment = force + push.sum(), moment + push @ at.d
+            force, moment = force + push.sum(), moment + push @ at.s * self.gap
         return float(moment / force) if force else math.nan
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from fecloth.compiled.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import ELEMENTS
+from fecloth.terms.contact.restitution import Approach
 from fecloth.terms.contact.shape import Shape
 
 DIP = 0.25  # of the gap
@@ -98,7 +99,8 @@ class Contacts(NamedTuple):
     points: Points
     which: np.ndarray
     y: np.ndarray  # (p, 3) their places in the frame of the shape
-    d: np.ndarray  # (p,) their distances [m]
+    s: np.ndarray  # (p,) their distances over the gap
+    approach: Approach  # their distances over the step
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:

@@ -29,7 +29,7 @@ def system_on(kind, folder, friction=0.3):
         shape = fc.shapes.Sphere(
             (0.05, 0.03, -1.0), 1.0, motion=("0.1*t + t**2", 0, 0), rotate=turn
         )
-        contact = fc.Obstacle(shape, GAP, friction, KAPPA)
+        contact = fc.Obstacle(shape, GAP, friction, KAPPA, restitution=1.0)
         x[:, 2] += np.sqrt(1 - ((x[:, :2] - [0.05, 0.03]) ** 2).sum(axis=1)) - 1
     elif kind == "MeshObstacle":
         pytest.importorskip("ipctk")

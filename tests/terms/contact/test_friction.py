@@ -78,7 +78,8 @@ def test_derivatives_at_a_state(name, speed, rng):
 def test_derivatives_over_a_step(name, way, rng):
     """The friction over a step has a potential, and its tangent is symmetric."""
     cloth, t, dt = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 0.01
-    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0)
+    restitution = 0.0 if way > 1e-3 else 1.0  # which round-off hides at the lower speed
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.7, 200.0, restitution)
     x = near(cloth, obstacle, t)
     last = fc.integrators.bdf2.Change(
         0.6 * dt, way * rng.standard_normal(x.shape), np.zeros_like(x)
@@ -99,23 +100,24 @@ def test_derivatives_over_a_step(name, way, rng):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_the_power_of_an_obstacle_is_the_change_of_its_energy_in_time(name):
+def test_the_work_of_an_obstacle_is_the_change_of_its_energy_in_time(name):
     """Of a cloth at rest, without friction; with it, its force at the surface does work besides."""
-    cloth, t, e = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 1e-6
-    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.0, 200.0)
+    cloth, t, dt = fc.Cloth.rectangle(0.3, 0.2, h=0.1), 0.4, 1e-6
+    obstacle = fc.Obstacle(SHAPES[name], GAP, 0.0, 200.0, restitution=1.0)
     x = near(cloth, obstacle, t)
     term, rubs = (
-        fc.System(cloth, FABRIC, [each]).bound[0]
+        fc.System(cloth, FABRIC, [each]).bound[0].over_step(StepDifference.between(x, dt, t))
         for each in (obstacle, replace(obstacle, friction=0.7))
     )
-    change = (term.energy(x, t + e) - term.energy(x, t - e)) / (2 * e)
-    assert term.supplies == obstacle.shape.moves
-    assert term.supply(x, 0 * x, t) == pytest.approx(change, rel=1e-6, abs=1e-12)
-    v, f, push = obstacle.shape.velocity(x, t) + [0.1, 0.2, 0.0], np.zeros_like(x), np.zeros_like(x)
-    rubs.add_force(x, v, t, f)
-    rubs.add_force(x, 0 * x, t, push)
-    work = np.vdot(f - push, obstacle.shape.velocity(x, t))
-    assert rubs.supply(x, v, t) == pytest.approx(change + work, rel=1e-6, abs=1e-12)
+    change = term.energy(x, t + dt) - term.energy(x, t)
+    assert term.contact.supplies == obstacle.shape.moves
+    assert term.work(x) == pytest.approx(change, rel=1e-4, abs=1e-18)
+    f, push = np.zeros_like(x), np.zeros_like(x)
+    end = x + dt * np.array([0.1, 0.2, 0.0])
+    rubs.add_force(end, x, t + dt, f)
+    term.add_force(end, x, t + dt, push)
+    rubbing = dt * np.vdot(f - push, obstacle.shape.velocity(x, t))
+    assert rubs.work(end) - term.work(end) == pytest.approx(rubbing, rel=1e-4, abs=1e-18)
 
 
 def test_the_factor_is_the_derivative_of_the_potential():
