@@ -126,7 +126,7 @@ def find_wrinkles(system: System, state: State, moved: float) -> str:
     cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False)) if membranes else {}
     angles = hinge_angles(system.cloth, state.x)
     rough = roughness(system.cloth, angles)
-    angle = rough * float(np.sqrt((angles**2).mean()))
+    angle = rough * float(np.sqrt((angles**2).mean())) if len(angles) else 0.0
     height = 0.5 * mean_edge(system) * angle / moved if moved else 0.0
     return wrinkle_warning(system, compressed_share(system, cells), rough, angle, height)
 

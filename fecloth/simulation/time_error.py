@@ -140,7 +140,8 @@ class TimeError(Account):
         unknown = after.unknown or after._find_unknown(run, t)
         after = after.changed(unknown=unknown)
         error = after.relative_error(system, run.method.traits, t)
-        dt = _mean_step(self.start, after.recent[-1]) if end.step > self.start.step else math.nan
+        latest = after.recent[-1]
+        dt = _mean_step(self.start, latest) if latest.step > self.start.step else math.nan
         jump = after.kicked if after.kick_length(system, t) > after.largest else None
         sentence = describe_time_error(error, run.method, dt, jump, unknown)
         return after.changed(relative=error, sentence=sentence)

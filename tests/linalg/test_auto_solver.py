@@ -177,7 +177,7 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
         monkeypatch.setattr(
             select.AutoSolver, "begin", lambda _, wx, wa, x, s=sizes: s.append(wx / wa)
         )
-        fc.run(system, method, system.rest(), 1e-3, 3e-3)
+        assert len([*fc.march(system, method, system.rest(), 1e-3, 3e-3)]) == 3
         assert sizes == pytest.approx([size] * 3)
 
 

@@ -33,8 +33,8 @@ def called(command, name, text, folder):
     return main([command, str(SCENES / f"{name}.toml"), *shlex.split(text), *more, "--quiet"])
 
 
-def test_there_are_fifteen():
-    assert len(list(SCENES.glob("*.toml"))) == 15
+def test_there_are_fourteen():
+    assert len(list(SCENES.glob("*.toml"))) == 14
 
 
 @pytest.mark.parametrize(("name", "line"), lines(FAILS), ids=str)

@@ -401,7 +401,7 @@ MISTAKES = [
     ("probes.1.where='rigt'", "(It is the second [[probes]].)", ""),
     ("terms=[{type='StVK', a=1}]", "(It is the first [[terms]], StVK.)", ""),
     ("terms.1={type='Wind', velocity=[1, 0, 0]}", "terms.1.normal is missing", "½ ρ C"),
-    ("terms.1={type='Drag'}", "terms.1.normal is missing", "`normal` is 0.7"),
+    ("terms.1={type='Drag'}", "terms.1.normal is missing", "`normal` 0.7"),
     (
         "terms.1={type='Tether', where=[0], point=[0, 0, 0], stiffness=1}",
         "terms.1.where = [0]: must be a string. (It is",
@@ -495,7 +495,7 @@ def test_broken_mesh_is_refused_by_its_own_message(file):
     mesh = "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"
     (file.parent / "flat.obj").write_text(mesh)
     message = refusal(file, "cloth={shape='file', path='flat.obj'}")
-    assert f"cloth: {file.parent / 'flat.obj'}: 1 zero-area triangles" in message
+    assert f"cloth: {file.parent / 'flat.obj'}: 1 zero-area triangle:" in message
 
 
 UNCLOSED = "not TOML ({}). A text has no closing quotation mark."
