@@ -124,6 +124,11 @@ class Obstacle:
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         if skeleton := self._skeleton(cloth):
+            if self.restitution < 1.0:
+                what = f"restitution = {self.restitution:g}"
+                allowed = "must be 1 where the shape is thin or sharp against the triangles"
+                remedy = "Take a smaller h, a larger gap or a rounder shape."
+                raise InputError(what, allowed, "Obstacle", remedy)
             sized = float(self.gap), skeleton.thickness, stiffness, skeleton
             sets = ContactSets.bind("Obstacle", cloth, *sized)
             friction = self.friction, CREEP * cloth.extent

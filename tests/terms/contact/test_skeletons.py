@@ -143,6 +143,11 @@ def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refus
         assert isinstance(bind(rod)[1], BoundObstacle)
 
 
+def test_a_restitution_of_a_skeleton_is_refused():
+    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thin"):
+        bind(THIN["needle"], restitution=0.5)
+
+
 def test_a_start_inside_is_refused_with_the_nodes():
     system, _, x = bind(S.Box((0.1, 0.1, 0.0), (0.11, 0.11, 0.1)))
     with pytest.raises(InputError, match=r"of the nodes, the deepest .*start inside the Box"):
