@@ -222,3 +222,18 @@ def test_nodes_that_pins_hold_are_not_moved_by_a_guess():
     assert alone[:, 0].tolist() == [1.0, 0.5]
     refuses = Wall([0.5, 0.5], allowed=False)  # asked, as the pin leads where it has not looked
     assert find_guess([Way(refuses, start, start, 1.0)], x, hold) is None
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()], ids=["be", "bdf2"])
+def test_two_free_pieces_that_collide_run_to_their_end(method):
+    """What deforms them is the kinetic energy of their motion towards each other."""
+    lower, upper = fc.Cloth.rectangle(0.1, 0.1, 0.05), fc.Cloth.rectangle(0.08, 0.08, 0.04)
+    cloth = fc.Cloth.join([lower, upper], names=["lower", "upper"])
+    x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+    thrown, v = cloth.nodes("upper"), np.zeros((len(cloth.X), 3))
+    x[thrown, 2], v[thrown] = 5e-3, [0.0, 0.0, -1.0]
+    fabric = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending(), fc.SelfContact(1e-3)])
+    result = fc.run(system, method, system.state(x, v), 1e-3, 0.02)
+    assert result.state.v[cloth.nodes("lower"), 2].mean() < -0.2
