@@ -27,12 +27,12 @@ KERNELS = {
     | {"fill_gradients", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},
     # Newton's equations
-    "block_matrix": {"_find_slots", "add_mass"},
+    "block_matrix": {"_find_slots", "add_mass", "multiply"},
     "conjugate_gradients": {"conjugate_gradients"},
     "pcg": {"invert_blocks"},
     "protocol": {"residual"},
-    "reductions": {"dot", "weighted_dot"},
-    "constraints": {"_project", "_set_held"},
+    "reductions": {"dot", "weighted_dot", "weighted_sum"},
+    "constraints": {"_fill_held_part", "_project", "_project_nodes", "_set_held"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
     "recovery": {"_fit", "_add_blend"},

@@ -173,7 +173,7 @@ def test_a_formula_is_no_quantity(formula):
 # --- the keys of a scene --------------------------------------------------------------------------
 
 PLAIN = {  # numbers without a unit
-    "ObstacleTable.friction",
+    *("ObstacleTable.friction", "ObstacleTable.restitution"),
     "MeshObstacleTable.friction",
     "MeshObstacleTable.scale",
     "SelfContactTable.friction",

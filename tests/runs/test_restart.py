@@ -347,29 +347,6 @@ def test_an_interrupted_run_tells_from_where_it_will_go_on(scene, tmp_path, monk
     assert words in capsys.readouterr().err
 
 
-def test_energy_warning_is_not_repeated_after_resume(scene, tmp_path):
-    scene.write_text(TEXT + RUNS["midpoint"])
-    coarse = [
-        "time.dt=0.02",
-        "time.t_end=2",
-        "fabric.tensile_stiffness=2e4",
-        "output.restart_steps=1",
-        "solver.tolerance=1e-6",  # closely solved, so that the balance is off by the method alone
-    ]
-    told = []
-
-    def stop(info):
-        if told:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    first = run_scene(load_scene(scene, coarse), tmp_path / "out", report=stop, warn=told.append)
-    assert (first.status, len(told)) == ("interrupted", 1)
-    assert first.warnings[-1] == told[0]
-    run_scene(load_scene(scene, coarse), tmp_path / "out", resume=True, warn=told.append)
-    assert len(told) == 1
-    assert (tmp_path / "out" / "run.log").read_text().count("warning: step ") == 1
-
-
 def test_a_later_end_is_allowed_and_another_scene_is_not(scene, tmp_path, capsys):
     scene.write_text(UNASKED)
     folder = tmp_path / "out"

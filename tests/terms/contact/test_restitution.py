@@ -122,8 +122,9 @@ MOVED = {
 
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.BDF2()])
-@pytest.mark.parametrize("e", [0.0, 1.0])
-@pytest.mark.parametrize("name", MOVED)
+@pytest.mark.parametrize(
+    ("name", "e"), [*((name, 1.0) for name in MOVED), ("a ball at 10 m/s", 0.0), ("a wave", 0.0)]
+)
 def test_the_ledger_of_a_fast_obstacle_closes(name, e, method):
     """Its work is what the cloth gets and dissipates, and the method gains none of it."""
     cloth = fc.Cloth.rectangle(0.1, 0.1, 0.05)
@@ -147,7 +148,7 @@ def test_a_restitution_lies_between_0_and_1(value):
 def test_an_obstacle_around_the_flat_cloth_says_nothing_of_the_membrane():
     """The cloth starts above the ball; flat, at z = 0, it would be inside of it."""
     cloth = fc.Cloth.rectangle(0.1, 0.1, 0.05)
-    ball = fc.Obstacle(fc.shapes.Sphere((0.05, 0.05, 0.0), 0.05), 1e-4)
+    ball = fc.Obstacle(fc.shapes.Sphere((0.05, 0.05, 0.0), 0.05), 2e-3)
     assert ball.stencil(cloth) is not None
     system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), ball])
     start = system.state(flat(cloth) + [0, 0, 0.2])
