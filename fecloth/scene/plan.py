@@ -131,11 +131,13 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
         if solver == "explicit" and isinstance(term, BoundCondition):
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
+    if solver == "pcg":
+        used += 110 * blocks  # the matrices of the error in time
     if solver == "multigrid":
         used += MULTIGRID[0] * n + MULTIGRID[1] * blocks
     if solver == "direct":
         used += FILL[system.cloth.element] * blocks * math.log2(n) + 23e6
-    return 212 + used / 1e6
+    return 225 + used / 1e6
 
 
 def memory_of_each(system: System, count: int) -> float:
