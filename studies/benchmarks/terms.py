@@ -38,7 +38,7 @@ def make_terms() -> list:
             continue
         try:
             made.append(cls(**ARGUMENTS.get(name, {})))
-        except TypeError:  # needs a place, a function, ...
+        except fc.InputError:  # needs a place, a function, ...
             continue
     return made
 

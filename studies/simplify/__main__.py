@@ -6,6 +6,7 @@ fecloth simplify my.toml --tolerance 1%      for a scene of yours
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from fecloth import study
@@ -47,7 +48,8 @@ def collect_findings(name: str, found: study.Simplification) -> list[study.Findi
     for key in ("predicted [%]", "change [%]"):
         limit = 100 * found.tolerance
         what = f"{name}, {{}}: {key}".format
-        findings.append(study.Finding(what(needed["variant"]), needed[key], limit))
+        change = math.inf if needed[key] is None else needed[key]  # None: its run failed
+        findings.append(study.Finding(what(needed["variant"]), change, limit))
         findings.append(study.Finding(what(needless["variant"]), needless[key], high=limit))
     return findings
 

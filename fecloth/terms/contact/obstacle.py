@@ -25,6 +25,7 @@ from fecloth.terms.contact.toolkit import ContactSets, is_installed
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 from fecloth.terms.traits import CONTACT
 
+THIN = 4.0  # eighths of the longest edge: a shape that is not as wide acts by its skeleton
 LARGEST_GAP = 0.1  # of the extent of the cloth
 
 
@@ -111,7 +112,8 @@ class Obstacle:
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
         """What stands for the shape where the points of the triangles are too far apart for it."""
-        if divisions(self.shape, self.gap, cloth) <= MOST or not is_installed():
+        part = float(longest_edges(cloth).max()) / MOST
+        if self.shape.width + 2 * self.gap >= THIN * part or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 

@@ -19,9 +19,9 @@ THIN = {
     "rod across": S.Capsule((-0.1, 0.107, -0.01), (0.3, 0.112, -0.01), 5e-4),
     "wire": S.Cylinder((0.0, 0.107, -0.01), (1.0, 0.05, 0.0), 5e-4),
     "bar": S.Box((0.1, 0.107, -0.1), (2e-3, 2e-3, 0.2)),
-    "edge": S.Box((0.1, 0.107, -0.1), (0.1, 0.1, 0.2)),
+    "edge": S.Box((0.1, 0.107, -0.1), (0.02, 0.02, 0.2)),
     "pellet": S.Sphere((0.1, 0.107, 0.0), 2e-3),
-    "coin on edge": S.Disk((0.1, 0.107, -0.03), (0.0, 1.0, 0.0), 0.03, 1e-3),
+    "coin on edge": S.Disk((0.1, 0.107, -0.01), (0.0, 1.0, 0.0), 0.01, 1e-3),
 }
 
 
@@ -122,12 +122,10 @@ def test_a_longer_rod_is_no_stiffer():
     assert energies[0] == pytest.approx(energies[1], rel=1e-9) != 0
 
 
-@pytest.mark.parametrize(("part", "skeleton"), [(0.8, False), (1.25, True)])
-def test_the_skeleton_acts_where_eight_parts_of_an_edge_are_too_few(part, skeleton):
-    """That is where the parts dip into the ball by more than a quarter of the gap."""
-    edge = 0.05 * math.sqrt(2)
-    radius = (edge / 8 / part) ** 2 / (6 * 0.25 * 1e-3) - 1e-3
-    _, term, _ = bind(S.Sphere((0.1, 0.1, -1.0), radius))
+@pytest.mark.parametrize(("part", "skeleton"), [(0.8, True), (1.25, False)])
+def test_the_skeleton_acts_where_the_shape_is_thinner_than_four_eighths_of_an_edge(part, skeleton):
+    width = part * 4 * 0.05 * math.sqrt(2) / 8 - 2e-3
+    _, term, _ = bind(S.Sphere((0.1, 0.1, -1.0), width / 2))
     assert isinstance(term, BoundSkeleton if skeleton else BoundObstacle)
 
 
@@ -149,7 +147,7 @@ def test_a_restitution_of_a_skeleton_is_refused():
 
 
 def test_a_start_inside_is_refused_with_the_nodes():
-    system, _, x = bind(S.Box((0.1, 0.1, 0.0), (0.11, 0.11, 0.1)))
+    system, _, x = bind(S.Box((0.0, 0.0, 0.0), (0.02, 0.02, 0.1)))
     with pytest.raises(InputError, match=r"of the nodes, the deepest .*start inside the Box"):
         next(fc.march(system, fc.BackwardEuler(), system.state(x), 0.01, 0.1))
     system, _, x = bind(S.Capsule((0.1, 0.107, -0.1), (0.1, 0.107, 0.1), 1e-3))
