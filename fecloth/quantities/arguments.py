@@ -93,7 +93,7 @@ def _misfit(
 
 
 def _names(target: Callable[..., Any], required: bool) -> str:
-    """The arguments with their units, those that are required or all others."""
+    """List the required arguments with their units, or the arguments that may be left out."""
     return ", ".join(
         f"{name} [{field.dimensions[0].si}]" if len(field.dimensions) == 1 else name
         for name, field in _fields(target).items()

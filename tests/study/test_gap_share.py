@@ -1,7 +1,6 @@
 """The gap of contact is a part of the error that `converge` states, beside mesh and time step."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,11 +124,14 @@ def test_tune_divides_the_gaps_until_a_quarter_of_the_tolerance_is_left(by):
 
 
 def test_an_error_of_gaps_that_is_not_known_proves_nothing(monkeypatch):
-    bench = Bench(open_problem(lay, h=0.1), (), None)
+    """One of the two runs has failed."""
+    opened = open_problem(lay, h=0.1)
+    bench = Bench(opened, opened.choose_quantities("sag"), None)
     monkeypatch.setattr(Bench, "run", lambda self, choices: [Failed()])
-    _, error, words, _ = narrow_gaps(replace(bench, quantities=(1,)), Choice(h=0.1), 0.01)
-    assert math.isinf(error[0])
-    assert not words
+    narrow, error, words, _ = narrow_gaps(bench, Choice(h=0.1), 0.01)
+    assert narrow is bench
+    assert error.tolist() == [math.inf]
+    assert words == []
 
 
 class Failed:

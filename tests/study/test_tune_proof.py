@@ -165,8 +165,8 @@ def tried_after(true, others, seconds=5.0):
     bench = Listed(settings | {"a": (true / 1.125, seconds)})  # the index adds an eighth
     prediction = listed(settings)
     proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
-    assert [one.choice.method for one in bench.ran[:2]] == ["a", "a"]
-    return [one.choice.method for one in bench.ran[2:]], proof
+    assert [trial.choice.method for trial in bench.ran[:2]] == ["a", "a"]
+    return [trial.choice.method for trial in bench.ran[2:]], proof
 
 
 @pytest.mark.parametrize("stated", [0.5, 0.98])
@@ -188,7 +188,7 @@ def test_a_cheaper_setting_that_fails_does_not_end_the_search():
     bench = Failing(settings | {"a": (0.4, 5.0)})
     prediction = listed(settings)
     proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
-    assert [one.choice.method for one in bench.ran] == ["a", "a", "b", "c"]
+    assert [trial.choice.method for trial in bench.ran] == ["a", "a", "b", "c"]
     assert proof.trial.choice.method == "c"
 
 
@@ -237,7 +237,7 @@ def test_eight_cheaper_settings_are_tried():
     bench = Listed({name: (3.0, s) for name, (_, s) in settings.items()} | {"a": (0.4, 5.0)})
     prediction = listed(settings)
     proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
-    assert [one.choice.method for one in bench.ran] == ["a", "a", *"bcdefghi"]
+    assert [trial.choice.method for trial in bench.ran] == ["a", "a", *"bcdefghi"]
     assert proof.trial is bench.ran[0]
 
 
@@ -247,7 +247,7 @@ def test_no_setting_is_run_twice(seconds):
     bench = Listed({"a": (0.4, 50.0), "b": (0.2, seconds)})
     prediction = listed({"a": (0.5, 0.4), "b": (0.2, 0.5)})
     proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
-    assert [one.choice.method for one in bench.ran] == ["a", "a", "b"]
+    assert [trial.choice.method for trial in bench.ran] == ["a", "a", "b"]
     assert proof.trial.choice.method == ("b" if seconds < 50.0 else "a")
 
 

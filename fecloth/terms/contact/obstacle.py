@@ -41,7 +41,9 @@ class Obstacle:
     that is an error of up to one gap, and half of the gap is half of the error. Where the shape
     curves so much that a triangle would dip into it by a quarter of the gap between its nodes, the
     barrier also acts on points inside the triangles. In each step of Newton's iteration no node
-    comes nearer than by four fifths.
+    comes nearer than by four fifths. A shape that is thinner than half of the longest edge, with
+    the gap on both sides, fits between such points: it acts by its own points, edges and faces
+    (`Skeleton`), as a `MeshObstacle` does, with the package ``ipctk``.
 
     With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its normal
     force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is
@@ -81,6 +83,13 @@ class Obstacle:
     restitution
         Part of the speed that an impact leaves, 0 (no bounce) … 1 (an elastic barrier).
 
+    Raises
+    ------
+    InputError
+        For numbers out of their range. On a cloth: for a gap above a tenth of its extent, a cloth
+        that starts inside, a shape that fits between the points where ``ipctk`` is missing, and a
+        restitution below 1 of a shape that acts by its skeleton.
+
     Examples
     --------
     >>> import fecloth as fc
@@ -111,7 +120,7 @@ class Obstacle:
         return cloth.stencil if parts > 1 and not self._skeleton(cloth) else None
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
-        """What stands for the shape where the points of the triangles are too far apart for it."""
+        """The skeleton of a shape that is too thin for the points of the triangles, or None."""
         part = float(longest_edges(cloth).max()) / MOST
         if self.shape.width + 2 * self.gap >= THIN * part or not is_installed():
             return None
@@ -128,8 +137,8 @@ class Obstacle:
         if skeleton := self._skeleton(cloth):
             if self.restitution < 1.0:
                 what = f"restitution = {self.restitution:g}"
-                allowed = "must be 1 where the shape is thin or sharp against the triangles"
-                remedy = "Take a smaller h, a larger gap or a rounder shape."
+                allowed = "must be 1 where the shape is thinner than half of the longest edge"
+                remedy = "Take a smaller h, or a thicker shape."
                 raise InputError(what, allowed, "Obstacle", remedy)
             sized = float(self.gap), skeleton.thickness, stiffness, skeleton
             sets = ContactSets.bind("Obstacle", cloth, *sized)

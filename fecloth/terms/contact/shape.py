@@ -99,7 +99,7 @@ class Shape:
 
     @property
     def width(self) -> float:
-        """Its least width across [m]: what fits between the points of the cloth must be wider."""
+        """The width [m] of a hole through which the shape fits; infinite by default."""
         return math.inf
 
     def skeleton(self, extent: float) -> Skeleton | None:

@@ -257,7 +257,7 @@ class Box(Shape):
 
     @property
     def width(self) -> float:
-        return float(np.median(self.size))  # a plate is seen by its faces, a bar must be wide
+        return float(np.median(self.size))  # of a bar the thicker side; a plate has wide faces
 
     def skeleton(self, extent: float) -> Skeleton:
         corners = np.array(self.center, float) + 0.5 * CORNERS * np.array(self.size, float)

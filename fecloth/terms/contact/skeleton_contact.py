@@ -1,4 +1,4 @@
-"""An obstacle that is thin or sharp against the triangles of the cloth: its skeleton acts."""
+"""An obstacle that is thin against the triangles of the cloth: its skeleton acts."""
 
 from dataclasses import dataclass
 

@@ -52,7 +52,9 @@ class ContactSets:
     # [m].
     gap: float
     thickness: float
-    largest: float = math.inf  # weight of a pair: its area [m²]
+    # Largest area [m²] with which a pair counts: of two edges of the cloth, where the fixed mesh
+    # has larger ones. The toolkit takes the length of a single edge for its area.
+    largest: float = math.inf
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
     _pairs: tuple[np.ndarray, np.ndarray, Any] | None = field(default=None, repr=False)
     _crowded: bool = False
@@ -82,9 +84,9 @@ class ContactSets:
         if fixed:
             patches = np.repeat([0, 1], [len(rest), len(others.points)]).astype(np.int32)
             mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
-            areas, own = np.array(mesh.edge_areas), edges.max(axis=1) < len(rest)
-            if (areas := np.append(areas, mesh.vertex_areas)).max() > areas[: len(own)][own].max():
-                largest = 0.5 * float(areas[: len(own)][own].max())
+            of_cloth = np.array(mesh.edge_areas)[edges.max(axis=1) < len(rest)].max()
+            if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > of_cloth:
+                largest = 0.5 * float(of_cloth)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
         return cls(ipctk, mesh, potential, triangles, others.points, gap, thickness, largest)
 

@@ -97,7 +97,7 @@ def pulled(motion, method, t_end=0.11):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         result = fc.run(motion, method, start, 5e-3, t_end)
-    assert [str(one.message) for one in caught] == list(result.warnings)
+    assert [str(warning.message) for warning in caught] == list(result.warnings)
     return result.warnings
 
 

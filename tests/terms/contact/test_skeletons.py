@@ -1,4 +1,4 @@
-"""Obstacles that are thin or sharp against the triangles act by their points, edges and faces."""
+"""Obstacles that are thin against the triangles act by their own points, edges and faces."""
 
 import math
 
@@ -50,7 +50,7 @@ def crossings(skeleton, x, triangles):
 
 
 @pytest.mark.parametrize("name", THIN)
-def test_a_thin_or_sharp_shape_never_pierces_the_cloth(name, rng):
+def test_a_thin_shape_never_pierces_the_cloth(name, rng):
     """Thrown at 3 m/s, from a start turned a little, so that nothing is parallel."""
     system, term, x = bind(THIN[name], friction=0.3)
     assert isinstance(term, BoundSkeleton)
@@ -142,7 +142,7 @@ def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refus
 
 
 def test_a_restitution_of_a_skeleton_is_refused():
-    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thin"):
+    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thinner"):
         bind(THIN["needle"], restitution=0.5)
 
 
