@@ -209,11 +209,9 @@ def _patch(pattern, nx, ny):
 
 
 def _relaxed_energy(hinges, inside, rigidity, fields, node):
-    """Matrix (p, p) of the energy of the deflections `fields` (n, p), after relaxation.
-
-    The energy is minimised over additional deflections. These have one value for all nodes with
-    the same number in `node` (n,).
-    """
+    """Matrix (p, p) of the energy of the deflections `fields` (n, p), after relaxation."""
+    # The energy is minimised over additional deflections. These have one value for all nodes with
+    # the same number in `node` (n,).
     warp, weft = np.broadcast_to(np.sqrt(rigidity), 2)
     e = hinges.vector / hinges.length[:, None]
     B = (warp * e[:, 1] ** 2 + weft * e[:, 0] ** 2) ** 2

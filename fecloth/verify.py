@@ -144,10 +144,7 @@ def check_term(
 
 
 def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Three states (name, x, v) for checks of derivatives.
-
-    They are random, compressed to a stretch of 0.3, and nearly degenerate.
-    """
+    """Three states (name, x, v): random, compressed to a stretch of 0.3, nearly degenerate."""
     rng = np.random.default_rng(seed)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     size = np.sqrt(cloth.area / len(cloth.triangles))
@@ -217,10 +214,8 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
 def _sweep(
     name: str, function: Callable, exact: np.ndarray, scale: float | None, size: float
 ) -> Sweep:
-    """Relative errors of central differences of `function(h)` for h = size/4, size/8, …
-
-    The first of them may leave the domain of a law, where it is not finite; they do not count.
-    """
+    """Relative errors of central differences of `function(h)` for h = size/4, size/8, …"""
+    # The first of them may leave the domain of a law, where it is not finite; they do not count.
     h = size * 0.5 ** np.arange(2, 18)
     least = np.linalg.norm(function(0.0)) / size * 1e-6
     scale = scale or float(max(np.linalg.norm(exact), least))

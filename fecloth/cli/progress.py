@@ -10,10 +10,8 @@ from fecloth.simulation.march import StepInfo
 
 
 def terminal(quiet: bool) -> Console:
-    """Return a console on standard error that prints text as it is.
-
-    Names and formulas may hold brackets and colons, which Rich reads as markup and emoji.
-    """
+    """Return a console on standard error that prints text as it is."""
+    # Names and formulas may hold brackets and colons, which Rich reads as markup and emoji.
     return Console(stderr=True, quiet=quiet, markup=False, emoji=False, highlight=False)
 
 

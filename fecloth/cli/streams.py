@@ -58,10 +58,8 @@ def tolerant_streams() -> Iterator[None]:
 
 
 def lost_output() -> str:
-    """Flush both streams; return why standard output is not complete, or "".
-
-    A reader that has gone, as in ``fecloth info | head -1``, has read what it wanted.
-    """
+    """Flush both streams; return why standard output is not complete, or ""."""
+    # A reader that has gone, as in ``fecloth info | head -1``, has read what it wanted.
     for stream in (sys.stdout, sys.stderr):
         if stream:
             stream.flush()

@@ -59,10 +59,7 @@ def _question(command: Command, options: Namespace) -> str:
 
 
 def print_modes(options: Namespace) -> int:
-    """Print the frequencies [Hz], one a line; with a folder write report, picture and shapes.
-
-    Whether the state is stable, and the file to open, are printed on standard error.
-    """
+    """Print the frequencies [Hz], one a line; with a folder write report, picture and shapes."""
     import sys
     import warnings
 

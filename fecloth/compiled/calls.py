@@ -58,10 +58,8 @@ class JoinedCalls:
 
 @global_compiler_lock
 def join(calls: Calls) -> JoinedCalls:
-    """Return one function that makes all the calls in order, on the same arrays each time.
-
-    What the kernels return is dropped. Numbers are taken now; arrays may change in place.
-    """
+    """Return one function that makes all the calls in order, on the same arrays each time."""
+    # What the kernels return is dropped. Numbers are taken now; arrays may change in place.
     name = f"fecloth_calls_{next(_numbers)}"
     library = cpu_target.target_context.codegen().create_library(name)
     module = library.create_ir_module(name)

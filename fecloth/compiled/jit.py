@@ -73,19 +73,15 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile an entry point that rounds each product and sum by itself.
-
-    The same formula then gives the same bits in every loop in which it stands.
-    """
+    """Compile an entry point that rounds each product and sum by itself."""
+    # The same formula then gives the same bits in every loop in which it stands.
     return _compile(function, fastmath=False)
 
 
 def inner(function: Function) -> Function:
-    """Compile a function that kernels call: it is cached as a part of them.
-
-    For them it has no wrapper, which would take as long to compile as the function itself. A call
-    from Python compiles it once more, with one.
-    """
+    """Compile a function that kernels call: it is cached as a part of them."""
+    # For them it has no wrapper, which would take as long to compile as the function itself. A call
+    # from Python compiles it once more, with one.
     compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True}))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
     compiled._insert = lambda *_: None  # Python must not find machine code without a wrapper,
@@ -94,11 +90,9 @@ def inner(function: Function) -> Function:
 
 
 def insert(template: Function, **functions: Callable) -> Function:
-    """Copy a template, a plain function, with compiled `functions` for its globals of that name.
-
-    The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
-    over a compiled function nor a function that takes one as an argument.
-    """
+    """Copy a template, a plain function, with compiled `functions` for its globals of that name."""
+    # The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
+    # over a compiled function nor a function that takes one as an argument.
     if unknown := functions.keys() - set(template.__code__.co_names):
         raise TypeError(f"{template.__qualname__} does not call {', '.join(sorted(unknown))}")
     name = "-".join([template.__qualname__, *(each.__qualname__ for each in functions.values())])
@@ -106,10 +100,8 @@ def insert(template: Function, **functions: Callable) -> Function:
 
 
 def specialise(template: Callable[..., Result], **functions: Callable) -> Callable[..., Result]:
-    """Compile a template as a `kernel`, with `functions` inserted (see `insert`).
-
-    The machine code is found again by the bytecode, the constants and the callees of all of them.
-    """
+    """Compile a template as a `kernel`, with `functions` inserted (see `insert`)."""
+    # The machine code is found again by the bytecode, the constants and the callees of all of them.
     return _compile_by_content(insert(template, **functions))
 
 
@@ -166,10 +158,8 @@ def fingerprint(function: Callable) -> str | None:
 
 
 def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
-    """Describe a plain function by texts that are the same in every process.
-
-    `seen` numbers the functions and modules already met, which may call each other.
-    """
+    """Describe a plain function by texts that are the same in every process."""
+    # `seen` numbers the functions and modules already met, which may call each other.
     if id(function) in seen:
         return ("seen", seen[id(function)])
     seen[id(function)] = len(seen)

@@ -36,10 +36,8 @@ MOST = 256  # threads
 
 
 def number_of_threads(threads: Any, where: str = "System") -> int:
-    """Number of threads for "auto", which means all that Numba may start, or a number.
-
-    Numba may start one on each core that the process may use, or ``NUMBA_NUM_THREADS``.
-    """
+    """Number of threads for "auto", which means all that Numba may start, or a number."""
+    # Numba may start one on each core that the process may use, or ``NUMBA_NUM_THREADS``.
     if isinstance(threads, str) and threads == "auto":
         config: Any = numba.config  # its types lack the settings
         return int(config.NUMBA_NUM_THREADS)

@@ -72,10 +72,8 @@ ONLY = members(1)[0]  # a thread that shares its loop with none
 
 @kernel
 def wait(member: Member) -> None:
-    """Wait until all threads have come here; for kernels and for Python.
-
-    What a thread wrote before is seen by the others afterwards.
-    """
+    """Wait until all threads have come here; for kernels and for Python."""
+    # What a thread wrote before is seen by the others afterwards.
     if member.threads > 1:
         _arrive(member.meeting)
         arrivals, looks = member.threads * member.round_[0], 0

@@ -20,10 +20,8 @@ LONGEST_NAP = 1e-3  # [s] between two looks for a call: a process that waits lea
 
 
 def run_on_all(run: Callable[[MakeSystem], int]) -> int:
-    """Return the exit status of run(make_system) on the first process, and 0 on the others.
-
-    What is no error of fecloth ends all processes with status 3.
-    """
+    """Return the exit status of run(make_system) on the first process, and 0 on the others."""
+    # What is no error of fecloth ends all processes with status 3.
     comm = load()
     if comm.rank:
         for number in (signal.SIGINT, signal.SIGTERM):  # the first process ends between two steps
@@ -96,7 +94,11 @@ def work(comm: Any) -> None:
     """Do what the first process asks, until it says "end"."""
     worker: Worker | None = None
     while True:
-        _wait(comm)
+        # Sleep longer the longer there is no call.
+        nap = 1e-6
+        while not comm.iprobe(source=0):
+            time.sleep(nap)
+            nap = min(2 * nap, LONGEST_NAP)
         name, arguments = comm.recv(source=0)
         if name == "end":
             return
@@ -105,10 +107,8 @@ def work(comm: Any) -> None:
 
 
 def _perform(comm: Any, worker: Worker | None, name: str, arguments: tuple) -> tuple:
-    """The worker, new for the name "", and its reply: a value, or an error of fecloth.
-
-    Any other error ends all processes, as they would wait for this one for ever.
-    """
+    """The worker, new for the name "", and its reply: a value, or an error of fecloth."""
+    # Any other error ends all processes, as they would wait for this one for ever.
     try:
         if not name:
             if worker:
@@ -127,11 +127,3 @@ def abort(comm: Any, error: BaseException) -> None:
     traceback.print_exception(error)
     print(f"failed: process {comm.rank} ended all: {error!r}", file=sys.stderr, flush=True)
     comm.Abort(FAILED)
-
-
-def _wait(comm: Any) -> None:
-    """Return when there is a call; sleep longer the longer there is none."""
-    nap = 1e-6
-    while not comm.iprobe(source=0):
-        time.sleep(nap)
-        nap = min(2 * nap, LONGEST_NAP)

@@ -42,13 +42,14 @@ class Part:
 
     def cloth(self) -> Cloth:
         """The part as a cloth, with regions but without named nodes."""
-        return make_cloth(self.corners, self.triangles, self.regions, self.element)
+        # Its triangles were checked as part of a larger mesh.
+        mesh = FlatMesh(self.corners, self.triangles, {}, {}, self.regions)
+        mesh = add_midpoints(mesh) if self.element == "P2" else mesh
+        return Cloth(mesh.X, mesh.triangles, element=self.element, triangle_sets=mesh.triangle_sets)
 
     def counted(self, nodes: np.ndarray) -> np.ndarray:
-        """Whether elements with nodes (m, k) of the part count here: if it owns their least node.
-
-        The least is by its number in the whole cloth; −1 is no node.
-        """
+        """Whether elements with nodes (m, k) of the part count here: it owns their least node."""
+        # The least is by its number in the whole cloth; −1 is no node.
         numbers = np.where(nodes < 0, np.iinfo(np.int64).max, self.nodes[nodes])
         least = np.take_along_axis(nodes, numbers.argmin(axis=1)[:, None], axis=1)[:, 0]
         counted: np.ndarray = self.is_own[least]
@@ -71,13 +72,6 @@ class Part:
         places = order[np.minimum(at, len(order) - 1)]
         inside = np.flatnonzero(self.nodes[places] == nodes)
         return inside, places[inside]
-
-
-def make_cloth(corners: np.ndarray, triangles: np.ndarray, regions: dict, element: str) -> Cloth:
-    """A cloth of triangles that were checked as part of a larger mesh."""
-    mesh = FlatMesh(corners, triangles, {}, {}, regions)
-    mesh = add_midpoints(mesh) if element == "P2" else mesh
-    return Cloth(mesh.X, mesh.triangles, element=element, triangle_sets=mesh.triangle_sets)
 
 
 def find_owners(cloth: Cloth, count: int) -> np.ndarray:
@@ -190,10 +184,8 @@ class PartSystem(System):
 
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
-    """(pin, nodes) of the pins that hold nodes of the part.
-
-    Positions come from the first process; a motion is left only where a clamp needs it.
-    """
+    """(pin, nodes) of the pins that hold nodes of the part."""
+    # Positions come from the first process; a motion is left only where a clamp needs it.
     cut = []
     for pin, nodes in groups.values():
         places, local = part.restrict(nodes)

@@ -29,10 +29,7 @@ def names() -> tuple[str, ...]:
 
 
 def clyde(density: float, thickness: float, moduli: list[float]) -> dict:
-    """Constants from the density [g/m²], thickness [mm] and moduli [MPa].
-
-    The moduli are weft, coupling, warp and shear.
-    """
+    """Constants from [g/m²], thickness [mm] and moduli [MPa]: weft, coupling, warp and shear."""
     weft, coupling, warp, shear = (1e3 * thickness * a for a in moduli)  # MPa times mm, in N/m
     return {"areal_density": density / 1000, **orthotropic(warp, coupling, weft, shear / 2)}
 

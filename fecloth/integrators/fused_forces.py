@@ -173,10 +173,8 @@ def force_calls(
 
 
 def compiled_force(term: Any, x: np.ndarray, v: np.ndarray, f: np.ndarray) -> Calls | None:
-    """Return the calls of a term's force, or None where it needs Python.
-
-    A class that overrides `add_force` alone has inherited the calls of another force.
-    """
+    """Return the calls of a term's force, or None where it needs Python."""
+    # A class that overrides `add_force` alone has inherited the calls of another force.
     kinds = type(term).__mro__
     force = next(kind for kind in kinds if "add_force" in vars(kind))
     calls = next((kind for kind in kinds if "force_calls" in vars(kind)), None)

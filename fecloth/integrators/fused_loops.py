@@ -132,11 +132,9 @@ def pin_work(
 def take_steps(
     forces: int, sizes: Array, pauses: Pauses, held: Held, fields: Fields, member: Member
 ) -> int:
-    """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
-
-    Each thread calls it with its own `forces`, and moves its own nodes. The first thread does what
-    needs all nodes.
-    """
+    """Take the steps in place; return their number: fewer if a stretch is beyond its limits."""
+    # Each thread calls it with its own `forces`, and moves its own nodes. The first thread does
+    # what needs all nodes.
     x, v, a, ahead, f, mass, inverse_mass = fields
     at, P, path, speed, old, target, work = held
     begin, end = part_of(member, 0, len(x))

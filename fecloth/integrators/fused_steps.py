@@ -176,10 +176,7 @@ class FusedSteps:
         return Pauses(*calls, *look, least, largest, *arrays)
 
     def _go(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take steps; return their number.
-
-        With a team they are taken in portions, of which it times each.
-        """
+        """Take steps, with a team in portions of which it times each; return their number."""
         done = 0
         while done < len(sizes) and not pauses.stop[0]:
             end = done + self._team.portion("steps", len(sizes) - done)

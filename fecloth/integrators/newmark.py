@@ -199,10 +199,7 @@ class Newmark(AccelerationMethod):
 def starting_acceleration(
     system: System, state: State, end: State, dt: float, solver: SolverContext | None
 ) -> np.ndarray:
-    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins.
-
-    By a direct solver if none is given.
-    """
+    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
     project, hold = system.constraints.project, system.constraints.hold
     a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
     b = project(system.force(state) - system.scalar_mass @ a)

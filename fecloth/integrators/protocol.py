@@ -302,10 +302,7 @@ def take_step(
     memory: Any = None,
     history: History | None = None,
 ) -> Step:
-    """One step of a method, which needs to take a history only if there is one.
-
-    Raises `NewtonFailed` where the cloth has passed through itself or an obstacle.
-    """
+    """One step of a method; raises `NewtonFailed` where the cloth has passed through something."""
     records = () if history is None else (history,)
     step: Step = method.step(system, state, dt, solver, memory, *records)
     if not takes_steps(method):

@@ -177,10 +177,8 @@ def newton_step(
     memory: Any = None,
     history: History | None = None,
 ) -> Step:
-    """One step from `state` over `dt` [s]: opened, solved by Newton's iteration, and closed.
-
-    It is the `step` of every method that has `open` and `close`.
-    """
+    """One step from `state` over `dt` [s]: opened, solved by Newton's iteration, and closed."""
+    # It is the `step` of every method that has `open` and `close`.
     opening = self.open(system, state, dt, memory, history, solver)
     q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, dt)
     step: Step = self.close(opening, q, counts)

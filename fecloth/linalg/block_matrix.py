@@ -193,10 +193,8 @@ class MatrixLayout:
         return BlockPattern.union(self.n, self.stencils)
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 block of each pair of nodes of a stencil; see `BlockPattern.slots`.
-
-        Terms with one stencil share one array, as long as one of them holds it.
-        """
+        """(m, k, k) int32 block of each pair of nodes of a stencil; see `BlockPattern.slots`."""
+        # Terms with one stencil share one array, as long as one of them holds it.
         shared = [number for number, each in enumerate(self.stencils) if each is stencil]
         if not shared:
             return self.pattern.slots(stencil)

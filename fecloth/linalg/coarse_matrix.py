@@ -141,10 +141,8 @@ def _multiply(
 
 @inner
 def _add_product(A: Array, s: int, B: Array, e: int, C: Array, t: int) -> None:
-    """C[t] += A[s] B[e], of shapes (3, 6), (3, 3) and (3, 6).
-
-    Numbers in place of views of the arrays make this three times as fast.
-    """
+    """C[t] += A[s] B[e], of shapes (3, 6), (3, 3) and (3, 6)."""
+    # Numbers in place of views of the arrays make this three times as fast.
     a11, a12, a13 = A[s, 0, 0], A[s, 0, 1], A[s, 0, 2]
     a21, a22, a23 = A[s, 1, 0], A[s, 1, 1], A[s, 1, 2]
     a31, a32, a33 = A[s, 2, 0], A[s, 2, 1], A[s, 2, 2]

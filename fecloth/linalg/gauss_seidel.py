@@ -146,10 +146,8 @@ def sweep_forward(
 def sweep_residual(
     starts: Array, indptr: Array, indices: Array, values: Array, x: Array, r: Array, member: Member
 ) -> None:
-    """r = b − A x = −U x for the x of `sweep_forward`.
-
-    Each colour is divided, as early ones have most of U.
-    """
+    """r = b − A x = −U x for the x of `sweep_forward`."""
+    # Each colour is divided, as early ones have most of U.
     n = len(x)
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])
@@ -164,11 +162,9 @@ def sweep_backward(
     starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
     member: Member,
 ) -> None:  # fmt: skip
-    """x ← (D + U)⁻¹ (b − L x), in place.
-
-    The colours come from the last one. Ascending places in a colour are four times as fast as
-    descending ones.
-    """
+    """x ← (D + U)⁻¹ (b − L x), in place."""
+    # The colours come from the last one. Ascending places in a colour are four times as fast as
+    # descending ones.
     n = len(x)
     for colour in range(len(starts) - 2, -1, -1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])

@@ -86,15 +86,11 @@ class Multigrid(PCG):
             self._levels[0].refill(A, self._inverse)
         else:
             self._levels, self._rate, self._extra = [], 0.0, 0.0
-            motions = self._motions(len(A.pattern))
+            at_one_point = np.zeros((len(A.pattern), 3))
+            motions = rigid_motions(at_one_point if self._x is None else self._x)
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
         self._seconds += time.perf_counter() - begin
-
-    def _motions(self, n: int) -> np.ndarray:
-        """(n, 3, 6) the rigid motions about the positions of the step."""
-        at_one_point = np.zeros((n, 3))
-        return rigid_motions(at_one_point if self._x is None else self._x)
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None

@@ -98,11 +98,9 @@ class EdgeSlopes:
 
     @property
     def _changing(self) -> np.ndarray:
-        """(h,) whether the weights of an edge depend on seams and clamps.
-
-        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
-        a clamp: one between two regions, or on the boundary.
-        """
+        """(h,) whether the weights of an edge depend on seams and clamps."""
+        # They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
+        # a clamp: one between two regions, or on the boundary.
         sides = self.edges.hinges.sides
         seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
         ends = np.zeros(len(self.edges.triangles), bool)
@@ -149,10 +147,8 @@ class EdgeSlopes:
         return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
     def _weights(self, plate: _Plate) -> sparse.csr_matrix:
-        """(h, h + c) W with φ = W θ.
-
-        With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
-        """
+        """(h, h + c) W with φ = W θ."""
+        # With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
         patch = (self.patches @ plate.in_triangle).tocsr()
         row, angle, gram = _gram(plate, patch)
         hinges, slope = np.arange(patch.shape[0]), self.edges.slopes_of_curvature
@@ -202,10 +198,8 @@ class _Plate:
         return rows
 
     def across(self, centre, hinge, triangle, rows) -> np.ndarray:
-        """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`.
-
-        They differ where a seam lies between: `centre`, if it is one, else `hinge`.
-        """
+        """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`."""
+        # They differ where a seam lies between: `centre`, if it is one, else `hinge`.
         sides = self.edges.hinges.sides[centre]
         home = self.material[sides[:, 0]]
         there = np.flatnonzero(home != self.material[triangle])

@@ -160,10 +160,8 @@ def oriented_cells(mesh: skfem.MeshTri, triangles: np.ndarray) -> np.ndarray:
 
 
 def edge_midpoints(edges: np.ndarray, n: int, pairs: np.ndarray) -> np.ndarray:
-    """Node numbers (p,) of the midpoints between pairs (p, 2) of corners.
-
-    Each pair must be one of the `edges` (e, 2) of a mesh with n corners.
-    """
+    """Node numbers (p,) of the midpoints between pairs (p, 2) of corners."""
+    # Each pair must be one of the `edges` (e, 2) of a mesh with n corners.
     keys = [np.sort(ends, axis=1).astype(np.int64) @ [n, 1] for ends in (edges, pairs)]
     order = np.argsort(keys[0])
     return n + order[np.searchsorted(keys[0][order], keys[1])]

@@ -23,11 +23,9 @@ def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
 
 
 def _frame(normal: np.ndarray) -> np.ndarray:
-    """Two orthonormal axes (2, 3) in the plane.
-
-    The sign of the normal is chosen so that the axes vary continuously from the axes of the
-    coordinate planes xy, xz and yz.
-    """
+    """Two orthonormal axes (2, 3) in the plane."""
+    # The sign of the normal is chosen so that the axes vary continuously from the axes of the
+    # coordinate planes xy, xz and yz.
     signed = normal * (1.0, -1.0, 1.0)
     axis = next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)
     normal = normal * np.sign(signed[axis])

@@ -166,11 +166,9 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
 
 
 def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
-    """Triangle indices of each physical surface, by its name.
-
-    Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
-    each group.
-    """
+    """Triangle indices of each physical surface, by its name."""
+    # Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
+    # each group.
     order = np.lexsort(triangles.T[::-1])
     weights = [len(ids) ** 2, len(ids), 1]
     keys = np.ascontiguousarray(triangles[order].astype(np.int64)) @ weights

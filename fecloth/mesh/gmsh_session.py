@@ -60,11 +60,10 @@ def gmsh_model() -> Iterator:
 
 @contextlib.contextmanager
 def _signal_handlers_restored() -> Iterator[None]:
-    """Restore Python's signal handlers at the end.
-
-    Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once. Signals
-    that arrive in between are delayed, if the system supports it and no other thread handles them.
-    """
+    """Restore Python's signal handlers at the end."""
+    # Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once.
+    # Signals that arrive in between are delayed, if the system supports it and no other thread
+    # handles them.
     names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # nohup ignores SIGHUP
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old_mask = None
@@ -83,10 +82,8 @@ def _signal_handlers_restored() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _user_session_restored(gmsh) -> Iterator[None]:
-    """Add a model to the user's session, and remove it and restore the options at the end.
-
-    Options that a .geo file sets itself are not restored.
-    """
+    """Add a model to the user's session, and remove it and restore the options at the end."""
+    # Options that a .geo file sets itself are not restored.
     current, models = gmsh.model.getCurrent(), gmsh.model.list()
     options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
     parser, onelab = _parser_values(gmsh), gmsh.onelab.get()

@@ -37,11 +37,9 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
 
 
 def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
-
-    scikit-fem's finder is not used because it rejects points outside a polygonal border. The
-    `NEAREST` triangles, by the distance of their centroids, are searched first.
-    """
+    """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle."""
+    # scikit-fem's finder is not used because it rejects points outside a polygonal border. The
+    # `NEAREST` triangles, by the distance of their centroids, are searched first.
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
         what = f"material points[{bad}] = {points[bad].tolist()}"
@@ -70,10 +68,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
 
 
 def _depth(corners, points):
-    """Smallest signed distance [m] of points from the three edge lines, positive inside.
-
-    `corners` (..., 3, 2) are counter-clockwise.
-    """
+    """Smallest signed distance [m] of points from the three edge lines, positive inside."""
+    # `corners` (..., 3, 2) are counter-clockwise.
     tail, head = corners, np.roll(corners, -1, axis=-2)
     edge = head - tail
     offset = points[..., None, :] - tail
@@ -107,10 +103,7 @@ def h1_difference(cloth, other, a, b) -> float:
 
 
 def _on_common_points(cloth, a, other, b):
-    """Evaluate both fields at the quadrature points of the finer cloth.
-
-    Returns the weights, and for each field the value and its derivatives ∂/∂X₁ and ∂/∂X₂.
-    """
+    """Weights of the finer cloth's quadrature; value, ∂/∂X₁ and ∂/∂X₂ of each field there."""
     a, b = nodal_values(cloth, a), nodal_values(other, b)
     if a.shape[1:] != b.shape[1:]:
         what = f"fields of shapes {a.shape} and {b.shape}"

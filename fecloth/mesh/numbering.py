@@ -47,11 +47,7 @@ LONGEST_NAME = 100  # characters of the name of a piece
 
 
 def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
-    """Make one mesh of pieces that share no node; see `Cloth.join`.
-
-    All corners come first, then the midpoints of quadratic triangles, both in the order of the
-    pieces.
-    """
+    """One mesh of pieces without common nodes, see `Cloth.join`: corners first, then midpoints."""
     _check_names(pieces, names)
     corners = [int(piece.triangles.max()) + 1 for piece in pieces]
     first_corner = np.cumsum([0, *corners])

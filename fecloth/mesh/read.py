@@ -122,10 +122,7 @@ def _from_msh(path: Path, time_limit: float) -> RawMesh:
 
 
 def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
-    """Remove nodes that only define the geometry, and validate the mesh.
-
-    Raises `MeshError` if a set contains a removed node.
-    """
+    """Remove nodes that only define the geometry, and validate the mesh and its sets."""
     n, t = len(raw.xyz), raw.triangles
     if len(t) > validation.MOST_TRIANGLES:
         allowed, remedy = f"must be at most {validation.MOST_TRIANGLES}", "Take a coarser mesh."

@@ -68,10 +68,7 @@ def _pair_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarray,
 
 
 def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, np.ndarray]:
-    """Length (s,) [m] and coefficients (s, d, c) of the polynomials around the pairs.
-
-    Where the points of a patch hardly tell the coefficients, it is widened up to twice.
-    """
+    """Length (s,) [m] and coefficients (s, d, c) around pairs; patches too small are widened."""
     m, s = len(triangles), len(node)
     rows = corner.ravel(), np.repeat(np.arange(m), 3)
     around = sparse.csr_matrix((np.ones(3 * m), rows), shape=(s, m))

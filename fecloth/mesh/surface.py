@@ -40,7 +40,9 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
         return None
     centres = corners.mean(axis=1)
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    classes = _size_classes(radii)
+    # Classes of radii that differ by a factor below 1.5, large ones last.
+    size = np.floor(np.log(np.maximum(radii, 1e-300)) / np.log(1.5))
+    classes = [np.flatnonzero(size == exponent) for exponent in np.unique(size)]
     trees = [cKDTree(centres[members]) for members in classes]
     intersecting = [np.zeros((0, 2), int)]
     for i, (mine, tree) in enumerate(zip(classes, trees, strict=True)):
@@ -54,12 +56,6 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
             crosses = _crosses(a, b) | _crosses(b, a)
             intersecting.append(np.column_stack([first[crosses], second[crosses]]))
     return np.concatenate(intersecting)
-
-
-def _size_classes(radii: np.ndarray) -> list[np.ndarray]:
-    """Return the members of classes of radii that differ by a factor below 1.5, large ones last."""
-    size = np.floor(np.log(np.maximum(radii, 1e-300)) / np.log(1.5))
-    return [np.flatnonzero(size == exponent) for exponent in np.unique(size)]
 
 
 def _neighbours(tree: cKDTree, another: cKDTree, reach: float) -> float:

@@ -60,10 +60,7 @@ class HdfFrames:
         return self.path
 
     def add(self, state: State, arrays: tuple[Arrays, Arrays] | None = None) -> Path:
-        """Append a frame; returns the file.
-
-        `arrays` are the point and cell data, where `frame_arrays.fields` has made them already.
-        """
+        """Append a frame, with its `arrays` by `frame_arrays.fields` if given; return the file."""
         shown = arrays or (self.system and fields(self.system, state))
         points, cells = shown or kinematics(self.cloth, state)
         with (_more if self.times else _new)(self.path) as file:

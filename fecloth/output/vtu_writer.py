@@ -25,10 +25,8 @@ Arrays = dict[str, np.ndarray]
 
 
 def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> bytes:
-    """Encode one frame as a VTK XML unstructured grid; `cells` (m, 3 or 6) are `Cloth.cells`.
-
-    Not by meshio, which writes no field data (the time) and no component names ("E11").
-    """
+    """Encode one frame as a VTK XML unstructured grid; `cells` (m, 3 or 6) are `Cloth.cells`."""
+    # Not by meshio, which writes no field data (the time) and no component names ("E11").
     return b"".join(_parts(x, cells, t, point_data, cell_data))
 
 

@@ -91,11 +91,9 @@ class Arithmetic:
 
 
 def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    """The closure of a checked syntax tree.
-
-    A node may be a part of several others, as in derivatives: it is compiled once, and evaluated
-    once in a call. Its value follows the values of the variables.
-    """
+    """The closure of a checked syntax tree."""
+    # A node may be a part of several others, as in derivatives: it is compiled once, and evaluated
+    # once in a call. Its value follows the values of the variables.
     uses: Counter[int] = Counter()
     varies: dict[int, bool] = {}
     _count_uses(node, variables, uses, varies)
@@ -210,10 +208,8 @@ def _fold_constant(closure: Closure) -> Closure:
 
 
 def _is_array(node: ast.AST, variables: tuple[str, ...]) -> bool:
-    """Whether the value is an array of no dimension, not a scalar, in NumPy's arithmetic.
-
-    NumPy raises these to a power by another routine, which may differ in the last bit.
-    """
+    """Whether the value is an array of no dimension, not a scalar, in NumPy's arithmetic."""
+    # NumPy raises these to a power by another routine, which may differ in the last bit.
     if isinstance(node, ast.Call):
         return isinstance(node.func, ast.Name) and node.func.id == "where"
     return isinstance(node, ast.Name) and node.id in variables

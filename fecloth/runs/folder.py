@@ -44,7 +44,9 @@ class Table:
             odd = ", ".join(sorted(row.keys() ^ set(header)))
             raise InputError(f"keys {odd}", "must be the keys of the first row", str(self.path))
         line = [row[key] for key in header]
-        data = _csv([line] if self._header else [header, line])
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([line] if self._header else [header, line])
+        data = text.getvalue().encode()
         with writing(self.path):
             try:
                 while data:  # an almost full disk takes a part
@@ -75,12 +77,6 @@ class Table:
 
     def __exit__(self, *_) -> None:
         self.close()
-
-
-def _csv(rows) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
 
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
@@ -164,10 +160,8 @@ class RunFolder:
                 raise InputError(what, "contains other files than a run's", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """Open a table, e.g. "steps.csv", with the keys of its first row as header.
-
-        It is empty; in a continued run it has its earlier rows.
-        """
+        """Open a table, e.g. "steps.csv", with the keys of its first row as header."""
+        # It is empty; in a continued run it has its earlier rows.
         return Table(self.path / name, self.sizes.get(Path(name).stem))
 
     def summary(self, values: Mapping) -> None:

@@ -70,10 +70,8 @@ class Restart:
 
 
 def write(folder: Path, restart: Restart) -> Path:
-    """Write the file in one go and remove all but the last two; return its path.
-
-    It is flushed to the disk before others are removed, so that a power cut leaves one.
-    """
+    """Write the file in one go and remove all but the last two; return its path."""
+    # It is flushed to the disk before others are removed, so that a power cut leaves one.
     path = folder / FOLDER / f"restart_{restart.progress.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _pack(restart, arrays)})
@@ -112,10 +110,8 @@ def read(path: Path) -> Restart:
 
 
 def _check(found, arrays) -> None:
-    """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
-
-    All arrays but the history of terms must have the shape (n, 3) of the positions.
-    """
+    """Raise `ValueError` unless this is a restart with finite times and arrays of float64."""
+    # All arrays but the history of terms must have the shape (n, 3) of the positions.
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
     state, memory = found.progress.state, found.progress.memory

@@ -101,10 +101,7 @@ def count_frames(problem: Problem) -> int:
 
 
 def check_space(folder: Path, problem: Problem, size: int) -> None:
-    """Raise `InputError` for too many frames, or if the disk has no space for them.
-
-    The first frame, of `size` bytes, stands in the `folder` of the run.
-    """
+    """Raise `InputError` for too many frames of `size` bytes, or for the space in `folder`."""
     count, free = count_frames(problem), shutil.disk_usage(folder).free
     if count > MOST_FRAMES:
         raise InputError(f"{count} frames", f"must be at most {MOST_FRAMES}", "output", _FEWER)

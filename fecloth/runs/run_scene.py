@@ -104,7 +104,11 @@ def _run_scene(
         else:
             folder = RunFolder.create(path, overwrite)
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
-            _write_head(folder, scene, problem, why, warnings)
+            folder.text("scene.resolved.toml", scene.to_toml())
+            folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
+            folder.log(f"{_sizes(problem)}; solver {why}")
+            for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
+                folder.log(line)
             recorder = Recorder(
                 folder, problem, watch, solver, scene.to_toml(), start, found, warnings
             )
@@ -113,15 +117,6 @@ def _run_scene(
         outcome = recorder.close(FAILED if error else stopped, why, error, warn)
         closed()
         return outcome
-
-
-def _write_head(folder, scene, problem, why, warnings: list[str]) -> None:
-    """Write the scene and the first lines of the log."""
-    folder.text("scene.resolved.toml", scene.to_toml())
-    folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-    folder.log(f"{_sizes(problem)}; solver {why}")
-    for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
-        folder.log(line)
 
 
 def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:

@@ -14,10 +14,8 @@ from fecloth.system.system import System
 
 
 def compile_kernels(problem: Problem) -> None:
-    """Compile what the run will call, on two triangles, before the first step.
-
-    Compiled code is cached on disk; later runs load it.
-    """
+    """Compile what the run will call, on two triangles, before the first step."""
+    # Compiled code is cached on disk; later runs load it.
     whole, halves = problem.system, {"lower": [0], "upper": [1]}
     corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
     sets, element = {"left": [0, 3]}, whole.cloth.element

@@ -42,10 +42,7 @@ At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene
 
 
 def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
-    """Bind the terms and pins of a `Scene` to the cloth, place the start, check the method.
-
-    `make_system` takes the arguments of `System`.
-    """
+    """Bind terms and pins of a `Scene` to the cloth, place the start, check the method."""
     at = partial(errors_at, where=scene.source)
     state = _start(scene, cloth, at)
     system = _system(scene, cloth, state, at, make_system)
@@ -57,6 +54,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     if scene.expect or scene.interest:
         names = sorted({*observer.row(None, None), *ledger.row()} - {"t"})
         refuse_unknown(scene.expect, scene.interest, names, scene.source)
+    pattern = getattr(scene.cloth, "pattern", "")
     return Problem(
         cloth=cloth,
         system=system,
@@ -73,7 +71,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         rows=scene.output.rows,
         stops=scene.output.stops(scene.schedule),
         frame_format=scene.output.format,
-        note=_note(scene),
+        note=bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else "",
         restarts=scene.output.restart_steps or scene.output.restart_every,
         intersections=scene.output.intersections,
         error_density=scene.output.error_density,
@@ -126,19 +124,14 @@ def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Clo
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
-        times = _motion_times(time)
+        start, end = time.t_start, time.t_end
+        dt = (end - start) / 1000 if time.dt == "auto" else time.dt
+        times = np.append(start, step_times(start, dt, end))
         if pin.motion.by_place:  # at some of them, to limit the work
             times = times[:: 1 + len(times) * len(X) // MOST_PLACES]
         with at(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin
-
-
-def _motion_times(time: Time | EquilibriumTable) -> np.ndarray:
-    """Return the start and the ends of all steps, at which a run needs a motion."""
-    start, end = time.t_start, time.t_end
-    dt = (end - start) / 1000 if time.dt == "auto" else time.dt
-    return np.append(start, step_times(start, dt, end))
 
 
 # --- the start ------------------------------------------------------------------------------------
@@ -232,9 +225,3 @@ def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -
             with at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
                 probe.weights(system.cloth)
         raise
-
-
-def _note(scene: Any) -> str:
-    """Return how the mesh affects the values in [expect], or ""."""
-    pattern = getattr(scene.cloth, "pattern", "")
-    return bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else ""

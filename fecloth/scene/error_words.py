@@ -18,10 +18,7 @@ _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
 def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
-    """Return the first mistake of the scene `data` from the file `where`, and the others in it.
-
-    `text` is the text of the file, for the number of the line.
-    """
+    """Return the first mistake of the scene `data` from the file `where`, and the others in it."""
     found = (
         words
         for item in error.errors(include_url=False)
@@ -134,10 +131,7 @@ def shorten(value: Any) -> str:
 
 
 def _locate(location: tuple, data: Any) -> tuple[str, Any]:
-    """Return the dotted key of an error, and the value there.
-
-    Entries that pydantic adds for the kind of a table are left out.
-    """
+    """Return the key of an error, without pydantic's entries for kinds, and the value there."""
     keys = []
     for entry in location:
         inside = isinstance(data, dict) and entry in data and data.get("shape") != entry

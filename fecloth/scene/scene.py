@@ -195,10 +195,7 @@ class Scene(Table):
     def build(
         self, cloth: Cloth | None = None, make_system: Callable[..., System] = System
     ) -> Problem:
-        """Mesh the cloth (unless given), bind the terms and pins, place the start.
-
-        `make_system` takes the arguments of `System`.
-        """
+        """Mesh the cloth (unless given), bind terms and pins by `make_system`, place the start."""
         return build(self, self.mesh() if cloth is None else cloth, make_system)
 
 

@@ -165,10 +165,8 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 
 
 def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
-    """Return the text before the first section, and what Parameters says of each name.
-
-    Names of a base stand in the docstring of the base.
-    """
+    """Return the text before the first section, and what Parameters says of each name."""
+    # Names of a base stand in the docstring of the base.
     text, meanings = "", dict[str, str]()
     for each in reversed(cls.__mro__[:-1]):
         text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(each) or "")

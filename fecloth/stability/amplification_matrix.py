@@ -64,11 +64,9 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 
 
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
-    """(x, v, memory) after a step of dt = 1, from (x, v, memory) before it; one component of each.
-
-    The memory is every array (n, 3) in the memory that a step hands on to the next one, in a
-    fixed order; for a method that takes it as a first guess only, its columns are zero.
-    """
+    """(x, v, memory) after a step of dt = 1 from (x, v, memory) before; one component of each."""
+    # The memory is every array (n, 3) that a step hands on to the next one, in a fixed order; for a
+    # method that takes it as a first guess only, its columns are zero.
     system = _oscillators(omega_dt, zeta)
     options = Newton(tolerance=1e-13)
     symmetric = system.symmetric and method.traits.symmetric

@@ -97,11 +97,9 @@ AS_IS = Level(sharper=None)  # with the solver of the problem
 def make_levels(
     refine: str, levels: int, ratio: float, space_order: float = 1.0, time_order: float = 1.0
 ) -> list[Level]:
-    """Return the levels, coarse to fine.
-
-    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    keep their share.
-    """
+    """Return the levels, coarse to fine."""
+    # With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
+    # keep their share.
     if refine not in REFINED:
         remedy = did_you_mean(refine, REFINED)
         raise InputError(f"refine = {refine!r}", 'must be "h", "dt" or "both"', "converge", remedy)

@@ -128,7 +128,10 @@ def _plain(name: str) -> str:
 
 def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     """Return a setting for each mesh and step; one with the reason if the problem refuses it."""
-    shown = _shown(names)
+    cls = ALL_METHODS.get(names["method"])
+    method = "Auto" if names["method"] == "auto" else cls.__name__ if cls else names["method"]
+    rest = {key: names[key] for key in ("element", "model", "rtol") if key in names}
+    shown = {"method": method} | rest
     try:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
@@ -152,14 +155,6 @@ def _point(shown: dict, variant: Problem, level: Level) -> Point:
     size = variant.workload(level)
     factor = P2_COST if shown["element"] == "P2" else 1.0
     return Point(variant, level, words, replace(size, triangles=factor * size.triangles))
-
-
-def _shown(names: dict) -> dict:
-    """Return the cells of the table: methods by the names of their classes."""
-    cls = ALL_METHODS.get(names["method"])
-    method = "Auto" if names["method"] == "auto" else cls.__name__ if cls else names["method"]
-    rest = {key: names[key] for key in ("element", "model", "rtol") if key in names}
-    return {"method": method} | rest
 
 
 def change_names(opened: Problem, names: dict) -> Change:

@@ -102,10 +102,8 @@ def known_error(row: Mapping, unit: str = "") -> float:
 
 
 def describe_chart(table: Table, limit: Convergence) -> str:
-    """Return the cheapest setting for each level of error, and the level that none reaches.
-
-    A setting reaches a level if its error and the uncertainty together are below it.
-    """
+    """Return the cheapest setting for each level of error, and the level that none reaches."""
+    # A setting reaches a level if its error and the uncertainty together are below it.
     rows: list[Any] = [row for row in table if is_known(row)]
     if not rows:
         return "no setting has an error"

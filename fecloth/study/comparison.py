@@ -127,10 +127,7 @@ def difference_of_sizes(
 
 
 def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
-    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is off by …".
-
-    `has_sign` is false for sizes of differences, as of fields.
-    """
+    """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …"."""
     first, difference = next(iter(comparison.studies)), comparison.differences[name]
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)

@@ -240,11 +240,9 @@ PANEL = 2.6  # inches
 
 
 def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Figure:
-    """Draw the first twelve shapes on the flat cloth.
-
-    The colour is the displacement along the direction in which the mode moves most, relative to
-    the largest one.
-    """
+    """Draw the first twelve shapes on the flat cloth."""
+    # The colour is the displacement along the direction in which the mode moves most, relative to
+    # the largest one.
     count = min(len(shapes), MOST)
     columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
     width, height = np.ptp(cloth.X, axis=0)

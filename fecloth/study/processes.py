@@ -32,10 +32,8 @@ def run_case(file: str, name: str, settings: dict, time_limit: float | None = No
 def run_in_processes(
     cases: Sequence[Any], count: int, time_limit: float | None
 ) -> Iterator[tuple[Any, dict]]:
-    """Yield (case, result) as they finish in `count` processes; replace each stopped process.
-
-    The limit is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
-    """
+    """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
+    # The limit is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
     hanging = None if time_limit is None else max(HANGING * time_limit, LEAST_HANGING)
     first, context = cases[0], multiprocessing.get_context("spawn")
     pool = ProcessPool(count, 0, _start_worker, (first.file, first.name), context)
@@ -102,11 +100,9 @@ PATIENCE = 10.0  # s to reach the scheduler and its first worker
 
 
 def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
-    """Yield (case, result) as the cases finish on a Dask cluster.
-
-    The workers need fecloth installed, and the file of the study under the same path; they import
-    the study's function from that file.
-    """
+    """Yield (case, result) as the cases finish on a Dask cluster."""
+    # The workers need fecloth installed, and the file of the study under the same path; they import
+    # the study's function from that file.
     require_packages("distributed")
     from distributed import as_completed
 
@@ -131,11 +127,9 @@ def run_checked_case(
 
 
 def find_mistake(file: str, source: str) -> str:
-    """Return why this process cannot run the cases of a file; "" if it can.
-
-    A worker that was started before an edit, or that has another fecloth installed, would give
-    results of other sources. The hash is kept from the first call, as imported modules are.
-    """
+    """Return why this process cannot run the cases of a file; "" if it can."""
+    # A worker that was started before an edit, or that has another fecloth installed, would give
+    # results of other sources. The hash is kept from the first call, as imported modules are.
     if not Path(file).exists():
         return f"does not see the file {file}"
     if source_hash(file) != source:

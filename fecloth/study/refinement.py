@@ -14,7 +14,7 @@ from fecloth.study.problems import Problem
 from fecloth.study.result import Table
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
 from fecloth.study.status import OK
-from fecloth.study.uncertainty import UNSAFE, Estimate, estimate_uncertainty
+from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 
 CLOSER = 10.0  # rtol over rtol of the run that shows the error of chosen steps
 RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
@@ -49,11 +49,9 @@ def levels_to_run(
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return further cases on the first level: finer in what is not refined, and a sharper solver.
-
-    Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
-    halved in one of them.
-    """
+    """Return cases on the first level: finer in what is not refined, and a sharper solver."""
+    # Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
+    # halved in one of them.
     gaps = [Level(gap=2.0)] if opened.has_contact else []
     if opened.is_static or quantity.how == "mode":
         return gaps
@@ -90,7 +88,10 @@ def summarise(
     values, sequence = _values_of_levels(quantity, rows)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, sequence, theory)
-    shares = _refined_share(refine, estimate)
+    name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
+    known = estimate.behaviour in ("monotone", "constant")
+    error = abs(estimate.value - estimate.limit)
+    shares = {name: error if known else estimate.uncertainty / UNSAFE}
     base = record_at(rows[0], quantity)
     able = [row for row in more if row["status"] == OK]
     apart = [difference_of(quantity, base, record_at(row, quantity)) for row in able]
@@ -123,11 +124,9 @@ def summarise(
 def _values_of_levels(
     quantity: Quantity, rows: Sequence[Mapping]
 ) -> tuple[list[float], list[float]]:
-    """Return the values, and the numbers that are judged.
-
-    These are the values or, of fields, paths and vectors, the sum of the differences between
-    levels up to the finest one: it falls with the same order, to the error of the finest level.
-    """
+    """Return the values, and the numbers that are judged."""
+    # These are the values or, of fields, paths and vectors, the sum of the differences between
+    # levels up to the finest one: it falls with the same order, to the error of the finest level.
     records = [record_at(row, quantity) for row in rows]
     values = [value_of(quantity, record) for record in records]
     if is_number(quantity, records[0]):
@@ -143,19 +142,9 @@ def is_number(quantity: Quantity, record: RunRecord) -> bool:
     return quantity.how != "value" or record.column(quantity).shape[1] == 1
 
 
-def _refined_share(refine: str, estimate: Estimate) -> dict[str, float]:
-    """Return the estimated error of what was refined."""
-    name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
-    known = estimate.behaviour in ("monotone", "constant")
-    error = abs(estimate.value - estimate.limit)
-    return {name: error if known else estimate.uncertainty / UNSAFE}
-
-
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: h of the first times the ratio of √(area of a triangle).
-
-    Of a failed level it is the nominal one.
-    """
+    """Return h of a level: h of the first times the ratio of √(area of a triangle)."""
+    # Of a failed level it is the nominal one.
     if "edge" not in row or "edge" not in first:
         return row["point"].refined.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
@@ -168,10 +157,8 @@ def other_shares(
     more: Sequence[Mapping],
     apart: Sequence[float],
 ) -> dict[str, float]:
-    """Return the estimated errors that the levels do not show.
-
-    `apart` is by how much each of the runs `more` differs from the `first` level.
-    """
+    """Return the estimated errors that the levels do not show."""
+    # `apart` is by how much each of the runs `more` differs from the `first` level.
     errors = {}
     for row, change in zip(more, apart, strict=True):
         if (row["point"].level.sharper or 1.0) > 1:

@@ -94,11 +94,9 @@ def print_warnings(opened: Problem) -> tuple[str, ...]:
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Return a row for each point, with its `point`.
-
-    A run that warns not to trust its motion has failed: it is no evidence. A function that other
-    processes cannot import, and a function as quantity, run in this process and are not stored.
-    """
+    """Return a row for each point, with its `point`."""
+    # A run that warns not to trust its motion has failed: it is no evidence. A function that other
+    # processes cannot import, and a function as quantity, run in this process and are not stored.
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")

@@ -130,7 +130,11 @@ def stability(
     >>> found.table["predicted limit"], found.table["measured over predicted"]
     (['8.11 ms', '4.05 ms'], ['0.92–1.1', '0.94–1.1'])
     """
-    chosen = known_methods(studied_by("stability") if methods is None else methods)
+    names = studied_by("stability") if methods is None else methods
+    allowed = f"must be names of {', '.join(ALL_METHODS)}"
+    if isinstance(names, str) or not names:
+        raise InputError(f"methods = {names!r}", allowed, "stability")
+    chosen = known_names("method", names, ALL_METHODS, allowed, "stability")
     ranges = variants.read_ranges(over) if over else {}
     combinations = variants.combine(ranges)
     study = open_study(problem, shared)
@@ -149,14 +153,6 @@ def stability(
         methods=tuple(chosen),
         cells=Table(tuple(cells)),
     )
-
-
-def known_methods(names: Sequence[str]) -> list[str]:
-    """Return the names as a scene writes them, each once; capitals do not count."""
-    allowed = f"must be names of {', '.join(ALL_METHODS)}"
-    if isinstance(names, str) or not names:
-        raise InputError(f"methods = {names!r}", allowed, "stability")
-    return known_names("method", names, ALL_METHODS, allowed, "stability")
 
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:

@@ -90,11 +90,9 @@ def make_method(name: str):
 
 
 def counts_of(span: float, predicted: float | None) -> list[int]:
-    """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one.
-
-    With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
-    next to the limit are so close to it that this is seen within the run.
-    """
+    """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one."""
+    # With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
+    # next to the limit are so close to it that this is seen within the run.
     if not predicted or math.isinf(predicted):
         return list(COUNTS)
     r = min(max(math.cosh(min(GROWTH * predicted / span, 1.0)), CLOSE[0]), CLOSE[1])
@@ -180,10 +178,8 @@ def run_with(setup: Setup, method: str, count: int) -> dict:
 
 
 def energy_made(energies: Mapping[str, np.ndarray]) -> float:
-    """Return the largest energy that start, loads and pins cannot give, over the moving energy.
-
-    Dissipated energy is not added, because its sum over large steps is too large.
-    """
+    """Return the largest energy that start, loads and pins cannot give, over the moving energy."""
+    # Dissipated energy is not added, because its sum over large steps is too large.
     terms = [c for name, c in energies.items() if ":" not in name and name not in (*SUMS, "t")]
     work = energies["pins"] + sum(c for name, c in energies.items() if name.startswith("work:"))
     gain = energies["total"] - energies["total"][0] - work

@@ -15,11 +15,9 @@ Range = tuple[float, float]  # longest dt that holds, shortest longer one that d
 
 
 def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
-    """Return the longest dt at and below which all runs are good, and the next one, which is not.
-
-    The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
-    without a run that says something.
-    """
+    """Return the longest dt at and below which all runs are good, and the next one, that is not."""
+    # The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
+    # without a run that says something.
     longest = 0.0
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
         if cell["status"] not in JUDGED:

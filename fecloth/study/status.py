@@ -53,28 +53,21 @@ def failure(status: str, cause: object) -> dict:
 
 
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
-    """Return the result of `function(**settings)` with status "ok", or the status of its failure.
-
-    The time limit [CPU s] works only where the function calls `check_time_limit`.
-    """
+    """Return the result of `function(**settings)` with the status "ok", or that of its failure."""
+    # The time limit [CPU s] works only where the function calls `check_time_limit`.
     _current_case.limit = time_limit
     _current_case.end = None if time_limit is None else time.process_time() + time_limit
     try:
         return {**function(**settings), "status": OK, "cause": ""}
     except Exception as error:
-        status = status_of(error)
+        kinds = {TimeLimit: LATE, InputError: REFUSED, FeclothError: FAILED, MemoryError: MEMORY}
+        status = next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)
         if status == ERROR:
             traceback.print_exc(file=sys.stderr)
         prefix = f"{type(error).__name__}: " if status in (FAILED, ERROR) else ""
         return {"status": status, "cause": f"{prefix}{error}".strip()}
     finally:
         _current_case.end = None
-
-
-def status_of(error: BaseException) -> str:
-    """Return the word of an exception for the column `status`."""
-    kinds = {TimeLimit: LATE, InputError: REFUSED, FeclothError: FAILED, MemoryError: MEMORY}
-    return next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)
 
 
 @dataclass(frozen=True)

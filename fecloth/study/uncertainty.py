@@ -114,10 +114,8 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
 
 
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
-    """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
-
-    It is negative where the differences grow, and NaN where their sign changes.
-    """
+    """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁."""
+    # It is negative where the differences grow, and NaN where their sign changes.
     fine, coarse = values[1] - values[0], values[2] - values[1]
     if fine * coarse <= 0:
         return math.nan

@@ -78,10 +78,7 @@ def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Proble
 
 
 def make_variants(opened: Problem, combinations: Sequence[dict]) -> list[Problem]:
-    """Return the problem with each combination of values, without its mesh.
-
-    A key or a value that the problem refuses is raised: it is a mistake, and no run has begun.
-    """
+    """Return the problem with each combination, without mesh; what it refuses is raised."""
     return [opened.changed(Change.of(values)) if values else opened for values in combinations]
 
 

@@ -87,10 +87,8 @@ def _area(scene: Scene) -> float:
 
 
 def count_steps(scene: Scene) -> float:
-    """Return the number of steps; `STEPS` if an implicit run chooses them.
-
-    A load step takes as long as several steps in time.
-    """
+    """Return the number of steps; `STEPS` if an implicit run chooses them."""
+    # A load step takes as long as several steps in time.
     if scene.equilibrium:
         return LOAD_STEP * scene.equilibrium.load_steps
     if scene.time.dt != "auto":

@@ -8,10 +8,8 @@ from fecloth.system.system import System
 
 
 def check_system(system: object, state: object, where: str, starts: bool = True) -> None:
-    """Raise `InputError` for what is no system, or no state of it; `where` names the function.
-
-    A state that `starts` a motion must be outside of obstacles, too.
-    """
+    """Raise `InputError` for what is no system, or no state of it; `where` names the function."""
+    # A state that `starts` a motion must be outside of obstacles, too.
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
         allowed = "must be a System(cloth, fabric, terms, pins)"

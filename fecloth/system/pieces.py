@@ -78,11 +78,9 @@ def mean_of_nodes(nodes, x, total):
 def movable_pieces(
     cloth: Cloth, stencils: Sequence[np.ndarray], constraints: Constraints
 ) -> tuple[Piece, ...]:
-    """Return the pieces that are free, held by pins that move, or free to slide as a whole.
-
-    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
-    two triangles.
-    """
+    """Return the pieces that are free, held by pins that move, or free to slide as a whole."""
+    # Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
+    # two triangles.
     count, label = _connect(len(cloth.X), [cloth.stencil, *stencils])
     moved = np.zeros(len(label), bool)
     for pin, nodes in constraints.groups.values():

@@ -28,10 +28,8 @@ class ReactionLimits:
     def find(
         cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
     ) -> Self:
-        """Find the triangles that are held whole, and the stiffness of what moves beside them.
-
-        `stiffness` makes K of the flat cloth at rest; it is called only if there are any.
-        """
+        """Find the triangles that are held whole, and the stiffness of what moves beside them."""
+        # `stiffness` makes K of the flat cloth at rest; it is called only if there are any.
         is_pinned = np.zeros(len(cloth.X), bool)
         is_pinned[constraints.nodes] = ~constraints.projectors.any(axis=(1, 2))
         nodes = np.unique(cloth.stencil[is_pinned[cloth.stencil].all(axis=1)])

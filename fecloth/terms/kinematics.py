@@ -88,10 +88,7 @@ def membrane_error(
 
 
 def plate_error(panel: Panel, curvature: np.ndarray, rigidity: np.ndarray) -> np.ndarray:
-    """(m,) ∫ ½ (κ* − κ):D:(κ* − κ) dA [J] of each triangle; on P2 of its four parts together.
-
-    The arguments are what `panel_curvatures` returns.
-    """
+    """(m,) ∫ ½ (κ* − κ):D:(κ* − κ) dA [J], with κ and D as by `panel_curvatures`."""
     edges, m = panel.cloth.edge_slopes.edges, len(panel.cloth.triangles)
     copies = len(edges.triangles) // m
     group = np.repeat(panel.material, copies)

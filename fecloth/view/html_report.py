@@ -35,11 +35,12 @@ def write_report(
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
     data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"), [obstacles])
     charts = _static_charts(tables) if _is_static(summary) else _charts(tables)
+    words = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
     values = {
         "title": title_of(folder),
         "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
         "badge": "warned" if doubtful(summary) else summary["status"],
-        "note": _subtitle(summary),
+        "note": (f"{words}; {summary['method']}" if summary.get("method") else words),
         "model": _model(folder),
         "warnings": _warnings(folder, summary),
         "tiles": _tiles(summary, tables),
@@ -75,11 +76,6 @@ def read_table(file: Path) -> dict[str, np.ndarray]:
 def doubtful(summary: Mapping) -> bool:
     """Return whether a run came to its end with warnings: its badge is then amber."""
     return summary["status"] == "done" and bool(summary.get("warnings"))
-
-
-def _subtitle(summary):
-    words = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
-    return f"{words}; {summary['method']}" if summary.get("method") else words
 
 
 def _model(folder: Path) -> str:

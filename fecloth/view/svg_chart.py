@@ -145,10 +145,8 @@ REACTION = "reaction:"
 
 
 def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a <figure> for each probe, for sag and area, and for each pin and obstacle its force.
-
-    `table` has the columns of observed.csv; without rows there is no figure.
-    """
+    """Return a <figure> for each probe, for sag and area, and for the force of each pin or body."""
+    # `table` has the columns of observed.csv; without rows there is no figure.
     if not table:
         return []
     vectors = [name.removesuffix(".x") for name in table if name.endswith(".x")]

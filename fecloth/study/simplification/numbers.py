@@ -216,10 +216,8 @@ class Numbers:
         return max(8 / self.N, self.N ** (-1 / 3))
 
     def other_membrane(self) -> float:
-        """Return the error of springs in the moduli, times the share of stretch in the motion.
-
-        An unstructured mesh counts as an equilateral one.
-        """
+        """Return the error of springs in the moduli, times the share of stretch in the motion."""
+        # An unstructured mesh counts as an equilateral one.
         pattern = getattr(self.scene.cloth, "pattern", "unstructured")
         lattice = "equilateral" if pattern == "unstructured" else pattern
         C = [

@@ -162,11 +162,9 @@ class Findings:
         return "not needed, saves nothing" if outcome.is_slower else "not needed"
 
     def reliable_change(self, variant: Variant, outcome: Outcome) -> float:
-        """Return the largest change by a variant and by the smaller changes of the same size.
-
-        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
-        mesh if the scene itself is not resolved.
-        """
+        """Return the largest change by a variant and by the smaller changes of the same size."""
+        # A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
+        # mesh if the scene itself is not resolved.
         if variant.kind in self.unresolved:
             return math.inf
         smaller = [
@@ -177,11 +175,9 @@ class Findings:
         return max([outcome.change, *smaller])
 
     def candidates(self) -> list[Variant]:
-        """Return the variants within the tolerance, the greatest saving per change first.
-
-        A replacement must save time; a dropped term need not. Larger triangles and steps are
-        candidates only if the scene itself is resolved.
-        """
+        """Return the variants within the tolerance, the greatest saving per change first."""
+        # A replacement must save time; a dropped term need not. Larger triangles and steps are
+        # candidates only if the scene itself is resolved.
 
         def is_worth(variant: Variant, outcome: Outcome) -> bool:
             saves = outcome.saved > LOST or (variant.kind == "without" and not outcome.is_slower)

@@ -52,10 +52,8 @@ def _predict_change(variant: Variant, numbers: Numbers) -> float | None:
 
 
 def _change_of_reach(variant: Variant, numbers: Numbers) -> float:
-    """Return the change of the motion because the pins select other nodes on a coarser mesh.
-
-    For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
-    """
+    """Return the change of the motion because the pins select other nodes on a coarser mesh."""
+    # For example, ``inside = "X < 0.02"`` clamps another length of the cloth.
     tables = changes_of([variant]).apply(numbers.scene.to_tables())
     other = Numbers.of(scene_of(tables, numbers.scene.trusts_geo))
     return abs(other.moved * other.L / (numbers.moved * numbers.L) - 1)

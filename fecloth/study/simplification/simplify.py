@@ -157,11 +157,9 @@ def run_variants(
 def combine_variants(
     original: Original, candidates: Sequence[Variant]
 ) -> tuple[Change, list[tuple[Outcome, bool]]]:
-    """Combine variants greedily; return the change of all that are taken, and all attempts.
-
-    Of two changes to the same part the later one wins if it saves more or drops a term. An
-    attempt is a run, and whether it was taken.
-    """
+    """Combine variants greedily; return the change of all that are taken, and all attempts."""
+    # Of two changes to the same part the later one wins if it saves more or drops a term. An
+    # attempt is a run, and whether it was taken.
     chosen: dict[str, Variant] = {}
     seconds, attempts = original.full["cpu_seconds"], []
     for variant in candidates:

@@ -169,22 +169,18 @@ def explicit_steps_of(data: Data) -> Edit:
 
 
 def equilibrium_of(data: Data) -> Edit:
-    """Return the edit to the equilibrium, in place of a motion that comes to rest.
-
-    What belongs to a motion is left out: the velocity at the start, [solver], the frames' seconds
-    and [expect], which may name times.
-    """
+    """Return the edit to the equilibrium, in place of a motion that comes to rest."""
+    # What belongs to a motion is left out: the velocity at the start, [solver], the frames' seconds
+    # and [expect], which may name times.
     start = {key: value for key, value in data.get("start", {}).items() if key != "velocity"}
     static = {"equilibrium": {"load_steps": 1}, "start": start, "output": {"frames": 1}}
     return put(time=None, solver=None, expect={}, **static)
 
 
 def long_step_of(data: Data) -> Edit:
-    """Return the edit to one step of backward Euler, so long that ρ Δx/dt² is negligible.
-
-    Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
-    dropped, because it may name times before the end.
-    """
+    """Return the edit to one step of backward Euler, so long that ρ Δx/dt² is negligible."""
+    # Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
+    # dropped, because it may name times before the end.
     end = data["time"]["t_end"]
     time = {"method": "backward_euler", "dt": LONG, "t_start": end - LONG, "t_end": end}
     solver = {**data.get("solver", {}), "tolerance": 1e-9, "definiteness": "clamp"}

@@ -83,10 +83,8 @@ def own_choice(opened: Problem) -> Choice:
 
 
 def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns of a problem, its own pattern first.
-
-    Other patterns are tried with the first element only: on P2 they differ less.
-    """
+    """Return the elements and patterns of a problem, its own pattern first."""
+    # Other patterns are tried with the first element only: on P2 they differ less.
     own = own_choice(opened)
     if isinstance(opened, FunctionProblem):
         return [replace(own, element=element) for element in elements or ("",)]
@@ -267,11 +265,9 @@ class Bench:
         return Trial(choice, row, records)
 
     def spent(self, trials: Sequence[Trial]) -> float:
-        """Return the CPU time of the search so far [s]: of this process, and of all its runs.
-
-        It counts what lies between the runs, as meshes and estimates of errors. Runs in other
-        processes are added; of runs from the store it counts what they took.
-        """
+        """Return the CPU time of the search so far [s]: of this process, and of all its runs."""
+        # It counts what lies between the runs, as meshes and estimates of errors. Runs in other
+        # processes are added; of runs from the store it counts what they took.
         here, runs = time.process_time() - self.begin, spent(trials)
         is_elsewhere = self.runs.jobs > 1 or self.runs.scheduler
         return here + runs if is_elsewhere else max(here, runs)
@@ -285,11 +281,9 @@ class Bench:
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
 
     def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
-        """Raise `InputError` for a quantity of size zero: it has no relative error.
-
-        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
-        and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
-        """
+        """Raise `InputError` for a quantity of size zero: it has no relative error."""
+        # A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
+        # and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
             size, whole = size_of(quantity, record), size_of_vector(quantity, trial)
             is_unknown = errors is not None and errors[k] > 1 and size < SMALL * whole

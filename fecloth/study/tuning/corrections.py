@@ -10,7 +10,6 @@ from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import COSTLY, Bench, Trial
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
-from fecloth.study.tuning.time_errors import Rule
 
 BEST = 3  # candidates that are looked at
 COUNTS = 0.2  # part of the predicted error from which the error in time matters
@@ -45,7 +44,8 @@ def measure_growth(
     search.append(finest)
     growth = dict(prediction.growth)
     for candidate in candidates:
-        trial = _nearest(candidate.rule, candidate.x)
+        apart = np.abs(np.log(candidate.rule.errors.x / candidate.x))
+        trial = candidate.rule.trials[int(np.argmin(apart))]
         if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
             continue
         finer = _on_finer_mesh(bench, trial)
@@ -71,20 +71,12 @@ def _on_finer_mesh(bench: Bench, trial: Trial) -> Trial:
     return bench.run([choice])[0]
 
 
-def _nearest(rule: Rule, x: float) -> Trial:
-    """Return the run of a rule whose size is nearest to x."""
-    apart = np.abs(np.log(rule.errors.x / x))
-    return rule.trials[int(np.argmin(apart))]
-
-
 def time_candidates(
     bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
 ) -> Prediction:
-    """Return the prediction with measured seconds of the best candidates and the fastest solver.
-
-    Their short runs are added to `search`. Steps that follow rtol are not measured, because the
-    steps of the beginning say little of the others.
-    """
+    """Return the prediction with measured seconds of the best candidates and the fastest solver."""
+    # Their short runs are added to `search`. Steps that follow rtol are not measured, because the
+    # steps of the beginning say little of the others.
     fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
     for candidate in fixed[:BEST]:
         if candidate.seconds <= CLOSE * fixed[0].seconds:

@@ -65,11 +65,9 @@ def error_curve(
 def clear_orders(
     x: np.ndarray, errors: np.ndarray, theory: np.ndarray, left: np.ndarray | float
 ) -> np.ndarray:
-    """Return (q,) orders between the first and the last clear error, at least 1/2.
-
-    An error is clear if it is above twice `left`, the error of the reference that it contains: the
-    others say more of the reference. With less than two it is `CAREFUL` times the theory.
-    """
+    """Return (q,) orders between the first and the last clear error, at least 1/2."""
+    # An error is clear if it is above twice `left`, the error of the reference that it contains:
+    # the others say more of the reference. With less than two it is `CAREFUL` times the theory.
     orders = CAREFUL * theory
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
         at = np.flatnonzero(is_clear)
@@ -112,11 +110,9 @@ def grouped(
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:
-    """Return seconds over a size; beyond the measured runs their power lies in [low, high].
-
-    A run that takes longer than a finer one does so by chance, as the first one of a process, which
-    loads compiled code: the seconds of the finer run replace its seconds.
-    """
+    """Return seconds over a size; beyond the measured runs their power lies in [low, high]."""
+    # A run that takes longer than a finer one does so by chance, as the first one of a process,
+    # which loads compiled code: the seconds of the finer run replace its seconds.
     order = np.argsort(x)
     sizes = np.asarray(x, dtype=float)[order]
     values = np.maximum(np.asarray(seconds, dtype=float)[order], 1e-6)

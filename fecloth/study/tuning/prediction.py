@@ -70,11 +70,9 @@ class Prediction:
     dropped: frozenset[tuple] = frozenset()  # `Candidate.key` of what is not tried again
 
     def in_order(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
-        """Return the best candidate of each mesh and rule, the best of all first.
-
-        `is_allowed` and `rank` take arrays of errors and seconds. Of candidates whose ranks differ
-        by less than `NOISE`, the most accurate comes first: errors have no noise.
-        """
+        """Return the best candidate of each mesh and rule, the best of all first."""
+        # `is_allowed` and `rank` take arrays of errors and seconds. Of candidates whose ranks
+        # differ by less than `NOISE`, the most accurate comes first: errors have no noise.
 
         def place(candidate: Candidate) -> float:
             return float(rank(candidate.error + self.other, candidate.seconds))
@@ -102,11 +100,9 @@ class Prediction:
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
-        """Return all meshes with all rules.
-
-        Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
-        need meshes that were run with their own kind.
-        """
+        """Return all meshes with all rules."""
+        # Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
+        # need meshes that were run with their own kind.
         lumped = self.coarse.choice.is_explicit
         return [
             (mesh, rule)
@@ -125,7 +121,10 @@ class Prediction:
         i, j = (index.ravel() for index in np.meshgrid(range(len(edges)), range(len(x))))
         at_edges, at_x = edges[i], x[j]
         if rule.kind == "limit":
-            at_x = self._explicit(mesh, at_edges)
+            more = P2_STEPS if mesh.choice.element == "P2" else 1.0
+            if self.coarse.choice.element == "P2":
+                more = 1.0
+            at_x = more * at_edges / self.coarse.edges
         elif rule.kind == "steps":
             at_x = np.ceil(at_x)
         space = mesh.errors(at_edges)
@@ -152,13 +151,6 @@ class Prediction:
         finer = max(trial.edges / self.coarse.edges, 1.0)
         in_time = rule.errors(np.array([size_of(trial.choice)]))[0]
         return in_time * finer ** self.growth.get(rule.key, 0.0)
-
-    def _explicit(self, mesh: Mesh, edges: np.ndarray) -> np.ndarray:
-        """Return the steps at the stability limit over the steps on the coarse mesh."""
-        more = P2_STEPS if mesh.choice.element == "P2" else 1.0
-        if self.coarse.choice.element == "P2":
-            more = 1.0
-        return more * edges / self.coarse.edges
 
 
 def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:

@@ -53,10 +53,8 @@ class Judge:
     left: np.ndarray
 
     def attempt(self, candidate: Candidate, trial: Trial) -> Proof:
-        """Return the error of a run, beside the best run of the search if that one serves.
-
-        It must be finer, and its own error small; otherwise a finer setting is run.
-        """
+        """Return the error of a run, beside the best run of the search if that one serves."""
+        # It must be finer, and its own error small; otherwise a finer setting is run.
         is_finer = self.reference.edges >= FINER * trial.edges
         is_known = self.left.max() <= KNOWN * self.goal.scale
         if is_finer and is_known:
@@ -72,10 +70,8 @@ def prove(
     other: Mapping[str, np.ndarray],
     space: SpaceErrors,
 ) -> Proof | None:
-    """Run the best candidate beside a finer one; try again where it is far off.
-
-    Return None if no candidate can meet the goal.
-    """
+    """Run the best candidate beside a finer one; try again where it is far off."""
+    # Return None if no candidate can meet the goal.
     left = space.error + prediction.error_in_time(space.reference)
     judge = Judge(bench, goal, other, space.reference, left)
     attempts: list[Proof] = []
@@ -167,10 +163,8 @@ def verify(
 
 
 def finer_choice(candidate: Candidate) -> tuple[Choice, dict[str, np.ndarray]]:
-    """Return the choice of a verifying run, and the part of each refined error left in it.
-
-    It refines each cause that counts; if none of these can be refined, the mesh, or the steps.
-    """
+    """Return the choice of a verifying run, and the part of each refined error left in it."""
+    # It refines each cause that counts; if none of these can be refined, the mesh, or the steps.
     least = COUNTS * max(candidate.error, 1e-300)
     choice = candidate.choice
     refined = {}
@@ -209,10 +203,8 @@ def _shorter_steps(candidate: Candidate) -> tuple[dict, np.ndarray] | None:
 
 
 def corrected(prediction: Prediction, proof: Proof) -> Prediction:
-    """Return the prediction with the measured error and the measured seconds of a tuned run.
-
-    An error in space that is larger than predicted holds for all meshes of that element.
-    """
+    """Return the prediction with the measured error and the measured seconds of a tuned run."""
+    # An error in space that is larger than predicted holds for all meshes of that element.
     candidate = proof.candidate
     assert candidate is not None
     space = proof.parts["space"] / candidate.space
@@ -270,10 +262,9 @@ def cheaper(
 def next_candidates(
     goal: Goal, prediction: Prediction, proof: Proof, tried: Sequence[Proof]
 ) -> tuple[list[Candidate], Prediction]:
-    """Return the settings to try next, the best first, and the prediction that the latest corrects.
-
-    After a setting whose error is too large, one halfway to it is tried, or another mesh or method.
-    """
+    """Return the settings to try next, the best first, and the prediction as now corrected."""
+    # After a setting whose error is too large, one halfway to it is tried, or another mesh or
+    # method.
     latest = tried[-1]
     assert latest.candidate is not None
     prediction = corrected(prediction, latest)

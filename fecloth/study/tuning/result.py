@@ -223,11 +223,9 @@ def _settings(trial: Trial) -> dict[str, Any]:
 
 
 def table_of_runs(bench: Bench, proof: Proof) -> Table:
-    """Return a row for each run, with the largest error that it may have.
-
-    This is its distance to the verifying run plus the error that is left in that one; for the
-    tuned run it is the estimated error.
-    """
+    """Return a row for each run, with the largest error that it may have."""
+    # This is its distance to the verifying run plus the error that is left in that one; for the
+    # tuned run it is the estimated error.
     finer = proof.finer
     left = proof.error - float(bench.distance(finer, proof.trial).max()) if finer else math.nan
     rows = []

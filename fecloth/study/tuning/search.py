@@ -103,11 +103,9 @@ def measure_meshes(
     goal: Goal,
     done: Sequence[Trial] = (),
 ) -> tuple[SpaceErrors, Prediction]:
-    """Refine all meshes once, then the ones that matter, until the choice among them is known.
-
-    `done` are all runs so far. A run is left out if its predicted time is more than a tenth of the
-    time of the search, unless it has the mesh of the coarse run.
-    """
+    """Refine all meshes once, then the ones that matter, until the choice among them is known."""
+    # `done` are all runs so far. A run is left out if its predicted time is more than a tenth of
+    # the time of the search, unless it has the mesh of the coarse run.
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials = _first_meshes(bench, meshes, coarse)
     if coarse.choice.h is not None:

@@ -15,10 +15,8 @@ HALVINGS = 4  # of the steps, at most
 
 
 def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> list[Trial]:
-    """Return the trials that keep the rules, the first rule first.
-
-    A rule that none of the trials left keeps is passed over.
-    """
+    """Return the trials that keep the rules, the first rule first."""
+    # A rule that none of the trials left keeps is passed over.
     for rule in by:
         trials = list(filter(rule, trials)) or trials
     return list(trials)
@@ -76,11 +74,9 @@ def half_of_h(choice: Choice) -> Choice:
 def shorten_steps(
     bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float
 ) -> tuple[Trial, list[Trial]]:
-    """Halve the steps of the coarse run until they serve on a mesh with half of h, too.
-
-    Where there are too few, Newton's iteration lands on another solution there, and the meshes
-    would disagree. Return the run on the coarse mesh with these steps, and all further runs.
-    """
+    """Halve the steps of the coarse run until they serve on a mesh with half of h, too."""
+    # Where there are too few, Newton's iteration lands on another solution there, and the meshes
+    # would disagree. Return the run on the coarse mesh with these steps, and all further runs.
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
         return coarse, []
     known = float((bench.distance(times.reference, coarse) + times.error).max())
@@ -116,10 +112,8 @@ def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
 
 
 def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> tuple[bool, list[Trial]]:
-    """Return whether the steps are why meshes disagree, and the runs that say so.
-
-    The finest runs of the two meshes that disagree are repeated with half of dt.
-    """
+    """Return whether the steps are why meshes disagree, and the runs that say so."""
+    # The finest runs of the two meshes that disagree are repeated with half of dt.
     rivals = [space.rival] if space.rival else space.meshes
     others = [mesh.trials[-1] for mesh in rivals if mesh.trials[-1] is not space.reference]
     runs: list[Trial] = []

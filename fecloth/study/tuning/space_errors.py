@@ -65,11 +65,9 @@ class SpaceErrors:
         return min(self.meshes, key=lambda mesh: float(mesh.errors.y[-1].max()))
 
     def stalls(self, bench: Bench, tolerance: float) -> bool:
-        """Whether there is a kind of mesh whose finer meshes do not come closer to each other.
-
-        The last change counts if it is above twice the tolerance. It is compared with the change
-        before, of this or of another kind, because one of them may be small by accident.
-        """
+        """Whether there is a kind of mesh whose finer meshes do not come closer to each other."""
+        # The last change counts if it is above twice the tolerance. It is compared with the change
+        # before, of this or of another kind, because one of them may be small by accident.
         runs_of_kinds = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
         pairs = [runs[-3:-1] if len(runs) > 2 else runs for runs in runs_of_kinds]
         before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
@@ -167,11 +165,9 @@ LEAST_SAVED = 0.4  # share of the triangles, for a family of meshes to be tried
 
 
 def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
-    """Return the choices of the first trial of each element, with gradings that save triangles.
-
-    There are none for explicit steps, which the smallest edge limits, for functions, for scenes
-    with their own gradings, and where the error in space has no estimate or is too even.
-    """
+    """Return the choices of the first trial of each element, with gradings that save triangles."""
+    # There are none for explicit steps, which the smallest edge limits, for functions, for scenes
+    # with their own gradings, and where the error in space has no estimate or is too even.
     first: dict[str, Trial] = {}
     for trial in trials:
         if trial.is_ok and not trial.choice.is_explicit and trial.choice.h:

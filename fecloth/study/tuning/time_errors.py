@@ -116,10 +116,8 @@ def measure_methods(
 
 
 def can_choose_steps(opened: Problem) -> bool:
-    """Whether the problem is a motion whose number of steps may be chosen.
-
-    A run of a few long steps is a static solution: with shorter steps it would become a motion.
-    """
+    """Whether the problem is a motion whose number of steps may be chosen."""
+    # A run of a few long steps is a static solution: with shorter steps it would become a motion.
     if isinstance(opened, FunctionProblem):
         return opened.t_end is not None and opened.dt is not None
     span = opened.span
@@ -143,10 +141,8 @@ def _single(trial: Trial) -> TimeErrors:
 
 
 def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: float) -> list[Trial]:
-    """Run the first explicit method at its stability limit and, if short, with half that step.
-
-    It is left out if it takes more than `most` steps.
-    """
+    """Run the first explicit method at its stability limit and, if short, with half that step."""
+    # It is left out if it takes more than `most` steps.
     trials: list[Trial] = []
     for method in methods[:1]:
         choice = replace(mesh, method=method)
@@ -246,10 +242,8 @@ def _fewer_steps(
 
 
 def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
-    """Return the curves of all rules: distances to the best run, plus the error of that run.
-
-    The best run is the finest one of its rule whose own error is least.
-    """
+    """Return the curves of all rules: distances to the best run, plus the error of that run."""
+    # The best run is the finest one of its rule whose own error is least.
     able = [trial for trial in trials if trial.is_ok]
     listed = grouped(able, lambda trial: key_of(trial.choice), lambda trial: size_of(trial.choice))
     finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]

@@ -138,7 +138,12 @@ def tune(
     of_terms: list[Trial] = []
     if model:
         _say("terms: what they change on a coarse mesh")
-        bench, other["model"], dropped, of_terms = _reduce(bench, meshes[0], goal)
+        if not isinstance(bench.opened, SceneProblem):
+            remedy = "Write a scene file, or compare the models with compare."
+            raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
+        bench, other["model"], dropped, of_terms = drop_terms(
+            bench, _coarse_choice(bench, meshes[0]), goal.scale
+        )
     if opened.has_contact:
         _say("gaps of contact: what halving them changes on a coarse mesh")
         bench, other["gap"], changed, of_gaps = narrow_gaps(bench, meshes[0], goal.scale)
@@ -221,14 +226,6 @@ def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
     return Goal(budget=float(seconds))
 
 
-def _reduce(bench: Bench, mesh: Choice, goal: Goal) -> tuple:
-    """Return the problem with fewer terms, its change, the changes in words and all runs."""
-    if not isinstance(bench.opened, SceneProblem):
-        remedy = "Write a scene file, or compare the models with compare."
-        raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-    return drop_terms(bench, _coarse_choice(bench, mesh), goal.scale)
-
-
 def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
     """Return the setting on a coarse mesh in which models are compared."""
     return mesh if bench.opened.span is None else replace(mesh, method="bdf2", steps=STEPS)
@@ -248,11 +245,9 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
-    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,).
-
-    The error is of first order in the gap: halving the gaps shows half of it. Return also the
-    change in words, and the runs. Where a run fails the error is not known, and infinite.
-    """
+    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,)."""
+    # The error is of first order in the gap: halving the gaps shows half of it. Return also the
+    # change in words, and the runs. Where a run fails the error is not known, and infinite.
     choice, opened = _coarse_choice(bench, mesh), bench.opened
     halved = replace(bench, opened=opened.refined(Level(sharper=None, gap=2.0)))
     runs = [*bench.run([choice]), *halved.run([choice])]

@@ -83,11 +83,9 @@ def gradient(left, right, g):
 
 @inner
 def add_side(arm, s, p, q, u, t, H):
-    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`.
-
-    p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and
-    n̂ mᵀ/|e|² = t² p qᵀ.
-    """
+    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`."""
+    # p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and n̂
+    # mᵀ/|e|² = t² p qᵀ.
     for i in range(3):
         for j in range(3):
             pq = p[i] * q[j]

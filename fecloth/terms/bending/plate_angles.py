@@ -69,10 +69,8 @@ def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndar
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
-    """(c, 3) the third corners of triangles (c, 3, 3), mirrored in their planes at the first edge.
-
-    The plane through the edge and this point is the plane of the triangle.
-    """
+    """(c, 3) the third corners of triangles (c, 3, 3), mirrored in the plane at the first edge."""
+    # The plane through the edge and this point is the plane of the triangle.
     a, b, apex = np.moveaxis(corners, 1, 0)
     edge, arm = b - a, apex - a
     along = np.sum(edge * arm, axis=1, keepdims=True) / np.sum(edge * edge, axis=1, keepdims=True)

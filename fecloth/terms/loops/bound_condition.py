@@ -32,10 +32,8 @@ class ConditionKernels(NamedTuple):
 
 
 def kernels(family: Callable[..., Any]) -> ConditionKernels:
-    """Compile the entry points of a family; each is compiled at its first call, or read from disk.
-
-    `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
-    """
+    """The entry points of a family; each is compiled at its first call, or read from disk."""
+    # `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
     templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
     made = [specialise(template, condition=family) for template in templates]
     over_step = condition_discrete_gradient.kernels(family)

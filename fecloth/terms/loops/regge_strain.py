@@ -155,10 +155,8 @@ def _strain_forms(G: np.ndarray) -> np.ndarray:
 
 
 def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(m, 9, 9) E_h at the interior points from its nine data; t (m, 6, 2) at the edge `points`.
-
-    The unknowns are the values of E_h at the corners.
-    """
+    """(m, 9, 9) E_h at the interior points from its nine data; t (m, 6, 2) at the edge `points`."""
+    # The unknowns are the values of E_h at the corners.
     along = np.stack([t[..., 0] ** 2, t[..., 1] ** 2, 2 * t[..., 0] * t[..., 1]], axis=-1)
     data = np.empty((len(t), 9, 3, 3))
     data[:, :6] = points[None, :, :, None] * along[:, :, None, :]

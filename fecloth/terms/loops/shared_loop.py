@@ -197,11 +197,9 @@ def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:
 
 
 def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
-    """Divide elements with these nodes (m, k) among `count` threads, or return None.
-
-    The nodes belong to the thread that touches them first; or, for several kinds of elements one
-    after another, to threads by equal ranges of nodes.
-    """
+    """Divide elements with these nodes (m, k) among `count` threads, or return None."""
+    # The nodes belong to the thread that touches them first; or, for several kinds of elements one
+    # after another, to threads by equal ranges of nodes.
     m, n = len(nodes), int(nodes.max()) + 1
     by_elements, by_nodes = np.full(n, count, np.int16), np.arange(n) * count // n
     for p in reversed(range(count)):

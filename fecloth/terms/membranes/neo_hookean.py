@@ -133,10 +133,8 @@ def invariants(E):
 
 @inner
 def positive(D):
-    """D, or NaN where D ≤ 0: no deformation has it, but an interpolated strain may, in a long step.
-
-    Newton's line search then takes a shorter step; W would be below W of the cloth at rest.
-    """
+    """D, or NaN where D ≤ 0, which only an interpolated strain has, in a long step."""
+    # Newton's line search then takes a shorter step; W would be below W of the cloth at rest.
     return D if D > 0.0 else math.nan
 
 

@@ -102,11 +102,9 @@ def taut(E, Y, nu):
 
 @inner
 def wrinkled(E1, E2, c, s, Y):
-    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ.
-
-    With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so
-    ℂ = Y N⊗N + 2 Y E1/(E1 − E2) M⊗M.
-    """
+    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ."""
+    # With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so ℂ = Y N⊗N + 2 Y E1/(E1 − E2)
+    # M⊗M.
     N11, N22, N12 = 0.5 * (1.0 + c), 0.5 * (1.0 - c), 0.5 * s
     M11, M12 = -0.5 * s, 0.5 * c  # M22 = −M11
     T, shear = Y * E1, 2.0 * Y * E1 / (E1 - E2)
