@@ -2,6 +2,7 @@
 equilibrium against the displacement."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -13,6 +14,7 @@ ALLOWED = 0.1  # of a step's error in time: the error that Newton's iteration ma
 SHARE = 0.5 * ALLOWED  # of the estimate, which may be too small by a factor of two
 PLACE = 1e-6  # of the largest displacement: the error that an equilibrium may have by default
 FORCES = 1e-9  # of the forces: the residual with that error, unless round-off is more
+BALANCED = 0.01  # of the forces of contact: a larger residual gives or takes energy of an impact
 SHRINKS = 0.5  # of the correction before: one that is longer shows no convergence
 
 
@@ -39,12 +41,16 @@ class ErrorLeft:
 
         θ / (1 − θ) × the last length
 
+    Where contacts push, this says little: their forces change much over a hundredth of the gap. So
+    the error counts as unknown there while the residual is above 1 % of their size.
+
     Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8.
     """
 
     unit: float = 1.0  # dt wv
     in_time: float = 0.0  # the error in time of the step [m]; 0 where it is not known
     length: float = 0.0  # of the last correction [m]
+    push: Callable[[np.ndarray], float] | None = None  # size of the forces of contact [N]
     goal: ClassVar[float | None] = None  # relative residual in place of the option's, or None
     # The error left [m]. It is infinite after fewer than two iterations, where the corrections
     # grow, after a shortened step, and where mass was added to the matrix: then the corrections are
@@ -72,8 +78,11 @@ class ErrorLeft:
         """Whether the error left is small against the error in time."""
         return self.in_time > 0.0 and self.error <= SHARE * self.in_time
 
-    def move(self, x: np.ndarray, residual: float) -> None:
-        """Record positions (n, 3) [m] and the relative residual, where they count."""
+    def move(self, y: np.ndarray, norm: float, scale: float) -> None:
+        """Record the unknown (n, 3), its residual and the sum of all forces [N]."""
+        if self.push and math.isfinite(self.error):
+            push = self.push(y)
+            self.error = math.inf if push and norm > BALANCED * push else self.error
 
     @property
     def is_needed(self) -> bool:
@@ -116,9 +125,9 @@ class ErrorInPlace(ErrorLeft):
     def measure(self, system: System, correction: np.ndarray) -> float:
         return _longest(correction)
 
-    def move(self, x: np.ndarray, residual: float) -> None:
-        """Record positions (n, 3) [m] and the relative residual."""
-        self.moved, self.residual = _longest(x - self.start), residual
+    def move(self, y: np.ndarray, norm: float, scale: float) -> None:
+        """Record positions (n, 3) [m], the residual and the sum of all forces [N]."""
+        self.moved, self.residual = _longest(y - self.start), norm / scale if scale else 0.0
 
     @property
     def is_small(self) -> bool:

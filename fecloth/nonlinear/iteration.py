@@ -166,7 +166,7 @@ class _Work:
         slow = self.remedies.order[last].shift > 0.0 and point.norm > SLOW * before.norm
         self.slow_steps = self.slow_steps + 1 if may and slow and length >= 1.0 else 0
         self.left.correct(self.system, point.y - before.y, whole)
-        self.left.move(point.y, self.relative(point))
+        self.left.move(point.y, point.norm, point.scale)
 
     def stands(self, before: Point, point: Point) -> bool:
         """Whether an iteration hardly moved the cloth, and hardly changed the residual."""

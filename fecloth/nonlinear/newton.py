@@ -109,6 +109,16 @@ class StageEquation:
             scale += system.force_size(f)
         return system.constraints.project(R), scale
 
+    def push(self, q: np.ndarray) -> float:
+        """‖f‖ of the forces of contact, or ‖M a‖ if that is more; 0 where nothing touches [N]."""
+        (x, v, a), system, f = self.stage.at(q), self.system, np.zeros_like(q)
+        for term in system.bound:
+            if term.limits_direction:
+                term.add_force(x, v, self.stage.t, f)
+        return (
+            max(system.sums.norm(f), system.sums.norm(system.scalar_mass @ a)) if f.any() else 0.0
+        )
+
     def round_off(self, q: np.ndarray) -> float:
         """The round-off of the forces; the inertia, linear in q, has little."""
         change = measure_round_off(self.system.force, self.state(q))
@@ -178,6 +188,7 @@ def solve(
     left = None
     if solver.options.tolerance == "auto" and solver.step_error and dt:
         left = ErrorLeft(float(dt * stage.wv), float(solver.step_error.over(dt)))
+        left.push = equation.push if has_limits(system) else None
     solver.begin(stage.wx, stage.wa, stage.x)
     try:
         return iterate(equation, solver, q, least=1, instead=zero, left=left)

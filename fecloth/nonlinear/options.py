@@ -45,8 +45,9 @@ class Newton:
     Parameters
     ----------
     tolerance
-        "auto": the iteration ends when its error is a tenth of the step's error in time, at the
-        latest at the residual 1e-6. A number: it ends at this residual, relative to the forces of
+        "auto": the iteration ends when its error is a tenth of the step's error in time, where
+        contacts push not before the residual is 1 % of their forces, and at the latest at the
+        residual 1e-6. A number: it ends at this residual, relative to the forces of
         the step. `fecloth/integrators/README.md` says when to give a number.
     max_iterations
         A step that needs more iterations fails.

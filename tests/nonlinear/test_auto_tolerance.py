@@ -9,7 +9,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.nonlinear import iteration
-from fecloth.nonlinear.error_left import ErrorInPlace, ErrorLeft
+from fecloth.nonlinear.error_left import BALANCED, ErrorInPlace, ErrorLeft
 from fecloth.nonlinear.line_search import Point
 from fecloth.simulation.step_history import StepHistory
 
@@ -54,6 +54,23 @@ def test_the_error_left_is_the_rest_of_a_geometric_series(hanging):
     assert left.error == math.inf
     left.correct(hanging, 0.001 * shape, whole=True)
     assert left.error == math.inf  # the corrections grow
+
+
+@pytest.mark.parametrize(
+    ("norm", "push", "known"),
+    [(0.8 * BALANCED, 1.0, True), (1.25 * BALANCED, 1.0, False), (1.0, 0.0, True)],
+)
+def test_where_contacts_push_the_residual_is_a_hundredth_of_their_forces(
+    hanging, norm, push, known
+):
+    """Where nothing touches, `push` is 0 and nothing is asked of the residual."""
+    assert BALANCED == 0.01
+    shape = np.ones((len(hanging.cloth.X), 3))
+    left = ErrorLeft(in_time=1.0, push=lambda y: push * y[0, 0])
+    for length in (1.0, 1e-3):
+        left.correct(hanging, length * shape, whole=True)
+    left.move(shape, norm, 1e3)
+    assert left.is_small is known
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -154,7 +171,7 @@ def in_place(system, lengths, whole=True, moved=1.0, residual=1e-10):
     shape[n // 2, 1] = 1.0
     for length in lengths:
         left.correct(system, length * shape, whole)
-        left.move(moved * shape, residual)
+        left.move(moved * shape, residual, 1.0)
     return left
 
 

@@ -73,9 +73,9 @@ def test_which_iterations_are_slow(change, slow_steps):
         remedies=SimpleNamespace(last=0, order=[Remedy(case.shift, True)]),
         **{"cut_short": False, "equation": equation, "slow_steps": 0, "system": None},
         left=SimpleNamespace(correct=lambda *a: None, move=lambda *a: None),
-        relative=lambda point: point.norm,
     )
-    before, after = (SimpleNamespace(y=np.ones((1, 3)), norm=norm) for norm in (1.0, case.norm))
+    ends = (SimpleNamespace(y=np.ones((1, 3)), norm=norm, scale=1.0) for norm in (1.0, case.norm))
+    before, after = ends
     iteration._Work.correct(work, before, after, case.length)
     assert work.slow_steps == slow_steps
 

@@ -54,7 +54,7 @@ class Obstacle:
     With a restitution e < 1 an impact dissipates: over a step the pressure is multiplied by
     max(0, 1 − c ḋ), which raises it in an approach. c follows from e and the speed of the first
     touch, and is at most 400 s/m: with e = 0 a cloth leaves the shape with at most 2.5 mm/s
-    (`restitution`; Hunt and Crossley 1975). Take a `Newton(tolerance=1e-6)` with it.
+    (`restitution`; Hunt and Crossley 1975).
 
     K = κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d). Its second part is negative for a convex shape; the definite
     tangent leaves it out.
