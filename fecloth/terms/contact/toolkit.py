@@ -15,6 +15,7 @@ from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
 AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
+FARTHEST = 6.0  # gaps: up to here it pays to ask whether all pairs are farther apart than that
 CROWDED = 8  # of these pairs for each node: from here on to keep them costs more
 
 
@@ -40,7 +41,8 @@ class ContactSets:
 
     The contacts at the positions asked for last are kept. So are all pairs that are nearer than
     three gaps at any point of the way asked for last, if they are few: no others can touch where
-    each node is less than a gap from a point of this way.
+    each node is less than a gap from a point of this way. Boxes around the parts find these pairs;
+    where no real distance is as small, none is kept.
     """
 
     # ipctk, and its collision mesh and barrier potential.
@@ -113,11 +115,22 @@ class ContactSets:
             pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
             way = self.nodes(x), self.nodes(y)
             pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
+            if self._are_far(pairs, x, _longest(self._without_mean(y - x))):
+                pairs.clear()
             if len(pairs) > CROWDED * len(x):
                 self._crowded = end is None
                 return None
             self._pairs = x.copy(), self._without_mean(y - x), pairs
         return None if self._crowded or self._pairs is None else self._pairs[2]
+
+    def _are_far(self, pairs: Any, x: np.ndarray, way: float) -> bool:
+        """Whether no pair can touch while each node is less than a gap from this way [m] from x."""
+        reach = self.gap + 2 * (way + AROUND * self.gap)
+        if reach > FARTHEST * self.gap:
+            return False
+        contacts = self.toolkit.NormalCollisions()
+        contacts.build(pairs, self.mesh, self.nodes(x), reach, self.thickness)
+        return not len(contacts)
 
     def _covers(self, x: np.ndarray) -> bool:
         """Whether x is less than a gap from a point of the way of the pairs that are kept."""

@@ -107,6 +107,29 @@ def test_a_way_with_many_pairs_leaves_the_pairs_of_its_places():
     assert sets.candidates(x) is not None
 
 
+@pytest.mark.parametrize("way", [0.0, 0.5, 1.2])  # gaps
+@pytest.mark.parametrize(("part", "is_empty"), [(0.8, False), (1.25, True)])
+def test_no_pair_is_kept_where_all_are_too_far_to_touch(part, is_empty, way, monkeypatch):
+    """The least distance is then three gaps, and twice the way of the nodes."""
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    cloth, x, over = layers(part * (3 + 2 * way) * GAP, h=0.05)
+    sets = bound(cloth).sets
+    x[:, 2] += 0.1 * x[:, 0]  # where edges turn away, boxes around them are larger
+    aside = np.where(over, way * GAP, -way * GAP)[:, None] * [1.0, 0.0, 0.0]
+    assert bool(len(sets.candidates(x, x + aside))) != is_empty
+
+
+@pytest.mark.parametrize(("part", "is_empty"), [(0.8, True), (1.25, False)])
+def test_the_distance_of_pairs_is_asked_for_up_to_six_gaps(part, is_empty, monkeypatch):
+    """Beyond it the pairs that boxes find are kept."""
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    cloth, x, over = layers(8 * GAP, h=0.05)
+    sets, way = bound(cloth).sets, 0.5 * (part * 6 - 3)
+    x[:, 2] += 0.5 * x[:, 0]
+    aside = np.where(over, way * GAP, -way * GAP)[:, None] * [1.0, 0.0, 0.0]
+    assert bool(len(sets.candidates(x, x + aside))) != is_empty
+
+
 @pytest.mark.parametrize(("part", "is_kept"), [(0.8, True), (1.25, False)])
 def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
     """More of them as more of two sheets lies over each other."""
