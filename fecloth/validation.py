@@ -58,10 +58,8 @@ def length(name: str, value: Any, where: str) -> None:
 
 
 def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
-    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
-
-    h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
-    """
+    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²]."""
+    # h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
     length("h", h, where)
     if h > extent:
         in_mm = f", or write {h / 1000:g} if you meant mm" if h / 1000 < extent / 2 else ""

@@ -53,11 +53,9 @@ class Panel:
         fabric: Fabric | Mapping[str, Fabric],
         grain: float | Mapping[str, float] = 0.0,
     ) -> Self:
-        """Assign fabrics and warp directions to the triangles of a cloth.
-
-        The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one for
-        all, or given by the name of each region.
-        """
+        """Assign fabrics and warp directions to the triangles of a cloth."""
+        # The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one
+        # for all, or given by the name of each region.
         fabrics, region = _by_region(cloth, fabric, "fabric")
         for value in fabrics:
             if not isinstance(value, Fabric):
@@ -70,10 +68,8 @@ class Panel:
         return cls(cloth, fabrics, region, np.array(angles, dtype=float)[angle_index])
 
     def each(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
-        """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``.
-
-        For one fabric the result is a view of a single row.
-        """
+        """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``."""
+        # For one fabric the result is a view of a single row.
         rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
         if len(rows) == 1:
             return np.broadcast_to(rows, (len(self.region), rows.shape[1]))
@@ -107,10 +103,8 @@ class Panel:
 
     @cached_property
     def gradients(self) -> np.ndarray:
-        """(m, q, k, 2) derivatives of N_a along warp and weft [1/m].
-
-        With them F, E and S refer to the directions of the fabric.
-        """
+        """(m, q, k, 2) derivatives of N_a along warp and weft [1/m]."""
+        # With them F, E and S refer to the directions of the fabric.
         if not self.grain.any():
             return self.cloth.gradients
         c, s = np.cos(self.grain), np.sin(self.grain)

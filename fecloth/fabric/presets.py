@@ -52,10 +52,8 @@ def wang(density: float, stretching: list[float], bending: list[float]) -> dict:
 
 
 def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:
-    """Constants from plane moduli [N/m], where the index 1 is the warp.
-
-    Y₁ = C₁₁ − C₁₂²/C₂₂, Y₂ = C₂₂ − C₁₂²/C₁₁, ν₁₂ = C₁₂/C₂₂.
-    """
+    """Constants from plane moduli [N/m], where the index 1 is the warp."""
+    # Y₁ = C₁₁ − C₁₂²/C₂₂, Y₂ = C₂₂ − C₁₂²/C₁₁, ν₁₂ = C₁₂/C₂₂.
     return {
         "tensile_stiffness": (C11 - C12**2 / C22, C22 - C12**2 / C11),
         "poisson_ratio": C12 / C22,

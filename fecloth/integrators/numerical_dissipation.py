@@ -75,11 +75,9 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
 
 
 def barrier_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of some energies, beyond the part of quadratic energies.
-
-    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier of contact, and a term
-    whose history yields, are far from quadratic over the way of a step. Without these it is 0.
-    """
+    """Numerical dissipation [J] of some energies, beyond the part of quadratic energies."""
+    # −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier of contact, and a term
+    # whose history yields, are far from quadratic over the way of a step. Without these it is 0.
     new, total = step.state, 0.0
     records = step.history or (None,) * len(system.bound)
     systems = step.over or system, *step.around(system)
@@ -117,11 +115,9 @@ def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> 
 
 
 def load_displacement(old: State, new: State, explicit: bool) -> np.ndarray:
-    """(n, 3) displacement [m] along which loads without an energy do their work in a step.
-
-    It is Δx. In a step of an explicit method, M Δv = dt f, it is dt v̄ with the mean v̄ of both
-    velocities: then the work is the kinetic energy that the load gives.
-    """
+    """(n, 3) displacement [m] along which loads without an energy do their work in a step."""
+    # It is Δx. In a step of an explicit method, M Δv = dt f, it is dt v̄ with the mean v̄ of both
+    # velocities: then the work is the kinetic energy that the load gives.
     moved: np.ndarray = new.x - old.x
     if explicit:
         moved = 0.5 * (new.t - old.t) * (old.v + new.v)

@@ -65,10 +65,8 @@ def _aggregate(indptr: Array, indices: Array, of_node: Array) -> int:
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:
-    """(n, 3, 6) displacements of nodes at x (n, 3): three translations, three rotations.
-
-    The rotations are e × (x − centre) about the axes e through the mean position.
-    """
+    """(n, 3, 6) displacements of nodes at x (n, 3): three translations, three rotations."""
+    # The rotations are e × (x − centre) about the axes e through the mean position.
     motions = np.zeros((len(x), 3, 6))
     motions[:, :, :3] = np.eye(3)
     arm = x - x.mean(axis=0)

@@ -70,10 +70,8 @@ class Multigrid(PCG):
         self._x: np.ndarray | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Note the positions x (n, 3), about which the next coarse matrices represent rotations.
-
-        Without a call they represent translations only.
-        """
+        """Note the positions x (n, 3), about which the next coarse matrices represent rotations."""
+        # Without a call they represent translations only.
         self._x = x
 
     def prepare(self, A: BlockMatrix) -> None:

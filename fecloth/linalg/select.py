@@ -186,10 +186,8 @@ def direct(symmetric: bool = True) -> Pardiso | SuperLU:
 
 
 def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | AutoSolver, str]:
-    """Create the solver "auto" for matrices of a pattern, and a text with what it compares.
-
-    If they are not symmetric, it is a direct solver.
-    """
+    """Create the solver "auto" for matrices of a pattern, and a text with what it compares."""
+    # If they are not symmetric, it is a direct solver.
     if not symmetric:
         return direct(symmetric=False), "the matrix is not symmetric"
     solver = AutoSolver(pattern, direct)

@@ -120,10 +120,8 @@ class _Source:
 
 
 def quality(X: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(m,) shape of triangles (m, 3) between nodes X (n, 2): 4 √3 A / (l₁² + l₂² + l₃²).
-
-    It is 1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
-    """
+    """(m,) shape of triangles (m, 3) between nodes X (n, 2): 4 √3 A / (l₁² + l₂² + l₃²)."""
+    # It is 1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
     area, lengths2 = _areas_and_lengths(X, triangles)
     return 4 * np.sqrt(3.0) * area / lengths2.sum(axis=0)
 

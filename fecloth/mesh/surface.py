@@ -184,11 +184,9 @@ class Enclosure:
         return cls(cells, rim, share @ centre, part)
 
     def volume(self, x: np.ndarray) -> float:
-        """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³].
-
-        V is positive where the oriented normals point out of it. Triangles and edges of P2 are
-        curved; the rule of its energy is exact for V.
-        """
+        """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³]."""
+        # V is positive where the oriented normals point out of it. Triangles and edges of P2 are
+        # curved; the rule of its energy is exact for V.
         kind = ELEMENTS["P1" if self.triangles.shape[1] == 3 else "P2"]
         places, total = x[self.triangles], 0.0
         for N, slopes, weight in zip(kind.values, kind.slopes, kind.rule[1], strict=True):

@@ -96,10 +96,8 @@ def _cells(
 
 
 def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
-    """Cell data from the mean F = R U and S11, S22, S12 and W of each triangle (m, 4).
-
-    The stress in space, F S Fᵀ / J, is R (U S U / J) Rᵀ.
-    """
+    """Cell data from the mean F = R U and S11, S22, S12 and W of each triangle (m, 4)."""
+    # The stress in space, F S Fᵀ / J, is R (U S U / J) Rᵀ.
     S11, S22, S12, W = stress.T
     S = np.stack([S11, S12, S12, S22], axis=1).reshape(-1, 2, 2)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -126,10 +124,8 @@ def _held_directions(system: System) -> np.ndarray:
 
 
 def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R (m, 3, 2) and U (m, 2, 2) with F = R U; R is 0 where a triangle has no area.
-
-    U² = FᵀF gives U = (FᵀF + J I) / √(tr FᵀF + 2J) with J = det U (Cayley and Hamilton).
-    """
+    """R (m, 3, 2) and U (m, 2, 2) with F = R U; R is 0 where a triangle has no area."""
+    # U² = FᵀF gives U = (FᵀF + J I) / √(tr FᵀF + 2J) with J = det U (Cayley and Hamilton).
     C = F.transpose(0, 2, 1) @ F
     J = np.sqrt(np.maximum(np.linalg.det(C), 0.0))[:, None, None]
     trace = np.trace(C, axis1=1, axis2=2)[:, None, None]

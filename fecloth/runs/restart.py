@@ -210,11 +210,9 @@ def drop_later(folder: Path, restart: Restart) -> None:
 
 
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
-    """Raise `InputError` with the differences if a restart belongs to another scene.
-
-    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
-    must not be complete: it must have steps left, or its last summary.json still to write.
-    """
+    """Raise `InputError` with the differences if a restart belongs to another scene."""
+    # `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
+    # must not be complete: it must have steps left, or its last summary.json still to write.
     then, now = (_flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
     keys = [key for key in keys if key.split(".")[0] not in FREE and key != "time.t_end"]

@@ -103,11 +103,9 @@ class Problem:
         memory: Memory | None = None,
         wanted: Wanted | None = None,
     ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
-        """March to the end from the start, or from a later state with the `Memory` of its step.
-
-        With a memory `march` does not search the stable step again: `build` has refused a longer
-        dt.
-        """
+        """March to the end from the start, or from a later state with the `Memory` of its step."""
+        # With a memory `march` does not search the stable step again: `build` has refused a longer
+        # dt.
         run = self.system, self.steps, state or self.state, None, self.t_end
         memory = memory or self.first_memory
         return march(*run, stops=self.stops, solver=solver, memory=memory, wanted=wanted)

@@ -141,10 +141,8 @@ class Scene(Table):
         return self.equilibrium or self.time
 
     def require_expectations(self) -> None:
-        """Raise `SceneError` if [expect] is empty or has a time outside the run.
-
-        Called by `check`; `run` allows a run that is shorter than [expect].
-        """
+        """Raise `SceneError` if [expect] is empty or has a time outside the run."""
+        # Called by `check`; `run` allows a run that is shorter than [expect].
         if not self.expect:
             remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
             raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
@@ -177,10 +175,8 @@ class Scene(Table):
         return toml_text.without_empty(data)
 
     def to_toml(self) -> str:
-        """Return the scene as TOML with all defaults; it loads again to an equal scene.
-
-        Paths are absolute, so that the text can be in any folder.
-        """
+        """Return the scene as TOML with all defaults; it loads again to an equal scene."""
+        # Paths are absolute, so that the text can be in any folder.
         return toml_text.to_toml(self.to_tables())
 
     # --- to objects ---------------------------------------------------------------------------

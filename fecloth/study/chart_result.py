@@ -73,10 +73,8 @@ class Chart(StudyResult):
 
 
 def find_front(rows: Sequence[Mapping]) -> set[int]:
-    """Return the numbers of the rows that no other beats in both seconds and error.
-
-    Errors below their uncertainty count as equal to it: there the cheapest is the best.
-    """
+    """Return the numbers of the rows that no other beats in both seconds and error."""
+    # Errors below their uncertainty count as equal to it: there the cheapest is the best.
     known = [(row["seconds"], known_error(row), i) for i, row in enumerate(rows) if is_known(row)]
     front, least = set(), math.inf
     for _, error, i in sorted(known):

@@ -90,20 +90,6 @@ def chart(
     ------
     InputError
         For an unknown name, a quantity that no run in time has, or a problem without h and dt.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h, element="P1"):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     mass = "lumped" if element == "P1" else "consistent"
-    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.chart(strip, "tip.x", elements=["P1", "P2"], h=0.25, probes=tip)
-    >>> print(found.table["element"], all(row["error %"] < 1 for row in found.front))
-    ['P1', 'P1', 'P2', 'P2'] True
     """
     study = open_study(problem, shared)
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):

@@ -89,19 +89,6 @@ def compare(
     ------
     InputError
         For less than two variants, a variant that is refused, or too long a time: before any run.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h, stiffness):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.compare(strip, "stiffness=40,20", "tip.x", h=0.25, probes=tip)
-    >>> print(found.verdict[:37])
-    tip.x: stiffness = 20 is 2.107443 ± 0
     """
     study = open_study(problem, shared)
     opened, runs = _open(study.problems, variants), study.runs()

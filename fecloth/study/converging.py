@@ -115,11 +115,9 @@ def refine_graded(
     ratio: float | None,
     runs: Runs,
 ) -> Convergence:
-    """Run the levels on uniform meshes, find gradings from the first, and run graded levels.
-
-    Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
-    paths and vectors to the result of the finest graded mesh, plus its own error.
-    """
+    """Run the levels on uniform meshes, find gradings from the first, and run graded levels."""
+    # Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
+    # paths and vectors to the result of the finest graded mesh, plus its own error.
     _require_gradable(opened, refine)
     runs = replace(runs, timed=True)
     uniform, rows = refine_problem(opened, quantity, refine, levels, ratio, runs)

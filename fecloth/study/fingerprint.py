@@ -29,11 +29,9 @@ def module_of(file: Path) -> tuple[Path, str]:
 
 @cache
 def source_hash(file: str | Path) -> str:
-    """Return the hash of the package and of what a study's file imports and reads.
-
-    Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
-    imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
-    """
+    """Return the hash of the package and of what a study's file imports and reads."""
+    # Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
+    # imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
     root, module = module_of(Path(file).resolve())
     folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
     scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))

@@ -204,10 +204,8 @@ def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
 
 
 def _unbalanced(system: System, state: State) -> float:
-    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces.
-
-    It is 0 where the forces are round-off.
-    """
+    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces."""
+    # It is 0 where the forces are round-off.
     equation = StaticEquation(system, state)
     f, scale = equation.forces(equation.at(state.x))
     size = system.sums.norm(f)

@@ -90,6 +90,8 @@ class Opened:
         1.0450
         >>> print([f"{x:.3f}" for x in study.sweep("stiffness=20,80", "tip.x").table["tip.x"]])
         ['1.045', '1.012']
+        >>> print(study.compare("stiffness=40,20", "tip.x").verdict[:37])
+        tip.x: stiffness = 20 is 2.107443 ± 0
         """
         several = isinstance(problem, Sequence) and not isinstance(problem, str)
         listed: Any = problem if several else [problem]

@@ -78,19 +78,6 @@ def sweep(
     InputError
         For a quantity or a key that the problem refuses, or if it refuses every value. One value
         of several that is refused gives a row with the status "refused" and the reason.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h, stiffness):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     system = fc.System(cloth, fc.Fabric(0.2, stiffness), terms, pins=["left"])
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.sweep(strip, "stiffness=20:80:log:3", "tip.x", h=0.25, probes=tip)
-    >>> print([f"{x:.3f}" for x in found.table["tip.x"]])
-    ['1.045', '1.023', '1.012']
     """
     ranges = read_ranges(over)
     combinations = combine(ranges)

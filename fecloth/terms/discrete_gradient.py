@@ -91,11 +91,9 @@ class DiscreteGradient(BoundTerm):
         self.acting.add_tangent(x, v, t, wx, wv, J, definite)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
-        """Work [J] that moves the normals of clamps: the change of energy by time alone.
-
-        Over the step the normals are taken at the mean time, and the forces on the nodes have the
-        work of the energy for these. What is left are the changes before and after that time.
-        """
+        """Work [J] that moves the normals of clamps: the change of energy by time alone."""
+        # Over the step the normals are taken at the mean time, and the forces on the nodes have the
+        # work of the energy for these. What is left are the changes before and after that time.
         if self.term.work_of_clamps(old, new, stages) == 0.0:
             return 0.0
         path = (*old, -1), (old[0], self.t, 1), (new[0], self.t, -1), (*new, 1)

@@ -230,10 +230,8 @@ class Numbers:
         return apart * {"across": 1 / 3, "hung": min(1.0, stretch), "along": 1.0}[self.case]
 
     def time_error(self, dt: float) -> float:
-        """Return ω t ω dt/2 for a method of first order, ω t (ω dt)²/12 for others; at most 1.
-
-        Multiplied by the fraction of the motion that `steps_leave` and `rest` give.
-        """
+        """Return ω t ω dt/2 for a method of first order, ω t (ω dt)²/12 for others; at most 1."""
+        # Multiplied by the fraction of the motion that `steps_leave` and `rest` give.
         first = self.built.method.traits.order == 1
         each = self.omega * dt / 2 if first else (self.omega * dt) ** 2 / 12
         return min(1.0, each * self.omega * self.seconds) * self.steps_leave(dt) * self.rest

@@ -103,11 +103,9 @@ def find_resolutions(
     orders: Mapping[str, Mapping[str, float]],  # of each quantity, by kind and text
     tolerance: float,
 ) -> list[Resolution]:
-    """Return the error by each size that was refined.
-
-    A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
-    (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
-    """
+    """Return the error by each size that was refined."""
+    # A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
+    # (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
     return [_resolution(*check, sizes, orders, tolerance) for check in checks]
 
 

@@ -77,12 +77,6 @@ def simplify(
         long a time.
     StudyFailed
         If the scene itself fails.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> found = fc.study.simplify("flag.toml", "1%", folder="out")  # doctest: +SKIP
-    >>> print(found.verdict)  # doctest: +SKIP
     """
     chosen = read_tolerance(tolerance)
     study = open_study(problem, shared)

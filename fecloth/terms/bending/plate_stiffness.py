@@ -38,11 +38,9 @@ def clamped_edges(panel: Panel) -> np.ndarray:
 
 
 def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
-    """κ (m, 3) [1/m] as (κ₁₁, κ₂₂, 2κ₁₂) from changes (h + c,) of the angles, and D (m, 3, 3).
-
-    Both in X and Y, on P2 of the four parts of each triangle. The slope of a free edge is that
-    without a moment.
-    """
+    """κ (m, 3) [1/m] as (κ₁₁, κ₂₂, 2κ₁₂) from changes (h + c,) of the angles, and D (m, 3, 3)."""
+    # Both in X and Y, on P2 of the four parts of each triangle. The slope of a free edge is that
+    # without a moment.
     slopes = panel.cloth.edge_slopes
     edges, m = slopes.edges, len(slopes.edges.triangles)
     copies = m // len(panel.cloth.triangles)
@@ -61,11 +59,9 @@ def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
 def angle_stiffness(
     slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
 ) -> sparse.csr_matrix:
-    """(h + c, h + c) Q = Cᵀ K C [N m] with the energy ½ θᵀ Q θ of small angles.
-
-    K has a block A Bᵀ D B for each triangle, from which the slopes of free edges are eliminated.
-    The arguments are as in `EdgeSlopes.of_plate`.
-    """
+    """(h + c, h + c) Q = Cᵀ K C [N m] with the energy ½ θᵀ Q θ of small angles."""
+    # K has a block A Bᵀ D B for each triangle, from which the slopes of free edges are eliminated.
+    # The arguments are as in `EdgeSlopes.of_plate`.
     edges = slopes.edges
     C, hinge = slopes.of_plate(rigidity, material, clamped)
     m, B = len(edges.triangles), edges.curvature_of_slopes

@@ -117,11 +117,9 @@ class BoundPlateDamping(BoundTerm):
         ]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D.
-
-        D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the last
-        and a definite one both.
-        """
+        """J += wx K + wv D."""
+        # D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the
+        # last and a definite one both.
         _, moment, g = self._moments(x, v, t)
         right = wv * self.time * g
         if not (self.symmetric or definite):

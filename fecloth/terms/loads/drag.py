@@ -222,10 +222,8 @@ def flow(nodes, e, u, x, v):
 
 @inner
 def drag_force(law, N, L, s, wt):
-    """F = −½ (k_n g(s/L) N + k_t L φ w_t).
-
-    Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
-    """
+    """F = −½ (k_n g(s/L) N + k_t L φ w_t)."""
+    # Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
     kn, kt, quadratic = law
     wn = s / L if L > 0.0 else 0.0
     if quadratic:

@@ -255,11 +255,9 @@ def add_sample_stress(M: Array, p: int, w: float, S: Three, sigma: Array) -> Non
 def scatter_tension(
     slots: Array, e: int, scale: float, sigma: Array, H: Array, S: Three, G: Array, J: Array
 ) -> None:
-    """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
-
-    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
-    S is the one on the mean of E, with the gradients G at the three points.
-    """
+    """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is."""
+    # σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
+    # S is the one on the mean of E, with the gradients G at the three points.
     for a in range(NODES):
         for b in range(NODES):
             total = 0.0
