@@ -13,11 +13,10 @@ from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
-from fecloth.study.cases import run_cases
+from fecloth.study.cases import Progress, run_cases
 from fecloth.study.change import FIRST, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure, record_of
 from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.progress import Progress
 from fecloth.study.workload import LONGEST, Workload, check_size
 
 

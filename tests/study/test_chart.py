@@ -14,8 +14,15 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.study.chart_figure import MOST_LINES, bound_of, grey_letters, split_series
-from fecloth.study.chart_result import Chart, describe_chart, find_front
+from fecloth.study.chart_result import (
+    MOST_LINES,
+    Chart,
+    bound_of,
+    describe_chart,
+    find_front,
+    grey_letters,
+    split_series,
+)
 from fecloth.study.convergence import Convergence
 from fecloth.study.figures import spread
 from fecloth.study.result import Table

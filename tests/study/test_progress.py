@@ -9,8 +9,8 @@ from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.scene.scene import load_scene
 from fecloth.study import measured_runs, problems
+from fecloth.study.cases import Progress
 from fecloth.study.change import Level
-from fecloth.study.progress import Progress
 from fecloth.study.setups import setup_of_scene
 from fecloth.study.status import TimeLimit
 
