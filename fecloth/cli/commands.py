@@ -56,7 +56,6 @@ class Command:
     prints: bool = True  # the text is the result: if it is lost, the command has failed
 
     def load(self) -> Callable:
-        """Import the function."""
         module, name = self.target.split(":")
         return getattr(importlib.import_module(module), name)
 

@@ -30,7 +30,6 @@ WIDTH = 100
 
 
 def print_info(options: Namespace) -> int:
-    """Print what the options ask for."""
     print("\n".join(_info_lines(options)))
     return 0
 
@@ -46,7 +45,6 @@ def _info_lines(options: Namespace) -> list[str]:
 
 
 def _versions() -> list[str]:
-    """Return the versions of the packages, and the machine."""
     lines = [f"{name}: {number}" for name, number in versions().items()]
     return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
 
@@ -155,7 +153,6 @@ def describe_terms(name: str) -> list[str]:
 
 
 def _describe_key(table: type[Made], key: str) -> list[str]:
-    """Return the key, what it takes, its default and its meaning."""
     field = table.model_fields[key]
     usual = "required" if field.is_required() else f"default {field.default!r}"
     words = textwrap.wrap(meaning(field), WIDTH, initial_indent="    ", subsequent_indent="    ")

@@ -144,7 +144,6 @@ def _status(options: Namespace) -> int:
 
 
 def _parser() -> ArgumentParser:
-    """Return the parser of all commands."""
     parser = SuggestingParser(
         prog="fecloth",
         description="A continuum cloth solver.",

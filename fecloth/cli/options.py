@@ -24,12 +24,10 @@ def option(names: str, words: str | None = None, **keywords: Any) -> Option:
 
 
 def flag(name: str, words: str) -> Option:
-    """Return an option without a value."""
     return option(name, words, action="store_true")
 
 
 def changes(words: str | None = None) -> Option:
-    """Return the option that replaces values of a scene."""
     return option("--set", words, action="append", default=[], metavar="KEY=VALUE")
 
 
@@ -76,13 +74,11 @@ RATIO = option("--ratio", "h or dt of a level over the next (2 or √2)", type=f
 
 
 def quantity(verb: str) -> Option:
-    """Return the option for a single quantity."""
     words = f'what is {verb}, as "max tip.z" (default: the first of [interest])'
     return option("--quantity", words, metavar="Q")
 
 
 def levels(default: int, words: str = "from 3 to 10") -> Option:
-    """Return the option for the number of levels."""
     return option("--levels", f"{words} ({default})", type=int, default=default, metavar="N")
 
 
@@ -99,7 +95,6 @@ def names(name: str, example: str, default: str) -> Option:
 
 
 def read_names(text: str) -> list[str]:
-    """Return the names of a text with commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -112,7 +107,6 @@ def read_seconds(text: str) -> str | float:
 
 
 def over(required: bool = False) -> Option:
-    """Return the option for the values of keys."""
     words = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
     more: dict = {"required": True} if required else {}
     return option("--over", words, action="append", metavar="KEY=VALUES", **more)

@@ -46,14 +46,12 @@ class _RareCollection(event.Listener):
     usual = gc.get_threshold()
 
     def on_start(self, event: object) -> None:
-        """Compilation of a function begins."""
         if self.depth == 0:
             self.usual = gc.get_threshold()
             gc.set_threshold(max(self.usual[0], 50_000) if self.usual[0] else 0, *self.usual[1:])
         self.depth += 1
 
     def on_end(self, event: object) -> None:
-        """Compilation of a function ends, or fails."""
         self.depth -= 1
         if self.depth == 0:
             gc.set_threshold(*self.usual)

@@ -83,13 +83,11 @@ class ThreadChoice:
     _rest: float = 0.0  # until the next one [s]
 
     def ask(self) -> bool:
-        """Return the mode of the next call."""
         if self._rest > 0:
             return self.best
         return len(self._times[ALL]) < len(self._times[ONE])
 
     def tell(self, mode: bool, seconds: float, units: float = 1.0) -> None:
-        """Record a call with so many units of work."""
         self.spent[mode] += seconds
         if self._rest > 0:
             self._rest -= seconds

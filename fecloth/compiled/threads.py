@@ -115,7 +115,6 @@ class Worker:
         Thread(target=self._serve, name="fecloth", daemon=True).start()
 
     def begin(self, task: Callable[[], object]) -> None:
-        """Let the thread make a call."""
         self._tasks.put(task)
         self._begun[0] += 1
 

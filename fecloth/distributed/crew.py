@@ -41,7 +41,6 @@ class Crew:
 
     @classmethod
     def begin(cls, link: Link, descriptions: Sequence[PartDescription]) -> Self:
-        """Let each process make its part."""
         return cls(
             link, [description.part for description in descriptions], link.begin(descriptions)
         )
@@ -136,11 +135,9 @@ class RemoteTerm(BoundTerm):
     rate_bounds, strain_error = map(_on_all, ("rate_bounds", "strain_error"))
 
     def add_stress(self, x, out) -> None:
-        """Out += the stress of all triangles."""
         out += self.crew.ask(self.key, "add_stress", x)
 
     def add_force(self, x, v, t, f) -> None:
-        """f += the force [N]."""
         self.crew.place(x, v)
         self.crew.gather(self.crew.call("force", (self.key,), t), f)
 
@@ -161,5 +158,4 @@ class RemoteTerm(BoundTerm):
         return over
 
     def here(self) -> BoundTerm:
-        """The term as it is bound to the part of this process."""
         return self.local

@@ -44,7 +44,6 @@ class DistributedSolver:
 
     @property
     def name(self) -> str:
-        """Of the method in use."""
         return f"PETSc {self.kind}"
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
@@ -81,7 +80,6 @@ class DistributedSolver:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) with ‖b − A x‖ ≤ rtol ‖b‖."""
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)

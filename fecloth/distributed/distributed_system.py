@@ -42,7 +42,6 @@ class DistributedSystem(System):
 
     @cached_property
     def parts(self) -> list[partition.Part]:
-        """The part of each process."""
         _refuse(self.terms)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
@@ -64,7 +63,6 @@ class DistributedSystem(System):
 
     @cached_property
     def crew(self) -> Crew:
-        """The processes, each with its part bound."""
         start = self.rest() if self.start is None else self.start
         pairs = zip(self.terms, self._is_shared, strict=True)
         shared = [self._known(term) for term, is_shared in pairs if is_shared]
@@ -126,7 +124,6 @@ class DistributedSystem(System):
     def add_tangents(
         self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, wa=0.0, definite=False
     ) -> BlockMatrix:
-        """As in `System`; the processes add the mass."""
         if wa != 0.0:
             self.crew.call("add_mass", wa)
         return super().add_tangents(J, state, wx, wv, 0.0, definite)
@@ -148,15 +145,12 @@ class DistributedSystem(System):
         return solver, BlockMatrix.zeros(self.layout.pattern), why
 
     def usage(self) -> dict[str, object]:
-        """Nodes, memory and CPU seconds of each process."""
         return {"processes": self.crew.call("usage")}
 
     def stiffness(self, state: State) -> sparse.csr_matrix:
-        """Refused: no process has the whole matrix."""
         raise _in_parts("the matrix K")
 
     def damping(self, state: State) -> sparse.csr_matrix:
-        """Refused: no process has the whole matrix."""
         raise _in_parts("the matrix D")
 
 
@@ -166,7 +160,6 @@ def _in_parts(what: str) -> InputError:
 
 
 def _refuse(terms: Sequence) -> None:
-    """Raise `InputError` for a term that several processes cannot share."""
     for term in terms:
         name, traits = type(term).__name__, traits_of(term)
         if not traits.shared:

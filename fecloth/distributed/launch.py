@@ -85,7 +85,6 @@ class MpiLink:
             del error
 
     def end(self) -> None:
-        """Let the other processes end."""
         for rank in range(1, self.size):
             self.comm.send(("end", ()), dest=rank)
 

@@ -161,7 +161,6 @@ class PartDescription:
     start: State
 
     def make(self) -> System:
-        """Bind the terms and pins to the part."""
         cloth = self.part.cloth()
         fabric, grain = (_regions_of(cloth, value) for value in (self.fabric, self.grain))
         pins = [_pin_of(pin, at, cloth, self.start) for pin, at in self.pins]
@@ -179,7 +178,6 @@ class PartSystem(System):
 
     @property
     def counted(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Which elements count in this part."""
         return self.part.counted
 
 

@@ -17,7 +17,6 @@ Rows = np.ndarray
 
 
 def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
-    """The sum of numbers."""
     return float(sum(shares))
 
 
@@ -88,7 +87,6 @@ class Worker:
         self.v = v
 
     def names(self) -> list[str]:
-        """The names of the terms."""
         return [term.name for term in self.system.bound]
 
     # --- forces and energies --------------------------------------------------------------------
@@ -122,7 +120,6 @@ class Worker:
         self.terms[new] = self.terms[key].over_step(step)
 
     def forget(self, keys: Sequence) -> None:
-        """Drop terms over earlier steps."""
         for key in keys:
             self.terms.pop(key, None)
 
@@ -167,7 +164,6 @@ class Worker:
         return found
 
     def usage(self) -> dict[str, float | int | None]:
-        """What the process has used so far."""
         return {
             "nodes": int(self.part.is_own.sum()),
             "ghosts": int((~self.part.is_own).sum()),

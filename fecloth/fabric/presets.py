@@ -66,7 +66,6 @@ _CONVERSIONS: dict[str, Callable[..., dict]] = {"clyde": clyde, "wang": wang}
 
 @cache
 def _fabrics() -> dict[str, dict]:
-    """The constants of every preset, by name."""
     fabrics = {}
     tables = tomllib.loads((files("fecloth.fabric") / "fabrics.toml").read_text(encoding="utf-8"))
     for family, table in tables.items():

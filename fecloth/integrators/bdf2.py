@@ -164,7 +164,6 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
 
 
 def _memory(opening: Opening, new: State) -> Change:
-    """The record of a step."""
     old, last = opening.begin, opening.memory
     change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
     pairs = zip(opening.system.bound, opening.over.bound, strict=True)

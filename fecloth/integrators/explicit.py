@@ -56,11 +56,9 @@ class ExplicitOpening(NamedTuple):
     opened: float  # the clock when it was opened, for the counts [s]
 
     def acceleration(self) -> np.ndarray:
-        """M⁻¹ f (n, 3) [m/s²] at the state `at`."""
         return acceleration(self.over, self.at)
 
     def counts(self) -> Counts:
-        """The counts of a step that closes now."""
         return Counts(seconds={"force": time.perf_counter() - self.opened})
 
 
@@ -83,7 +81,6 @@ class Explicit:
         return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
-        """Raise `InputError` for a mass that needs a linear solve."""
         if system.mass_kind != "lumped":
             what = f"mass = {system.mass_kind!r}"
             allowed = "must be 'lumped': an explicit step divides by the mass, and solves nothing"
@@ -117,13 +114,11 @@ class Explicit:
         memory: Any = None,
         history: History | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]."""
         self.check(system)
         opening = self.open(system, state, dt, memory, history)
         return self.close(opening, opening.acceleration())
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by `explicit_dissipation`."""
         return explicit_dissipation(system, old, step, self.forces_at)
 
 
@@ -151,7 +146,6 @@ class ForwardEuler(Explicit):
     beyond_limit: bool = False
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
-        """The step to the acceleration a (n, 3) at its begin."""
         return _euler(opening, a, new_velocity=0.0)
 
 
@@ -182,7 +176,6 @@ class SymplecticEuler(Explicit):
     beyond_limit: bool = False
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
-        """The step to the acceleration a (n, 3) at its begin."""
         return _euler(opening, a, new_velocity=1.0)
 
 

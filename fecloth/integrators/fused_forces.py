@@ -56,7 +56,6 @@ class Column:
         return add_power, (*arrays, f, self.base, self.last, self.sums)
 
     def at_end(self, moves: Moves) -> Calls:
-        """The calls at the end of a step."""
         if self.by_power:
             return []
         arrays = moves.clock, moves.x, moves.old_x, moves.v, moves.old_v
@@ -210,7 +209,6 @@ class SharedForces:
 
 
 def _calls_of(each: AnyCall, p: int, threads: int) -> list[Call]:
-    """What thread p does of a call."""
     if isinstance(each, SharedCall):
         return each.of_thread(p)
     function, arguments = each

@@ -185,7 +185,6 @@ class FusedSteps:
         return done
 
     def _go_on(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take a portion of steps; return their number."""
         data, team = (sizes, pauses, held, self.fields), self._team
 
         def alone() -> int:
@@ -207,11 +206,9 @@ class FusedSteps:
 
     @cached_property
     def shared_forces(self) -> SharedForces:
-        """The calls of `forces` for each thread."""
         return SharedForces.divide(self.calls, self.team.count)
 
     def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
-        """The state and the memory after that many steps."""
         x, v, a, ahead = (array.copy() for array in self.fields[:4])
         at = State(float(rows.reached[number - 1]), x, ahead)
         return State(float(rows.times[number]), x, v), LastForce(a, at)

@@ -107,7 +107,6 @@ def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
 
 
 def _refused(system: System) -> InputError:
-    """What needs Python in each step."""
     remedy = "Use march with CentralDifference()."
     if system.mass_kind != "lumped":
         return InputError(f"mass = {system.mass_kind!r}", "must be 'lumped'", "many_steps", remedy)

@@ -41,7 +41,6 @@ class WithMemory:
     step = newton_step
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by `memory_dissipation`."""
         return memory_dissipation(system, old, step)
 
 
@@ -61,7 +60,6 @@ class AccelerationMethod(WithMemory):
 
     @property
     def share(self) -> float | None:
-        """`Step.share` of every step."""
         return None
 
     @property

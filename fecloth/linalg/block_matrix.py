@@ -126,7 +126,6 @@ class BlockMatrix:
 
 @kernel
 def multiply(indptr: Array, indices: Array, values: Array, x: Array, y: Array) -> None:
-    """y = A x."""
     for i in range(len(indptr) - 1):
         y1 = y2 = y3 = 0.0
         for s in range(indptr[i], indptr[i + 1]):

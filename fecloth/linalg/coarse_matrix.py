@@ -78,7 +78,6 @@ class Transfer:
 
 
 def _on_rows(function: Callable[..., None], A: BlockMatrix, data: tuple[Any, ...]) -> None:
-    """Call a kernel for all rows of A."""
     n = len(A.pattern)
     A.team.each(n, lambda part: (function, (*block_rows(A), *data, part.start, part.stop)), n)
 

@@ -109,7 +109,6 @@ def _search(
 
 @inner
 def _check(pq: float, rz: float) -> int:
-    """The status before a step."""
     if not np.isfinite(pq) or not np.isfinite(rz):
         return NOT_FINITE
     return INDEFINITE if pq <= 0.0 or rz <= 0.0 else OUT_OF_ITERATIONS

@@ -137,7 +137,6 @@ class SuperLU(Direct):
         self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        """Factorise A."""
         begin, self._A = time.perf_counter(), None
         self.prepared += 1
         if self._rows is None or not A.pattern.same_as(self._rows.pattern):

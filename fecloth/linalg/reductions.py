@@ -89,17 +89,13 @@ class NodeSums:
         return part
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
-        """Σ a_i · b_i."""
         return dot(a, b)
 
     def norm(self, a: np.ndarray) -> float:
-        """√(Σ ‖a_i‖²)."""
         return size(a)
 
     def rms(self, weights: np.ndarray, y: np.ndarray) -> float:
-        """√(Σ w_i ‖y_i‖² / Σ w_i)."""
         return rms(weights, y)
 
     def mean(self, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Σ w_i y_i / Σ w_i, (3,)."""
         return mean(weights, y)

@@ -79,7 +79,6 @@ class AutoSolver:
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
-        """Select a solver."""
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
             if mode != "pcg":
@@ -111,7 +110,6 @@ class AutoSolver:
         return ASSEMBLY * self._row + factor
 
     def _solution(self, mode: str, iterations: int) -> float:
-        """The work of a solve."""
         if mode == "direct":
             slow = mode in self._solvers and self._solvers[mode].name == "superlu"
             return (1 + iterations) * math.cbrt(self._nodes) * (SUPERLU if slow else 1.0)
@@ -120,7 +118,6 @@ class AutoSolver:
     # --- the solver's protocol --------------------------------------------------------------------
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Begin a step near x (n, 3) with these weights of K and M."""
         self._begun, size = (wx, wa, x), wx / wa
         if self._size and not 0.25 <= size / self._size <= 4:
             self._restart()

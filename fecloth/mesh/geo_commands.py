@@ -185,7 +185,6 @@ class _Checker:
             raise _refused(what, token.line, self.where)
 
     def _word(self, i: int) -> None:
-        """Check a word outside any context."""
         word = self._at(i)
         if word in OPTIONS and self._at(i + 1) == ".":
             self._option(i)

@@ -56,7 +56,6 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
 
 
 def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
-    """Return the error for a process that ended without a mesh."""
     last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
     why = last[0] if last else f"status {done.returncode}"
     if done.returncode < 0:
@@ -124,7 +123,6 @@ def main() -> None:
 
 
 def _mesh(task: dict) -> RawMesh:
-    """Carry out a task of `in_child`."""
     where = task["where"]
     grading = [Grading(**fields) for fields in task.get("grading", ())]
     match task:

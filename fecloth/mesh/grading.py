@@ -135,7 +135,6 @@ def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
 
 
 def _entities(gmsh, name: str | None, where: str) -> tuple[list[int], list[int]]:
-    """Return the tags of the points and of the curves of a physical group."""
     groups: dict[str, tuple[list[int], list[int]]] = {}
     for dim, tag in gmsh.model.getPhysicalGroups():
         if dim < 2:

@@ -119,7 +119,6 @@ class Surface:
 
     @classmethod
     def from_cloth(cls, cloth: Cloth) -> Self:
-        """Return the surface of a cloth."""
         if cloth.element == "P1":
             return cls(cloth.triangles, cloth.hinges.sides)
         edges = cloth.edge_slopes.edges

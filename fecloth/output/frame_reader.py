@@ -107,7 +107,6 @@ class Series:
 
     @classmethod
     def open(cls, folder: str | Path) -> Self:
-        """Open the series of a folder that `fecloth run` wrote."""
         folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
         if listed.is_file():

@@ -56,7 +56,6 @@ class HdfFrames:
 
     @property
     def opens(self) -> Path:
-        """The file to open in ParaView."""
         return self.path
 
     def add(self, state: State, arrays: tuple[Arrays, Arrays] | None = None) -> Path:
@@ -180,7 +179,6 @@ def _cut(root, steps, count: int) -> None:
 
 
 def _extend(dataset, rows) -> int:
-    """Append rows; return the number of the first."""
     begin = len(dataset)
     dataset.resize(begin + len(rows), axis=0)
     dataset[begin:] = rows

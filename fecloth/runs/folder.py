@@ -175,7 +175,6 @@ class RunFolder:
         replace_file(self.path / name, text.encode())
 
     def log(self, message: str) -> None:
-        """Append a line with the time of day to run.log."""
         self.check_in_place()
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:

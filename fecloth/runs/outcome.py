@@ -49,7 +49,6 @@ def read_columns(file: Path) -> dict[str, np.ndarray]:
 
 
 def count_sizes(system: System) -> dict:
-    """Return the numbers of nodes, triangles and free dofs."""
     return {
         "nodes": len(system.cloth.X),
         "triangles": len(system.cloth.triangles),
@@ -77,7 +76,6 @@ def finished_message(outcome: SceneResult) -> str:
 
 
 def _shape_message(summary: Mapping) -> str:
-    """Return the extremes over all frames in words."""
     pairs = summary["intersecting_pairs"]
     inverted = f"at most {amount(summary['inverted_triangles'], 'triangle')} turned over"
     counts = f"{inverted} and {amount(pairs, 'intersecting pair')}, in any frame"
@@ -123,7 +121,6 @@ def failure_message(outcome: SceneResult) -> str:
 
 
 def ledger_text(ledger: Ledger, unit: str = " s") -> str:
-    """Return the ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
     lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]

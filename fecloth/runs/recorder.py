@@ -80,7 +80,6 @@ class Recorder:
                     self.restart(regular=True)
 
     def _begin(self) -> Progress:
-        """Write the start, and return the progress before the first step."""
         problem = self.problem
         kinds = list_scene_accounts(problem.is_static)
         accounts = Accounts.begin(kinds, self.run, problem.ledger)
@@ -92,7 +91,6 @@ class Recorder:
         return self._progress(problem.state, problem.first_memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, warnings=(), wanted=None) -> Progress:
-        """Return the progress with what the files have now."""
         frames, sizes = len(self.files.frames.times), self.files.sizes
         return Progress(state, memory, accounts, warnings, wanted, frames, sizes)
 
@@ -141,7 +139,6 @@ class Recorder:
         return None
 
     def _march_to_end(self, report, warn, interrupted: threading.Event) -> None:
-        """March until the end or until interrupted."""
         problem, before = self.problem, self.progress
         if before.state.t >= problem.t_end:  # it was killed while it closed
             return
@@ -195,7 +192,6 @@ class Recorder:
         return accounts.with_record(shape)
 
     def _warn(self, accounts: Accounts, warn) -> None:
-        """Report the first warning of each kind."""
         for words in accounts.new_warnings(self.progress.warnings):
             self.progress = replace(self.progress, warnings=(*self.progress.warnings, words))
             with suppress(WriteError):  # `warn` reports it; the next line fails the run
@@ -203,7 +199,6 @@ class Recorder:
             warn(words)
 
     def _is_restart_due(self, info: StepInfo) -> bool:
-        """Return whether a restart file is due after the step."""
         if not (every := self.problem.restarts):
             return False
         if isinstance(every, int):
@@ -215,7 +210,6 @@ class Recorder:
         return due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
-        """Return whether the step ends at a frame."""
         problem = self.problem
         due = (
             info.t in problem.stops
@@ -261,7 +255,6 @@ class Recorder:
         return [*self.foreseen, *self.progress.warnings]
 
     def _summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
-        """Return the content of summary.json."""
         values = {
             "status": status,
             "error": failure,

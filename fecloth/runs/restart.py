@@ -189,7 +189,6 @@ def find(folder: Path) -> Restart:
 
 
 def _missing_restart_error(folder: Path) -> InputError:
-    """Return the error that says why no restart was found."""
     if not folder.is_dir():
         remedy = "Give the folder of a run; -o names the folder of a new run."
         return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)

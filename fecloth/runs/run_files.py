@@ -45,7 +45,6 @@ class RunFiles:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Bytes of each table."""
         return {name: table.size for name, table in self.tables.items()}
 
     def cut(self, progress: Progress) -> None:

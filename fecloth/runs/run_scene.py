@@ -128,7 +128,6 @@ def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
 
 
 def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
-    """Return the problem with the method that the earlier part of the run used."""
     if not found or not isinstance(problem.steps, Auto):
         return problem
     for steps in problem.steps.candidates:

@@ -121,16 +121,13 @@ class Pieces(Table):
 
     @property
     def element(self) -> str:
-        """Of all pieces."""
         return next(iter(self.pieces.values())).element
 
     @property
     def paths(self) -> list[str]:
-        """The mesh files of the pieces."""
         return [piece.path for piece in self.pieces.values() if piece.shape == "file"]
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
-        """Mesh each piece and join them."""
         meshed = []
         for name, piece in self.pieces.items():
             reading = (trust, time_limit) if piece.shape == "file" else ()

@@ -45,7 +45,6 @@ def fields(table: type[Table]) -> dict[str, FieldInfo]:
 
 
 def scene_part() -> str:
-    """Return the reference of all tables but the terms."""
     lines = []
     for title, classes in SECTIONS.items():
         lines += [f"### `{title}`" if title.startswith("[") else f"### {title}", ""]
@@ -56,7 +55,6 @@ def scene_part() -> str:
 
 
 def _functions() -> list[str]:
-    """Return the table of the functions of formulas."""
     lines = ["### Functions of formulas", "", "| function | value |", "|---|---|"]
     for name, (_, arguments, words) in FUNCTIONS.items():
         lines.append(f"| `{name}({', '.join(arguments)})` | {words} |")
@@ -64,7 +62,6 @@ def _functions() -> list[str]:
 
 
 def terms_part() -> str:
-    """Return the reference of all terms."""
     lines = []
     for name, table in tables.TERM_TABLES.items():
         lines += [f"### {name}", "", _summary(table), ""]
@@ -86,7 +83,6 @@ def _shapes() -> list[str]:
 
 
 def _methods() -> list[str]:
-    """Return the names of the methods, and tables of their parameters."""
     lines = [f"The methods are {', '.join(f'`{name}`' for name in schedule.METHOD_TABLES)}.", ""]
     for name, table in schedule.METHOD_TABLES.items():
         if fields(table):
@@ -118,7 +114,6 @@ def _default(field: FieldInfo) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a default as a scene writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):

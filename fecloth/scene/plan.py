@@ -50,7 +50,6 @@ def plan(problem: Problem, why: str) -> list[str]:
 
 
 def _pins(system: System) -> str:
-    """Return how many nodes each pin holds, in words."""
     groups = system.constraints.groups.items()
     counts = [
         f"{name} ({amount(len(nodes), 'node')}{', clamped' if pin.clamp else ''})"
@@ -62,14 +61,12 @@ def _pins(system: System) -> str:
 
 
 def _course(problem: Problem) -> str:
-    """Return the method, its steps and the end, in words."""
     if problem.is_static:
         return str(problem.method)
     return f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s"
 
 
 def _steps(problem: Problem) -> str:
-    """Return dt, or how the steps are chosen, in words."""
     if problem.dt:
         return f"dt = {problem.dt:g} s"
     steps = problem.steps

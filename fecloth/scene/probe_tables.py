@@ -116,7 +116,6 @@ class Interest(Table):
 
     @property
     def all(self) -> tuple[Quantity, ...]:
-        """All quantities."""
         return tuple(one for group in self.parsed.values() for one in group)
 
 

@@ -118,7 +118,6 @@ class Scene(Table):
         return self
 
     def _refuse_time(self) -> None:
-        """Refuse the keys that have no meaning without time."""
         static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
             raise InputError("start.velocity is given", static, "", "Leave it out.")

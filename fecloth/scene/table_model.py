@@ -125,7 +125,6 @@ class Made(Table):
         return self
 
     def make(self):
-        """Return the object that the table holds."""
         return self._object
 
 

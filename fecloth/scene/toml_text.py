@@ -13,7 +13,6 @@ LARGEST = 1_000_000  # bytes; larger files are no scenes
 
 
 def read(path: str | Path) -> dict:
-    """Return the tables of a TOML file."""
     path = Path(path)
     content = text(path)
     try:

@@ -45,7 +45,6 @@ class Progress:
             print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
 
     def add(self, cost: float) -> None:
-        """Count a finished case."""
         self.done, self.spent = self.done + 1, self.spent + cost
         self.elapsed = self.clock() - self.begin
         if self.done <= self.at_once:
@@ -60,7 +59,6 @@ class Progress:
         return left / self.at_once if self.in_seconds else left * elapsed / spent
 
     def print(self, words: str, result: dict, cost: float) -> None:
-        """Count a finished case and print its line."""
         self.add(cost)
         if self.quiet:
             return
@@ -228,7 +226,6 @@ def _write_result(
 
 
 def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
-    """Return the results that are on disk, by key."""
     results = {}
     for case in cases:
         entry = _read_entry(_path(case, out))
@@ -253,7 +250,6 @@ def _read_entry(path: Path) -> dict | None:
 
 
 def _to_plain(value):
-    """Convert NumPy's numbers and arrays to JSON's types."""
     return value.tolist()
 
 

@@ -54,7 +54,6 @@ def _inline(value: object) -> str:
 
 
 def describe_values(values: Mapping[str, object]) -> str:
-    """Return "key = value, key = value"."""
     return ", ".join(f"{key} = {value}" for key, value in values.items())
 
 

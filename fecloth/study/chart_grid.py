@@ -91,7 +91,6 @@ def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
 
 
 def _rules(scene: Scene, method: str) -> list[dict]:
-    """Return the method, with its tolerances if they choose the steps."""
     time = scene.time
     if method in EXPLICIT or (method != "auto" and time.dt != "auto"):
         return [{"method": method}]

@@ -84,7 +84,6 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
 
 
 def seconds_of(row: Mapping) -> float:
-    """Return the CPU seconds of a row."""
     return row["seconds"]
 
 
@@ -141,7 +140,6 @@ def _not_reached(level: float, rows: Iterable[Mapping]) -> str:
 
 
 def describe_row(row: Mapping, with_model: bool = True) -> str:
-    """Return a setting in words."""
     parts = [f"{row['method']} with {row['element']}"]
     parts += [row["model"]] if with_model and row.get("model") else []
     if row.get("h"):
@@ -195,7 +193,6 @@ def grey_letters(rows: Iterable[Mapping]) -> dict[str, str]:
 
 
 def draw_chart(chart: Any) -> Figure:
-    """Draw the chart: see `Chart.figure`."""
     drawing, ax = new_figure(size=(10.0, 6.0))
     lines, rest = split_series(chart.table)
     if not lines:

@@ -173,7 +173,6 @@ def _skip_long(run: run_problems.Point | dict, limit: float) -> run_problems.Poi
 
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
-    """Return the row of the table for one setting."""
     line: dict[str, Any] = setting.names | setting.sizes()
     if row is None or limit is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}

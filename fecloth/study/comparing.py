@@ -105,7 +105,6 @@ def compare(
 
 
 def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem]:
-    """Return the variants by name."""
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
@@ -120,7 +119,6 @@ def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Probl
 
 
 def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the variants by names that differ."""
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
     if len({type(variant) for _, variant in pairs}) > 1:
@@ -170,7 +168,6 @@ def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -
 def _conclude(
     opened: Mapping, studied: Mapping[str, _Studied | dict], quantity: Quantity, refine: str
 ) -> Comparison:
-    """Return the result of all variants."""
     judged = {name: variant for name, variant in studied.items() if isinstance(variant, _Studied)}
     studies = {name: variant.study for name, variant in judged.items()}
     scale, numbers, differences = _differences(judged, quantity)
@@ -259,7 +256,6 @@ def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> fl
 
 
 def _cells(comparison: Comparison, name: str, variant: _Studied | dict) -> dict:
-    """Return the row of a variant, without its name."""
     if isinstance(variant, dict):
         return variant
     given, unit = variant.study.table[0], comparison.unit if math.isnan(comparison.scale) else "%"

@@ -159,5 +159,4 @@ def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
 
 
 def describe_value(result_name: str, value: float, uncertainty: float, unit: str) -> str:
-    """Return "sag = 0.1235 ± 0.0012 m"."""
     return f"{result_name} = {with_uncertainty(value, uncertainty, unit)}"

@@ -211,7 +211,6 @@ def _saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) ->
 
 
 def _in_words(grading: Grading) -> str:
-    """Return a grading as a sentence with the keys of [[cloth.grading]]."""
     place = (
         f'where = "{grading.where}"' if grading.where else f"point = {list(grading.point or ())}"
     )

@@ -40,7 +40,6 @@ STYLE: dict[Any, Any] = {
 
 
 def can_draw() -> bool:
-    """Whether Matplotlib is installed."""
     return find_spec("matplotlib") is not None
 
 

@@ -48,7 +48,6 @@ class FunctionProblem(CommonProblem):
 
     @property
     def probes(self) -> tuple[str, ...]:
-        """Names of the probes."""
         return tuple(probe.name for probe in self.placed)
 
     @property
@@ -182,7 +181,6 @@ class FunctionProblem(CommonProblem):
         }
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        """Return the cloth where the quantity needs it."""
         return self.first.cloth if quantity.is_field else None
 
 

@@ -91,7 +91,6 @@ def measure(
     repeats: int = REPEATS,  # runs at most
     most: float | None = None,  # longest CPU time of a run [s]
 ) -> dict:
-    """Run a setup on one thread and return its row."""
     with (
         setup.system.team.pinned(),
         warnings.catch_warnings(action="ignore", category=FeclothWarning),
@@ -125,7 +124,6 @@ def measure(
 
 
 def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, float]:
-    """Return the row of a run, and its CPU seconds."""
     begin = time.process_time()
 
     def report(*_: object) -> None:
@@ -200,7 +198,6 @@ def _solve(setup: Setup, report: Callable[..., None]) -> dict:
 
 
 def _nothing_run(setup: Setup, report: Callable[..., None]) -> dict:
-    """Return the row of a setup at its start."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     row = Ledger.open(setup.system, setup.start).row() | observer.row(None, None)
     counted = {"steps": 0, "step": math.nan, "newton": 0, "time_error": math.nan, "time_order": 0}

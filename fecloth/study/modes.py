@@ -170,7 +170,6 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
 
 
 def _verdict(f: np.ndarray, zero: float) -> str:
-    """Return whether the state is stable, in words."""
     unstable, soft, count = int((f < -zero).sum()), int((f <= zero).sum()), len(f)
     if unstable:
         return (
@@ -187,7 +186,6 @@ def _verdict(f: np.ndarray, zero: float) -> str:
 
 
 def _table(frequencies: np.ndarray, eigenvalues: np.ndarray) -> Table:
-    """Return a row for each mode."""
     pairs = zip(frequencies.tolist(), eigenvalues.tolist(), strict=True)
     return Table(
         tuple(
@@ -213,7 +211,6 @@ def _unbalanced(system: System, state: State) -> float:
 
 
 def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
-    """Yield a sentence for each reason to doubt the modes."""
     if unbalanced > BALANCED:
         yield (
             f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "

@@ -181,5 +181,4 @@ def is_slack_across(cloth: Cloth, x: np.ndarray) -> bool:
 
 
 def has_bending(setup: Setup) -> bool:
-    """Whether a term resists bending."""
     return has_kind(setup.system.terms, "bending")

@@ -138,7 +138,6 @@ def find_mistake(file: str, source: str) -> str:
 
 
 def _connect(scheduler: str):
-    """Return a client of a scheduler that has a worker."""
     from distributed import Client
 
     remedy = "studies/README.md says how to start a scheduler and workers."

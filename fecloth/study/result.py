@@ -68,7 +68,6 @@ class Table(Sequence[Mapping[str, Cell]]):
         write_csv(self.rows, path)
 
     def _repr_html_(self) -> str:
-        """Return an HTML table."""
         shown = [{**row, **_digits(row)} for row in self.rows]
         rows = [[_text(row.get(name)) for name in self.columns] for row in shown]
         return render("table.html", {"head": map(_head, self.columns), "rows": rows})
@@ -154,7 +153,6 @@ class StudyResult:
         return f"wrote {page}"
 
     def _repr_html_(self) -> str:
-        """Return verdict, notes and table, for notebooks."""
         return self._fill("study_in_notebook.html")
 
     def _fill(self, template: str) -> str:
@@ -197,5 +195,4 @@ def read_tolerance(value: float | str) -> float:
 
 
 def in_percent(value: float) -> str:
-    """Return a fraction as text in percent."""
     return f"{100 * value:.2g} %" if abs(value) < 1 else f"{100 * value:.0f} %"

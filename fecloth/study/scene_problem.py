@@ -44,7 +44,6 @@ class SceneProblem(CommonProblem):
 
     @property
     def probes(self) -> tuple[str, ...]:
-        """Names of the probes."""
         return tuple(probe.name for probe in self.scene.probes)
 
     @property
@@ -60,7 +59,6 @@ class SceneProblem(CommonProblem):
 
     @property
     def interest(self) -> tuple[Quantity, ...]:
-        """The quantities of [interest]."""
         return tuple(self.scene.interest.all) if self.scene.interest else ()
 
     @property
@@ -182,7 +180,6 @@ class SceneProblem(CommonProblem):
         return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        """Return the cloth where the quantity needs it."""
         return self.scene.mesh() if quantity.is_field else None
 
 

@@ -161,7 +161,6 @@ def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Ma
 
 
 def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
-    """Return the row of the table for a method and a combination of values."""
     own = _cells_of(method, values, cells)
     longest, predicted = range_of(own), own[0]["predicted"]
     first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]

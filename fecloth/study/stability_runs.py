@@ -52,24 +52,20 @@ class Run:
 
     @property
     def case(self) -> dict[str, Any]:
-        """The arguments of `run_scene_with` or `run_function_with`."""
         return {"method": self.method, "count": self.steps, **self.problem.case()}
 
     @property
     def words(self) -> str:
-        """The run in words, for the progress lines."""
         parts = (describe_values(self.values), self.method, amount(self.steps, "step"))
         return ", ".join(part for part in parts if part)
 
     @property
     def size(self) -> Workload:
-        """Its predicted size."""
         triangles = len(self.problem.first.cloth.triangles)
         return Workload(triangles, self.steps, self.method in EXPLICIT)
 
 
 def span_of(setup: Setup) -> float:
-    """Return the time of a run [s]."""
     if setup.is_static or setup.t_end is None:
         remedy = "Give [time] in a scene, t_end to a function's problem."
         raise InputError("an equilibrium", "has no steps in time", "stability", remedy)
@@ -101,7 +97,6 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
-    """Return the runs of a problem with all methods."""
     problem = problem.refined(FIRST)
     limits = {name: predict_limit(problem.first, name) for name in methods}
     span = span_of(problem.first)

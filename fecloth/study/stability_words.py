@@ -29,7 +29,6 @@ def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) 
 
 
 def describe_range(longest: Range) -> str:
-    """Return the words of a range of steps."""
     low, high = longest
     if low == 0.0:
         return "not known" if math.isinf(high) else f"< {in_seconds(high)}"
@@ -52,7 +51,6 @@ def describe_ratio(longest: Range, predicted: float | None) -> str:
 
 
 def describe_limit(predicted: float | None) -> str:
-    """Return the words of a predicted limit."""
     if predicted is None:
         return "not known"
     return "none" if math.isinf(predicted) else in_seconds(predicted) if predicted else "0 s"
@@ -162,7 +160,6 @@ def _place(cell: Mapping, keys: Sequence[str], places: list) -> float:
 
 
 def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence[float]) -> None:
-    """Draw a marker for each run, and the predicted limit over the values."""
     for state, look in LOOKS.items():
         at = [
             (place, cell["dt"])
@@ -196,7 +193,6 @@ def _set_places(ax, keys: Sequence[str], places: list, labelled: bool) -> None:
 
 
 def _draw_legend(drawing, cells: Sequence[Mapping]) -> None:
-    """Draw the legend of what occurs above the panels."""
     from matplotlib.lines import Line2D
 
     states = {cell["status"] if cell["status"] in JUDGED else "stopped" for cell in cells}

@@ -107,7 +107,6 @@ def sweep(
 
 
 def _point(opened: Problem, values: dict) -> run_problems.Point | dict:
-    """Return what runs for some values; a row with the reason if the problem refuses them."""
     try:
         variant = opened.changed(Change.of(values)) if values else opened
         return run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
@@ -116,7 +115,6 @@ def _point(opened: Problem, values: dict) -> run_problems.Point | dict:
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
-    """Return the row of the table for one run."""
     if row["status"] != OK:
         return {**values, **failure(row["status"], row["cause"])}
     line = dict(values)

@@ -92,7 +92,6 @@ def is_reasonable(order: float, theory: float) -> bool:
 
 
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    """Return the estimate of three levels, fine to coarse."""
     fine, coarse = values[1] - values[0], values[2] - values[1]
     name, spread = "grid convergence index", float(np.ptp(values))
     first, half = float(values[0]), spread / 2

@@ -452,7 +452,6 @@ class System(Arguments):
 
 
 def _check_elements(terms, element: str) -> None:
-    """Refuse the first term that does not know the cloth's element."""
     for term in terms:
         known = traits_of(term).elements
         if element not in known:

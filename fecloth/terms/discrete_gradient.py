@@ -87,7 +87,6 @@ class DiscreteGradient(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K + wv D of f."""
         self.acting.add_tangent(x, v, t, wx, wv, J, definite)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:

@@ -79,7 +79,6 @@ def doubtful(summary: Mapping) -> bool:
 
 
 def _model(folder: Path) -> str:
-    """The fabrics and the terms of the scene, in a line."""
     scene = tomllib.loads(_text(folder / "scene.resolved.toml"))
     if not (fabric := scene.get("fabric")):
         return ""
@@ -111,7 +110,6 @@ def _warnings(folder, summary) -> Iterator[dict[str, str]]:
 
 
 def _tiles(summary, tables) -> dict[str, str]:
-    """The figures to read first."""
     seconds = summary["seconds"]["total"]
     tiles = {
         "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary.get('unit', ' s')}",
@@ -165,7 +163,6 @@ def _unexplained(summary, steps):
 
 
 def _numbers(summary) -> dict[str, str]:
-    """Return the rest of the summary, and the versions."""
     rest = {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
         for key, value in summary.items()

@@ -186,7 +186,6 @@ def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
 
 
 def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:
-    """Yield an image (h, w, 3) for each frame."""
     pyvista = _import_package("pyvista")
     first = series.read(frames[0])
     triangles, parts = (
@@ -233,7 +232,6 @@ def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
 
 
 def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> None:
-    """Set the mesh's points, values and normals from a frame."""
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
         X = checker_pattern.material_coordinates(frame)
@@ -252,7 +250,6 @@ def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> N
 
 
 def _make_plotter(pyvista, shot: Shot):
-    """Create the plotter with camera, lights and ground."""
     plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
     plotter.set_background(tuple(c / 255 for c in PAPER))
     middle, size = shot.view.box.mean(axis=0), float(np.linalg.norm(np.diff(shot.view.box, axis=0)))

@@ -103,7 +103,6 @@ def select_frames(series: frame_reader.Series, fields: int) -> list[int]:
 
 
 def title_of(folder: Path) -> str:
-    """Return the title of the scene, or the name of the folder."""
     return _scene_of(folder).get("title") or folder.resolve().name
 
 

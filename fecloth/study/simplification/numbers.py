@@ -250,7 +250,6 @@ class Numbers:
 
 
 def table(numbers: Numbers) -> list[dict]:
-    """Return a table of the numbers and their formulas."""
     g, period = (
         numbers.loads.get("Gravity", 0.0),
         2 * math.pi / numbers.omega if numbers.omega else math.inf,

@@ -34,7 +34,6 @@ class Outcome:
 
     @property
     def is_ok(self) -> bool:
-        """Whether it ran to its end and has all quantities."""
         return self.status == OK
 
     @property
@@ -82,7 +81,6 @@ class Resolution:
 
     @property
     def is_resolved(self) -> bool:
-        """Whether the error is within the tolerance."""
         return self.needed >= self.size
 
     def __str__(self) -> str:
@@ -150,7 +148,6 @@ class Findings:
         return sorted(self.trials, key=lambda trial: trial[1].change)
 
     def judge(self, variant: Variant, outcome: Outcome) -> str:
-        """Return the verdict on a variant."""
         if variant.is_check:
             return "not resolved" if variant.kind in self.unresolved else "resolved"
         if not outcome.is_ok or outcome.change > self.tolerance:

@@ -86,7 +86,6 @@ def _number(row: Mapping, key: str) -> float:
 
 
 def _seconds(row: Mapping) -> str:
-    """Return what a variant saves, in words."""
     if row.get("seconds saved") is None:
         return str(row["status"])
     seconds, part = row["seconds saved"], row["saved [%]"]

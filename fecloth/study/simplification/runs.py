@@ -37,7 +37,6 @@ class Original:
 
     @property
     def reduced_file(self) -> str:
-        """Name of the file of the reduced problem."""
         return "reduced.toml" if self.is_scene else "reduced.txt"
 
     def list_variants(self) -> list[Variant]:
@@ -94,7 +93,6 @@ class Original:
         return [self.compare(name, row) for (name, *_), row in zip(tried, rows, strict=True)]
 
     def run_one(self, name: str, change: Change, fresh: bool = False) -> Outcome:
-        """Run one change."""
         return self.run([(name, change, PATIENCE)], fresh)[0]
 
     def _point(self, name: str, change: Change, most: float | None = None) -> Point | dict:

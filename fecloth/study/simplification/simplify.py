@@ -127,7 +127,6 @@ def _sizes_now(data: dict) -> dict[str, float]:
 
 
 def _orders(original: Original) -> dict[str, dict[str, float]]:
-    """Return the theoretical orders of each quantity in h, dt and rtol."""
     both = {q.text: original.problem.orders(q) for q in original.quantities}
     return {
         "mesh": {text: orders[0] for text, orders in both.items()},

@@ -51,7 +51,6 @@ class Variant:
 
 
 def changes_of(variants: Iterable[Variant]) -> Change:
-    """Return the change by some variants, one after another."""
     return Change(edits=tuple(variant.apply for variant in variants))
 
 
@@ -188,6 +187,5 @@ def long_step_of(data: Data) -> Edit:
 
 
 def method_name(data: Data) -> str:
-    """Return the method's name in [time]."""
     method = data["time"]["method"]
     return method if isinstance(method, str) else method["type"]

@@ -54,7 +54,6 @@ class Choice:
 
     @property
     def mesh(self) -> tuple[str, str, tuple[Grading, ...]]:
-        """Element, pattern and grading."""
         return self.element, self.pattern, self.grading
 
     @property
@@ -130,7 +129,6 @@ def _preference(name: str) -> tuple:
 
 
 def problem_with(opened: Problem, choice: Choice) -> Problem:
-    """Return the problem with a choice."""
     return opened.changed(change_of(opened, choice))
 
 
@@ -190,7 +188,6 @@ class Trial:
 
     @property
     def is_ok(self) -> bool:
-        """Whether it ran to its end and has all quantities."""
         return self.row["status"] == OK
 
     @property
@@ -215,7 +212,6 @@ class Trial:
 
     @cached_property
     def cloth(self) -> Cloth:
-        """The mesh, made again."""
         cloth = self.row["point"].refined.cloth_for(FIELD)
         assert cloth is not None
         return cloth

@@ -35,7 +35,6 @@ class Candidate:
 
     @property
     def choice(self) -> Choice:
-        """The setting."""
         chosen = self.rule.choose(self.mesh.choose(self.edges), self.x)
         return replace(chosen, linear=self.linear)
 
@@ -46,7 +45,6 @@ class Candidate:
 
     @property
     def error(self) -> float:
-        """The largest predicted error of a quantity."""
         return float((self.space + self.time).max())
 
 

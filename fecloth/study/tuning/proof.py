@@ -33,11 +33,9 @@ class Proof:
 
     @property
     def error(self) -> float:
-        """The largest error of a quantity, of all causes together."""
         return float(sum(self.parts.values(), np.zeros(1)).max())
 
     def meets(self, goal: Goal) -> bool:
-        """Whether error and seconds are as asked for."""
         return self.error <= goal.tolerance and self.trial.seconds <= goal.budget
 
 

@@ -185,7 +185,6 @@ def summarise(
 
 
 def _remarks(proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
-    """Yield sentences on changed terms, and on runs that were cut off or warn of themselves."""
     if dropped:
         yield f"Changed terms: {', '.join(dropped)}."
     for status, what in ((LATE, "cut off at the limit of CPU time"), (FAILED, "no evidence")):
@@ -196,7 +195,6 @@ def _remarks(proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
 
 
 def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
-    """Return the answer in words: proved, or not proved and why, and what can be had."""
     size = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
     has = f"{proof.trial.choice}: estimated error {size}, CPU time {proof.trial.seconds:.2g} s"
     if math.isfinite(goal.budget):
@@ -248,7 +246,6 @@ def table_of_runs(bench: Bench, proof: Proof) -> Table:
 
 
 def _purpose(bench: Bench, trial: Trial, proof: Proof) -> str:
-    """Return in words what a run was for."""
     if trial is proof.trial:
         return "tuned"
     if trial is proof.finer:

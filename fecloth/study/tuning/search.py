@@ -243,6 +243,5 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal) -> str:
 
 
 def _causes(space: SpaceErrors) -> str:
-    """Return what may keep the scene from converging."""
     causes = list(space.reference.row["obstacles"])
     return f": {'; '.join(causes)}" if causes else ""

@@ -66,7 +66,6 @@ def _seconds(trial: Trial) -> float:
 
 
 def half_of_h(choice: Choice) -> Choice:
-    """Return the choice with half of h."""
     assert choice.h is not None
     return replace(choice, h=float(f"{choice.h / 2:.6g}"))
 

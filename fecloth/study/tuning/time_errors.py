@@ -59,11 +59,9 @@ class Rule:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Method and kind."""
         return self.method, self.kind
 
     def choose(self, choice: Choice, x: float) -> Choice:
-        """Return a choice with this rule."""
         if self.kind == "rtol":
             return replace(choice, method=self.method, rtol=float(f"{1 / x:.3g}"), steps=None)
         steps = math.ceil(x - 1e-9) if self.kind == "steps" else None
@@ -275,7 +273,6 @@ def _theory(runs: Sequence[Trial]) -> float:
 
 
 def key_of(choice: Choice) -> tuple[str, str]:
-    """Return the key of the rule of a choice."""
     if choice.rtol:
         return choice.method, "rtol"
     return choice.method, "limit" if choice.is_explicit else "steps"

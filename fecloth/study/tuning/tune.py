@@ -322,5 +322,4 @@ def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> T
 
 
 def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
-    """Return the bench of the problem with some variants."""
     return replace(bench, opened=bench.opened.changed(changes_of(variants)))

@@ -226,7 +226,6 @@ class BoundQuadratic(BoundTerm):
 
     @cached_property
     def blocks(self) -> np.ndarray:
-        """Blocks of the entries of `matrix` in the system's matrix."""
         return find_entries(self.matrix, self.find_slots)
 
     def energy(self, x, t) -> float:

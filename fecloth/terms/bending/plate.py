@@ -104,7 +104,6 @@ class PlateBending:
 
 
 def check_rest(rest, where: str):
-    """Rest angles as a text, a number or a tuple."""
     if isinstance(rest, str):
         if rest in ("flat", "start"):
             return rest

@@ -30,7 +30,6 @@ class CoupledRows:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the arrays [bytes]."""
         arrays = self.place, self.start, self.width, self.slots, self.own
         return sum(array.nbytes for array in arrays)
 
@@ -115,7 +114,6 @@ class PlateAngles:
 
     @cached_property
     def loop(self) -> SharedLoop:
-        """The loop over the hinges."""
         return SharedLoop.over_elements(self.panel, self.nodes)
 
     def at(self, t: float) -> tuple:
@@ -158,7 +156,6 @@ class PlateAngles:
         return plate_loops.fill_gradients, own
 
     def gradient_call(self, x: np.ndarray, t: float, mu: np.ndarray, g: np.ndarray) -> SharedCall:
-        """The compiled call that fills the gradients."""
         return self.loop.shared_each(partial(self._gradients, x, t, mu, g))
 
     def rates(self, g: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -171,7 +168,6 @@ class PlateAngles:
         return plate_loops.add_rates, (self.nodes[part], g[part], v, rate[part])
 
     def rate_call(self, g: np.ndarray, v: np.ndarray, rate: np.ndarray) -> SharedCall:
-        """The compiled call that adds the rates."""
         return self.loop.shared_each(partial(self._rates, g, v, rate))
 
     def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
@@ -179,7 +175,6 @@ class PlateAngles:
         self.loop.add(partial(self._force, change, g), f)
 
     def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> SharedCall:
-        """The compiled call that `add_force` makes."""
         return self.loop.shared_add(partial(self._force, change, g), f)
 
     def _force(self, change: np.ndarray, g: np.ndarray, part: slice, f: np.ndarray) -> Call:

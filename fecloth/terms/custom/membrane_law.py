@@ -169,7 +169,6 @@ def definite(E, c):
 
 @cache
 def _compile_law(law: Callable) -> Callable:
-    """Compile a law, unless it is compiled already."""
     return law if isinstance(law, Dispatcher) else inner(law)
 
 

@@ -113,7 +113,6 @@ class BoundConsistentMassDamping(BoundTerm):
 
     @cached_property
     def blocks(self) -> np.ndarray:
-        """Blocks of the entries of `matrix` in the system's matrix."""
         return find_entries(self.matrix, self.find_slots)
 
     def power(self, x, v, t) -> float:

@@ -144,7 +144,6 @@ class BoundStrainRate(BoundTerm):
 
     @cached_property
     def kernels(self) -> Kernels:
-        """The loops of the rate."""
         return stvk.KERNELS.rate if self.is_pointwise else stvk.KERNELS.regge_rate
 
     @cached_property

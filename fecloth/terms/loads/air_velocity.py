@@ -21,7 +21,6 @@ class Uniform:
     value: TimeFunction
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Velocity (1, 3) [m/s]."""
         return self.value(t)[None]
 
     def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
@@ -112,7 +111,6 @@ class Gusts:
         return k, a, random.uniform(0, 2 * np.pi, self.waves)
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Velocity (m, 3) [m/s]."""
         k, a, phase = self._waves()
         return self.mean + np.cos((x - t * np.asarray(self.mean)) @ k.T + phase) @ a
 

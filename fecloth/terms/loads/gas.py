@@ -101,7 +101,6 @@ class BoundGas(BoundTerm):
         return self.find_slots(self.nodes)
 
     def volume(self, x) -> float:
-        """Volume V [m³]."""
         return volume(self.nodes, self.signs, self.origin, x)
 
     def absolute_pressure(self, V: float) -> float:

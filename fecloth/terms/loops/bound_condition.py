@@ -91,7 +91,6 @@ class BoundCondition(BoundTerm):
 
     @property
     def nodes(self) -> np.ndarray:
-        """(m, k) int32 nodes of each stencil."""
         return self.loop.nodes
 
     @cached_property
@@ -140,7 +139,6 @@ class BoundCondition(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K + wv D."""
         part = EXACT if self.hessian == "exact" else GAUSS_NEWTON
         if definite and part == EXACT:
             part = DEFINITE
@@ -220,7 +218,6 @@ class OverStep(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K + wv D."""
         bound, kernels = self.condition, self.condition.kernels.over_step
         weights: tuple[float, ...] = (float(wx),)
         add = kernels.add_tangent

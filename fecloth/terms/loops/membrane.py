@@ -75,7 +75,6 @@ class PointwiseStrain:
         return cloth.stencil, self.panel.gradients, cloth.weights
 
     def sampled(self, x: Array) -> tuple[Array, Samples]:
-        """E (m, q, 3) at the points of samples."""
         F = deformation_gradient(self.panel.cloth, x, self.panel.gradients)
         return green_strains(F), CONSTANT if self.panel.cloth.element == "P1" else QUADRATIC
 
@@ -275,6 +274,5 @@ def bind(
 
 
 def strain_of(panel: Panel, strain: object) -> PointwiseStrain | ReggeStrain:
-    """The strain of a panel with the option `strain`."""
     kind = ReggeStrain if is_interpolated(strain, panel) else PointwiseStrain
     return kind.of_panel(panel)

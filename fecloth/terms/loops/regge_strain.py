@@ -44,7 +44,6 @@ STRAINS = "interpolated", "pointwise"
 
 
 def check_strain(strain: object, where: str) -> None:
-    """Raise an `InputError` for a `strain` that does not exist."""
     validation.one_of("strain", strain, STRAINS, where)
 
 
@@ -81,7 +80,6 @@ class ReggeStrain:
         return self.slopes, self.gradients, self.samples
 
     def sampled(self, x: np.ndarray) -> tuple[np.ndarray, Samples]:
-        """E_h (m, 3, 3) at the points of samples."""
         return self.values(x), LINEAR
 
     def values(self, x: np.ndarray) -> np.ndarray:

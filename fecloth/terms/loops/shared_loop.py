@@ -78,7 +78,6 @@ class SharedLoop:
 
     @property
     def whole(self) -> slice:
-        """All elements."""
         return slice(0, len(self.nodes))
 
     def add(self, call: CallOf, target: np.ndarray) -> None:

@@ -116,7 +116,6 @@ def _make_net(cloth, nodes, kind, sides) -> Net:
 
 
 def _is_along(vectors, axis):
-    """Return which vectors lie along an axis."""
     return np.abs(vectors[:, 1 - axis]) < 1e-9 * np.abs(vectors[:, axis])
 
 

@@ -158,7 +158,6 @@ class Springs:
         return structural(cloth, self.shear, self.bend)
 
     def _stiffness(self, net: Net, panel: Panel) -> np.ndarray:
-        """Stiffness k (s,) of the springs of a network [N/m]."""
         if self.kind == "van_gelder":
             return net.van_gelder_stiffness(panel)
         return net.structural_stiffness(panel, (self.stiffness, self.shear, self.bend))
