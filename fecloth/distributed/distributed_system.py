@@ -38,8 +38,6 @@ class DistributedSystem(System):
         object.__setattr__(self, "link", link)
         super().__init__(*arguments, threads=1 if threads == "auto" else threads, **options)
 
-    # --- the parts ------------------------------------------------------------------------------
-
     @cached_property
     def parts(self) -> list[partition.Part]:
         _refuse(self.terms)
@@ -99,8 +97,6 @@ class DistributedSystem(System):
         """For `force_size`; each process knows the forces of its nodes."""
         nodes, most = zip(*self.crew.call("reaction_limits"), strict=True)
         return ReactionLimits(np.concatenate(nodes), np.concatenate(most))
-
-    # --- operators ------------------------------------------------------------------------------
 
     def force(self, state: State) -> np.ndarray:
         """(n, 3) sum of all terms' forces [N]; shared terms take one call."""

@@ -89,8 +89,6 @@ class Worker:
     def names(self) -> list[str]:
         return [term.name for term in self.system.bound]
 
-    # --- forces and energies --------------------------------------------------------------------
-
     def force(self, keys: Sequence, t: float) -> Rows:
         """The sum of the forces of some terms."""
         f = np.zeros_like(self.x)
@@ -123,8 +121,6 @@ class Worker:
         for key in keys:
             self.terms.pop(key, None)
 
-    # --- the matrix -----------------------------------------------------------------------------
-
     def clear(self) -> None:
         self.matrix.values.fill(0.0)
 
@@ -139,8 +135,6 @@ class Worker:
         if diagonal is not None:
             self.matrix.values[self.matrix.pattern.diagonal] += diagonal
         self.system.project(self.matrix)
-
-    # --- the linear solver ----------------------------------------------------------------------
 
     def create_solver(self, kind: str, symmetric: bool, owned: Sequence[int], numbers) -> None:
         """Make the part's share of the solver, or another one; see `PetscSolver`."""

@@ -92,8 +92,6 @@ class AutoSolver:
     def name(self) -> str:
         return self._solver.name
 
-    # --- work in iterations of PCG ----------------------------------------------------------------
-
     def guess(self, mode: str) -> float:
         """The work for a matrix and a solve with a direct solver or multigrid."""
         if mode == "multigrid":
@@ -114,8 +112,6 @@ class AutoSolver:
             slow = mode in self._solvers and self._solvers[mode].name == "superlu"
             return (1 + iterations) * math.cbrt(self._nodes) * (SUPERLU if slow else 1.0)
         return CYCLE * (iterations + AGE) if mode == "multigrid" else float(iterations)
-
-    # --- the solver's protocol --------------------------------------------------------------------
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
         self._begun, size = (wx, wa, x), wx / wa

@@ -86,9 +86,6 @@ def _distance(corners, point):
     return np.linalg.norm(offset - foot, axis=2).min(axis=1)
 
 
-# --- differences between two cloths ---------------------------------------------------------------
-
-
 def l2_difference(cloth, other, a, b) -> float:
     """√∫ |a − b|² dA; see `Cloth.l2_difference`."""
     weights, (value_a, *_), (value_b, *_) = _on_common_points(cloth, a, other, b)
@@ -137,9 +134,6 @@ def _value_and_gradient(cloth, values, points, is_own_points):
         d1 += phi.grad[0].reshape(-1, 1) * nodal
         d2 += phi.grad[1].reshape(-1, 1) * nodal
     return value, d1, d2
-
-
-# --- errors against a function, and loads ---------------------------------------------------------
 
 
 def l2_error(cloth, values, exact, order: int) -> float:

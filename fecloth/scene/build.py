@@ -78,9 +78,6 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     )
 
 
-# --- the system -----------------------------------------------------------------------------------
-
-
 def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
@@ -134,9 +131,6 @@ def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Clo
     return pin
 
 
-# --- the start ------------------------------------------------------------------------------------
-
-
 def _start(scene: Any, cloth: Cloth, at: At) -> State:
     start = scene.start
     if start.frame:
@@ -174,9 +168,6 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
         if (largest := np.abs(f).max()) > STRONGEST:
             what = f"terms: {name}: {largest:.1e} N on a node at the start"
             raise SceneError(what, f"must be at most {STRONGEST:g} N", scene.source)
-
-
-# --- the method and what is recorded --------------------------------------------------------------
 
 
 def _check_method(

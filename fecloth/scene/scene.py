@@ -163,8 +163,6 @@ class Scene(Table):
         """The text of that file, for the numbers of lines in messages."""
         return self._text
 
-    # --- to text ------------------------------------------------------------------------------
-
     def to_tables(self) -> dict:
         """Return the tables with all defaults and absolute paths, as TOML reads them."""
         data = self.model_dump(exclude_none=True)
@@ -177,8 +175,6 @@ class Scene(Table):
         """Return the scene as TOML with all defaults; it loads again to an equal scene."""
         # Paths are absolute, so that the text can be in any folder.
         return toml_text.to_toml(self.to_tables())
-
-    # --- to objects ---------------------------------------------------------------------------
 
     def mesh(self) -> Cloth:
         """Return the cloth alone; raise `SceneError` if it cannot be meshed."""

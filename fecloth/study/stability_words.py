@@ -101,9 +101,6 @@ def _scaled(dt: float) -> tuple[float, str]:
     return dt * 1e6, "µs"
 
 
-# --- the figure -----------------------------------------------------------------------------------
-
-
 MOST_PANELS = 8
 LOOKS: dict[str, dict[str, Any]] = {
     OK: {"marker": "o", "color": "#0072B2"},

@@ -88,9 +88,6 @@ def is_reasonable(order: float, theory: float) -> bool:
     return LEAST <= order <= theory + ABOVE
 
 
-# --- three levels ---------------------------------------------------------------------------------
-
-
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
     fine, coarse = values[1] - values[0], values[2] - values[1]
     name, spread = "grid convergence index", float(np.ptp(values))
@@ -128,9 +125,6 @@ def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     if at_zero >= 0:
         return -1.0 if mismatch(-1.0) > 0 else float(brentq(mismatch, -1.0, -1e-9))
     return SEARCHED[1] if mismatch(SEARCHED[1]) < 0 else float(brentq(mismatch, 1e-9, SEARCHED[1]))
-
-
-# --- least squares --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -144,9 +144,6 @@ def _series(row: Mapping[str, Any]) -> str:
     return f"{row.get('method') or ''} {row.get('element') or ''}".strip() or "runs"
 
 
-# --- from a proof ---------------------------------------------------------------------------------
-
-
 def summarise(
     bench: Bench,
     goal: Goal,
@@ -215,9 +212,6 @@ def _settings(trial: Trial) -> dict[str, Any]:
     if math.isfinite(row["step"]):
         values["dt"] = row["step"]
     return {name: value for name, value in values.items() if value}
-
-
-# --- the table ------------------------------------------------------------------------------------
 
 
 def table_of_runs(bench: Bench, proof: Proof) -> Table:

@@ -63,9 +63,6 @@ class Goal:
         return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
 
 
-# --- the first meshes -----------------------------------------------------------------------------
-
-
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
     """Return the elements and patterns with about `COARSE` triangles; finer where it must be."""
     listed = meshes_to_try(opened, elements)
@@ -90,9 +87,6 @@ def _scaled(choice: Choice, by: float) -> Choice:
     assert choice.h is not None
     factor = P2_COARSER if choice.element == "P2" else 1.0
     return replace(choice, h=float(f"{factor * by * choice.h:.3g}"))
-
-
-# --- finer meshes ---------------------------------------------------------------------------------
 
 
 def measure_meshes(
@@ -191,9 +185,6 @@ def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     ratio = max(finest.edges / mesh.trials[-2].edges, 2.0) if len(mesh.trials) > 1 else 2.0
     per_step = float(mesh.seconds(np.array([ratio * finest.edges]))[0, 0])
     return more * finest.steps * per_step
-
-
-# --- why no setting can be proved -----------------------------------------------------------------
 
 
 def obstacle_of(

@@ -62,9 +62,6 @@ def _seconds(trial: Trial) -> float:
     return trial.seconds
 
 
-# --- the steps that finer meshes need -------------------------------------------------------------
-
-
 def half_of_h(choice: Choice) -> Choice:
     assert choice.h is not None
     return replace(choice, h=float(f"{choice.h / 2:.6g}"))

@@ -126,9 +126,6 @@ def _raise_eigenvalues(C: np.ndarray) -> np.ndarray:
     return np.array([A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]])
 
 
-# --- what is compiled ---------------------------------------------------------------------------
-
-
 @inner
 def positive(C):
     """Raise the negative eigenvalues of ℂ to zero."""

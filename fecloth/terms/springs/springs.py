@@ -193,9 +193,6 @@ def elongation(y, c, order, C, g, H):
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 
 
-# --- over a step ----------------------------------------------------------------------------------
-
-
 @inner
 def _vectors(nodes, s, start, x, e, e1):
     """Fill e and e₁ of spring s; return l₀ + l₁ and l₁."""
