@@ -57,8 +57,11 @@ def cluster(tmp_path):
 
 
 @pytest.mark.slow
-def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_path):
-    """A refinement of the repository, and failures as the rows that they are on one machine."""
+def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_path, monkeypatch):
+    """A refinement of the repository, and failures as the rows that they are on one machine.
+
+    A worker with other sources is refused; the cluster is the same, as it takes 10 s to start.
+    """
     hows = [{"how": how} for how in ("step", "no", "ticking", "input")]
     run = {"out": tmp_path, "scheduler": cluster, "time_limit": 0.5}
     rows = study.run_cases(hows, fail_or_return, **run)
@@ -72,10 +75,6 @@ def test_workers_that_cannot_import_the_studies_run_their_cases(cluster, tmp_pat
     assert done.returncode == 0, done.stdout + done.stderr
     assert ": ok" in done.stderr
     assert "<= 0.003: met" in (out / "report.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_a_worker_with_other_sources_is_refused(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr("fecloth.study.cases.source_hash", lambda file: "another text")
     with pytest.raises(
         InputError, match=r"tcp://.*: has other sources of fecloth .*start it again"
