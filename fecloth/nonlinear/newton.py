@@ -38,9 +38,6 @@ class NewtonFailed(Unsolved):
     """The stage equation was not solved; `residual` is what was reached."""
 
 
-NAMED = 5  # held nodes that an error names
-
-
 @dataclass(frozen=True, eq=False)
 class StageEquation:
     """R = M a − f at the unknown q of a stage, with J = wa M + wv D + wx K."""
@@ -200,12 +197,12 @@ def solve(
 def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
     """The unknowns (n, 3) near q and zero that all contacts allow; twice the same if only one is.
 
-    Raises `NewtonFailed` where neither has such an unknown; it names held nodes that are inside.
+    Raises `NewtonFailed` where neither has such an unknown.
     """
     guesses = [there for each in (q, zero) if (there := _admitted(system, stage, each)) is not None]
     if not guesses:
-        x, _, _ = stage.at(zero)
-        raise NewtonFailed(_name_held(system, x, stage.t), math.nan, "Take a smaller dt.")
+        reason = "no positions were found for the start of its iteration that all contacts allow"
+        raise NewtonFailed(reason, math.nan, "Take a smaller dt.")
     return guesses[0], guesses[-1]
 
 
@@ -216,16 +213,3 @@ def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray | None:
     if there is None or there is x:
         return None if there is None else q
     return q + system.constraints.project((there - x) / stage.wx)
-
-
-def _name_held(system: System, x: np.ndarray, t: float) -> str:
-    """Return why there is no guess: which nodes that pins hold are inside which obstacle."""
-    held = set(system.constraints.nodes.tolist())
-    for name, term in zip(system.names, system.bound, strict=True):
-        way = term.way(t)
-        inside = [] if way is None else [i for i in way.contact.inside(x, t) if i in held]
-        if inside:
-            numbers = ", ".join(map(str, inside[:NAMED]))
-            which = "a held node" if len(inside) == 1 else f"{len(inside)} held nodes"
-            return f"the step leads {which} into {name}: {numbers}"
-    return "no positions were found for the start of Newton's iteration that all contacts allow"

@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from fecloth.simulation.doubts.jumps import find_jumping_pin
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
 from fecloth.simulation.method_choice import Auto
+from fecloth.simulation.no_room import name_no_room
 from fecloth.simulation.resolve import choose_steps, resolve
 from fecloth.simulation.stability_limited import remedy_for_growth
 from fecloth.simulation.step_history import StepHistory, needs_history
@@ -32,6 +33,8 @@ from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 from fecloth.terms.records import remembered
+
+ELSEWHERE = "Lead the pins, or the obstacles, elsewhere, or end earlier."
 
 
 @remembered
@@ -181,7 +184,10 @@ def march(
                 steps, system, state, horizon, solver, last_memory, records
             )
         except (NewtonFailed, SolveFailed) as failure:
-            raise step_failed(system, state, number, horizon, failure) from failure
+            problem: Any = failure
+            if words := name_no_room(system, state, max(horizon, steps.dt or 0.0)):
+                problem = Problem(words, remedy=ELSEWHERE)
+            raise step_failed(system, state, number, horizon, problem) from failure
         if number == begin.step + 1:
             protocol.check_step(result, protocol.method_of(steps))
         new = _snap_to_target(result.state, target, horizon)

@@ -4,40 +4,160 @@ from __future__ import annotations
 
 import time
 import warnings
+from itertools import pairwise
 
 import ipctk
+import numpy as np
 
 import fecloth as fc
 from fecloth import study
-from fecloth.mesh.surface import count_intersections
-from studies.contact.catalogue_scenes import drawn, inner_points, named
+from fecloth.mesh.surface import Surface, count_intersections, find_intersections
+from fecloth.terms.contact.bound_contact import BoundContact
+from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
+from studies.contact.catalogue_bodies import Body
+from studies.contact.catalogue_scenes import Scene, draw, inner_points
 
-DT = 0.01  # s
+PARTS = 64  # of a step, at which it is looked whether a triangle passes over a point
 
 
-def fall(case: str, seed: int, triangles: int, t_end: float, method: str) -> dict:
-    """Counts of crossings, greatest depths in the obstacle, and cost, of all steps of a scene."""
+def watch(kind: str, seed: int, number: int) -> dict:
+    """Counts of crossings and piercings, least distances and cost, of all steps of a scene."""
     warnings.simplefilter("ignore", fc.FeclothWarning)
     ipctk.set_num_threads(1)  # then all contacts have the same order in each run
-    scene = drawn(seed, triangles) if case == "drop" else named(case, triangles)
-    system, cells = scene.system, scene.system.cloth.triangles
-    energy = sum(system.energies(scene.start).values())
-    row = {"crossings": 0, "node_depth": -1.0, "point_depth": -1.0, "newton": 0, "most_newton": 0}
-    row |= {"frames": 0, "cpu_seconds": 0.0, "most_contacts": 0, "cells": len(cells)}
-    contact, begin = system.bound[4], time.process_time()
-    for state, info in fc.march(system, getattr(fc, method)(), scene.start, DT, t_end):
+    scene = draw(kind, seed, number)
+    row = {"feasible": not scene.names, "triangles": len(surface_of(scene)), "end": "finished"}
+    row |= {"message": "", "crossings": 0, "piercings": 0, "least": 1.0, "least_inside": 1.0}
+    row |= {"steps": 0, "rejected": 0, "newton": 0, "cpu_seconds": 0.0}
+    before, begin = scene.start, time.process_time()
+    march = fc.march(
+        *(scene.system, scene.method, scene.start, scene.dt, scene.t_end), newton=scene.newton
+    )
+    try:
+        for state, info in march:
+            row["cpu_seconds"] += time.process_time() - begin
+            study.check_time_limit()
+            look(scene, before, state, row)
+            row["steps"] += 1
+            row["rejected"] += info.counts.rejected
+            row["newton"] += info.counts.newton
+            before, begin = state, time.process_time()
+    except fc.StepFailed as failure:
+        named = bool(scene.names) and all(name in str(failure) for name in scene.names)
+        row |= {"end": "named" if named else "lost", "message": str(failure)}
         row["cpu_seconds"] += time.process_time() - begin
-        study.check_time_limit()
-        found = count_intersections(cells, state.x)
-        row["crossings"] += len(cells) if found is None else found
-        if scene.depth is not None:
-            row["node_depth"] = max(row["node_depth"], float(scene.depth(state.x).max()))
-            points = scene.depth(inner_points(state.x, cells))
-            row["point_depth"] = max(row["point_depth"], float(points.max()))
-        row["most_contacts"] = max(row["most_contacts"], len(contact.sets.at(state.x)))
-        row["newton"] += info.counts.newton
-        row["most_newton"] = max(row["most_newton"], info.counts.newton)
-        row["frames"] += 1
-        begin = time.process_time()
-    row["energy_lost"] = (energy - sum(system.energies(state).values())) if row["frames"] else 0.0
     return row
+
+
+def surface_of(scene: Scene) -> np.ndarray:
+    triangles: np.ndarray = Surface.from_cloth(scene.system.cloth).triangles
+    return triangles
+
+
+def obstacles_of(scene: Scene) -> list:
+    """The bound terms of its bodies."""
+    bound = (term for term in scene.system.bound if isinstance(term, BoundContact))
+    return [term for term in bound if term.name != "SelfContact"]
+
+
+def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
+    """Add to a row what is wrong after a step."""
+    triangles = surface_of(scene)
+    crossings = count_intersections(triangles, state.x)
+    row["crossings"] += len(triangles) if crossings is None else crossings
+    for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
+        cloth, is_curved = scene.system.cloth, isinstance(term, BoundObstacle)
+        row["piercings"] += count_piercings(body, cloth, is_curved, before, state)
+        if body.depth is not None:
+            row["least"] = min(row["least"], -float(body.deep(state.x, state.t).max()))
+            points, allowed = inner_points(state.x, triangles), 0.0
+            if isinstance(term, BoundObstacle):
+                points = curved(cloth, state.x).reshape(-1, 3)
+                allowed = cutting_depth(term, cloth)
+            inside = allowed - float(body.deep(points, state.t).max())
+            row["least_inside"] = min(row["least_inside"], inside)
+
+
+def curved(cloth: fc.Cloth, x: np.ndarray) -> np.ndarray:
+    """(s, 3, 3) corners of 16 small triangles in each triangle of the cloth, which may be curved.
+
+    An `Obstacle` acts on points of the curved triangles, all else on flat ones.
+    """
+    i, j = np.array([(i, j) for i in range(5) for j in range(5 - i)]).T
+    number = {(a, b): k for k, (a, b) in enumerate(zip(i, j, strict=True))}
+    small = [[(a, b), (a + 1, b), (a, b + 1)] for a, b in number if a + b < 4]
+    small += [[(a + 1, b + 1), (a, b + 1), (a + 1, b)] for a, b in number if a + b < 3]
+    weights = np.column_stack([4 - i - j, i, j]) / 4
+    if cloth.element == "P2":  # its shape functions: of the corners, and of the midpoints between
+        after = np.roll(weights, -1, axis=1)
+        weights = np.hstack([weights * (2 * weights - 1), 4 * weights * after])
+    points = np.einsum("pk,skc->spc", weights, x[cloth.cells])
+    return points[:, [[number[corner] for corner in each] for each in small]].reshape(-1, 3, 3)
+
+
+def count_piercings(
+    body: Body, cloth: fc.Cloth, is_curved: bool, before: fc.State, state: fc.State
+) -> int:
+    """Triangles that a body pierces after a step, or that passed over its middle in it."""
+    flat = Surface.from_cloth(cloth).triangles
+    y0, y1 = (body.to_frame(at.x, at.t) for at in (before, state))
+    a, b = (curved(cloth, y) if is_curved else y[flat] for y in (y0, y1))
+    cut = count_cut(body.lines, b) + count_cut_by_mesh(body, flat, y1)
+    return cut + count_swept(body.inner, a, b)
+
+
+def count_cut(lines: np.ndarray, corners: np.ndarray) -> int:
+    """Pairs of a segment (k, 2, 3) and a triangle (s, 3, 3) that it cuts."""
+    cut = 0
+    for a, b in lines:
+        side = [volume(corners, point) for point in (a, b)]
+        turns = [volume_of(corners[:, i], corners[:, (i + 1) % 3], a, b) for i in range(3)]
+        same = np.all(np.array(turns) > 0, axis=0) | np.all(np.array(turns) < 0, axis=0)
+        cut += int((same & (side[0] * side[1] < 0)).sum())
+    return cut
+
+
+def volume(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """(s,) six times the volumes of triangles (s, 3, 3) and a point."""
+    a, b, c = np.moveaxis(corners - point, 1, 0)
+    six: np.ndarray = np.einsum("si,si->s", a, np.cross(b, c))
+    return six
+
+
+def volume_of(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(s,) six times the volumes of edges p, q (s, 3) and the segment from a to b."""
+    six: np.ndarray = np.einsum("si,si->s", p - a, np.cross(q - a, b - a))
+    return six
+
+
+def count_cut_by_mesh(body: Body, triangles: np.ndarray, y: np.ndarray) -> int:
+    """Pairs of a triangle of the cloth and a triangle of the mesh that pass through each other."""
+    if body.triangles is None:
+        return 0
+    count = 3 * len(body.triangles)
+    both = np.vstack([triangles, len(y) + np.arange(count).reshape(-1, 3)])
+    pairs = find_intersections(both, np.vstack([y, body.triangles.reshape(-1, 3)]))
+    if pairs is None:
+        return len(triangles)
+    of_cloth = pairs < len(triangles)
+    return int((of_cloth[:, 0] != of_cloth[:, 1]).sum())
+
+
+def count_swept(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> int:
+    """Pairs of a point and a triangle that passes over it, on the straight way of a step."""
+    swept = 0
+    parts = np.linspace(0, 1, PARTS + 1)
+    for point in points:
+        volumes = np.array([volume(begin + s * (end - begin), point) for s in parts])
+        for part, triangle in np.argwhere(volumes[:-1] * volumes[1:] < 0):
+            low, high = volumes[part, triangle], volumes[part + 1, triangle]
+            s = parts[part] + low / (low - high) / PARTS
+            at = begin[triangle] + s * (end[triangle] - begin[triangle])
+            swept += contains(at, point)
+    return swept
+
+
+def contains(corners: np.ndarray, point: np.ndarray) -> bool:
+    """Whether a point in the plane of a triangle (3, 3) lies inside it."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    ring = [*corners, corners[0]]
+    return all(np.cross(q - p, point - p) @ normal > 0 for p, q in pairwise(ring))

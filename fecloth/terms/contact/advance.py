@@ -45,7 +45,7 @@ def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) 
 
 def _approach(shape: Shape, at: np.ndarray, way: np.ndarray, t: float) -> np.ndarray:
     """(m,) how much of the distance the whole way takes at most, seen from these places."""
-    gradient = shape.slopes(at, t)[0]
+    gradient = shape.gradient(at, t)
     if shape.convex:
         return np.maximum(-np.einsum("mi,mi->m", gradient, way), 0.0)
     slope = RESERVE * np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
@@ -61,7 +61,7 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
         close = np.flatnonzero(d < wanted)
         if not len(close):
             break
-        gradient = shape.slopes(y[close], t)[0]
+        gradient = shape.gradient(y[close], t)
         part = (wanted - d)[close] / np.einsum("mi,mi->m", gradient, gradient)
         y[close] += part[:, None] * gradient
     return y

@@ -137,9 +137,15 @@ class BoundContact(BoundTerm):
         """Whether nothing is inside or crossed at the positions x (n, 3) in space."""
         raise NotImplementedError
 
-    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Numbers of the nodes that are inside at the positions x (n, 3) in space."""
-        return np.zeros(0, int)
+    def room(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n,) distances [m] of nodes at x (n, 3) in space from a shape; infinite without one."""
+        return np.full(len(x), np.inf)
+
+    def struck(
+        self, x: np.ndarray, end: np.ndarray, t: float, dt: float, held: np.ndarray
+    ) -> np.ndarray:
+        """Those of the nodes `held` that pass into something from x to `end` in the time dt."""
+        return held[self.room(end, t + dt)[held] <= 0.0]
 
     # --- at one state -----------------------------------------------------------------------------
 

@@ -222,8 +222,8 @@ class BoundObstacle(BoundContact):
     def allows(self, x: np.ndarray, t: float) -> bool:
         return self.least_distance(x, t) > 0.0
 
-    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
-        return np.flatnonzero(self.shape.distance(self.shape.pose(t).to_body(x), t) <= 0.0)
+    def room(self, x: np.ndarray, t: float) -> np.ndarray:
+        return self.shape.distance(self.shape.pose(t).to_body(x), t)
 
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
         """Nodes (n, 3), as the shape sees them, outside of what it has become at t.

@@ -114,6 +114,10 @@ class Shape:
         """Gradient (m, 3) and Hessian (m, 3, 3) [1/m] of the distance, outside the body."""
         raise NotImplementedError
 
+    def gradient(self, y: np.ndarray, t: float) -> np.ndarray:
+        """(m, 3) gradient of the distance."""
+        return self.slopes(y, t)[0]
+
     @cached_property
     def _motion(self) -> TimeFunction:
         motion = (0.0, 0.0, 0.0) if self.motion is None else self.motion
@@ -243,10 +247,13 @@ class Sdf(Shape):
         return _at(self._formula, y, t)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        first, second = self._derivatives
-        gradient = np.stack([_at(part, y, t) for part in first], axis=-1)
-        rows = [np.stack([_at(part, y, t) for part in row], axis=-1) for row in second]
-        return gradient, np.stack(rows, axis=1)
+        hessian = np.empty((len(y), 3, 3))
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            hessian[:, i, j] = hessian[:, j, i] = _at(self._derivatives[1][i][j], y, t)
+        return self.gradient(y, t), hessian
+
+    def gradient(self, y: np.ndarray, t: float) -> np.ndarray:
+        return np.stack([_at(part, y, t) for part in self._derivatives[0]], axis=-1)
 
     def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
         """(m,) ∂φ/∂t [m/s]."""

@@ -27,12 +27,12 @@ class BoundSkeleton(BoundTriangleContact):
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
         return surface_of(self.body, t, place, reach)
 
-    def inside(self, x: np.ndarray, t: float) -> np.ndarray:
-        return np.flatnonzero(self.body.distance(self.place(x, t), t) <= 0.0)
+    def room(self, x: np.ndarray, t: float) -> np.ndarray:
+        return self.body.distance(self.place(x, t), t)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for a cloth of which a part starts inside the shape."""
         if not self.allows(x, t):
-            nodes = self.inside(x, t)
-            depth = -self.body.distance(self.place(x, t)[nodes], t)
-            raise starts_inside(self.body, self.gap, where, nodes, depth)
+            depth = -self.room(x, t)
+            nodes = np.flatnonzero(depth >= 0.0)
+            raise starts_inside(self.body, self.gap, where, nodes, depth[nodes])

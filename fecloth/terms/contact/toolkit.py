@@ -211,6 +211,24 @@ class ContactSets:
         part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part
 
+    def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """Those of the nodes `held` of whose edges or triangles one meets another from x to y.
+
+        The other one has held nodes only, too, or belongs to the fixed mesh.
+        """
+        mesh, pairs = self.mesh, self.toolkit.Candidates()
+        begin, end = self.nodes(x), self.nodes(y)
+        pairs.build(mesh, begin, end, self.thickness)
+        moved = {*held, *range(len(x), len(begin))}
+        met: set[int] = set()
+        for pair in [*pairs.ee_candidates, *pairs.fv_candidates]:
+            nodes = pair.vertex_ids(mesh.edges, mesh.faces)
+            if moved.issuperset(nodes):
+                corners = ([points[i] for i in nodes] for points in (begin, end))
+                way = (np.concatenate(each) for each in corners)
+                met.update(nodes if pair.ccd(*way)[0] else ())
+        return np.array(sorted(met.intersection(held)), int)
+
     def intersects(self, x: np.ndarray) -> bool:
         """Whether parts that share no node pass through each other."""
         return bool(self.toolkit.has_intersections(self.mesh, self.nodes(x)))

@@ -153,6 +153,9 @@ class BoundTriangleContact(BoundContact):
         y = self.place(x, t)
         return not self.sets.intersects(y) and self.sets.least_distance(y) > self.sets.thickness
 
+    def struck(self, x, end, t, dt, held) -> np.ndarray:
+        return self.sets.struck(self.place(x, t), self.place(end, t + dt), held)
+
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for triangles that start nearer than the thickness, or intersect."""
         y = self.place(x, t)
