@@ -25,7 +25,7 @@ from studies.contact.catalogue_runs import watch
 from studies.contact.catalogue_scenes import KINDS
 
 SEED, EACH = 2, 20
-QUICK: dict[str, tuple[int, ...]] = {kind: (0,) for kind in KINDS}  # numbers of short scenes
+QUICK: dict[str, tuple[int, ...]] = dict.fromkeys(KINDS, (0,))  # numbers of short scenes
 
 
 def cases(only: list[str], seed: int, each: int, quick: bool) -> list[dict]:

@@ -61,48 +61,23 @@ def obstacles_of(scene: Scene) -> list:
 
 def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
     """Add to a row what is wrong after a step."""
-    triangles = surface_of(scene)
+    cloth, triangles = scene.system.cloth, surface_of(scene)
     crossings = count_intersections(triangles, state.x)
     row["crossings"] += len(triangles) if crossings is None else crossings
     for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
-        cloth, is_curved = scene.system.cloth, isinstance(term, BoundObstacle)
-        row["piercings"] += count_piercings(body, cloth, is_curved, before, state)
+        row["piercings"] += count_piercings(body, triangles, before, state)
         if body.depth is not None:
             row["least"] = min(row["least"], -float(body.deep(state.x, state.t).max()))
-            points, allowed = inner_points(state.x, triangles), 0.0
-            if isinstance(term, BoundObstacle):
-                points = curved(cloth, state.x).reshape(-1, 3)
-                allowed = cutting_depth(term, cloth)
-            inside = allowed - float(body.deep(points, state.t).max())
-            row["least_inside"] = min(row["least_inside"], inside)
+            announced = cutting_depth(term, cloth) if isinstance(term, BoundObstacle) else 0.0
+            depth = float(body.deep(inner_points(state.x, triangles), state.t).max())
+            row["least_inside"] = min(row["least_inside"], announced - depth)
 
 
-def curved(cloth: fc.Cloth, x: np.ndarray) -> np.ndarray:
-    """(s, 3, 3) corners of 16 small triangles in each triangle of the cloth, which may be curved.
-
-    An `Obstacle` acts on points of the curved triangles, all else on flat ones.
-    """
-    i, j = np.array([(i, j) for i in range(5) for j in range(5 - i)]).T
-    number = {(a, b): k for k, (a, b) in enumerate(zip(i, j, strict=True))}
-    small = [[(a, b), (a + 1, b), (a, b + 1)] for a, b in number if a + b < 4]
-    small += [[(a + 1, b + 1), (a, b + 1), (a + 1, b)] for a, b in number if a + b < 3]
-    weights = np.column_stack([4 - i - j, i, j]) / 4
-    if cloth.element == "P2":  # its shape functions: of the corners, and of the midpoints between
-        after = np.roll(weights, -1, axis=1)
-        weights = np.hstack([weights * (2 * weights - 1), 4 * weights * after])
-    points = np.einsum("pk,skc->spc", weights, x[cloth.cells])
-    return points[:, [[number[corner] for corner in each] for each in small]].reshape(-1, 3, 3)
-
-
-def count_piercings(
-    body: Body, cloth: fc.Cloth, is_curved: bool, before: fc.State, state: fc.State
-) -> int:
+def count_piercings(body: Body, triangles: np.ndarray, before: fc.State, state: fc.State) -> int:
     """Triangles that a body pierces after a step, or that passed over its middle in it."""
-    flat = Surface.from_cloth(cloth).triangles
     y0, y1 = (body.to_frame(at.x, at.t) for at in (before, state))
-    a, b = (curved(cloth, y) if is_curved else y[flat] for y in (y0, y1))
-    cut = count_cut(body.lines, b) + count_cut_by_mesh(body, flat, y1)
-    return cut + count_swept(body.inner, a, b)
+    cut = count_cut(body.lines, y1[triangles]) + count_cut_by_mesh(body, triangles, y1)
+    return cut + count_swept(body.inner, y0[triangles], y1[triangles])
 
 
 def count_cut(lines: np.ndarray, corners: np.ndarray) -> int:

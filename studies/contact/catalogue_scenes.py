@@ -149,9 +149,9 @@ def edge(area: float, triangles: float) -> float:
 
 
 def draw_cloth(rng, extent: float, most: float = 110, element: str = "", round_too=True):
-    """A square or a disk of this extent [m], with 60 to `most` flat triangles, more or less."""
+    """A square or a disk of this extent [m], with about `most` flat triangles, or half as many."""
     element = element or draw_element(rng)
-    triangles = rng.uniform(60, most) / (4 if element == "P2" else 1)
+    triangles = rng.uniform(0.6 * most, most) / (4 if element == "P2" else 1)
     if round_too and rng.random() < 0.5:
         h = edge(math.pi * extent**2 / 4, triangles)
         return fc.Cloth.disk(extent / 2, h, element=element)

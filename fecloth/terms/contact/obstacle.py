@@ -40,10 +40,11 @@ class Obstacle:
     so that no node ever enters the shape. The cloth rests near the gap, not on the shape itself:
     that is an error of up to one gap, and half of the gap is half of the error. Where the shape
     curves so much that a triangle would dip into it by a quarter of the gap between its nodes, the
-    barrier also acts on points inside the triangles. In each step of Newton's iteration no node
-    comes nearer than by four fifths. A shape that is thinner than half of the longest edge, with
-    the gap on both sides, fits between such points: it acts by its own points, edges and faces
-    (`Skeleton`), as a `MeshObstacle` does, with the package ``ipctk``.
+    barrier also acts on points inside the triangles, of which P2 has four flat ones each. In each
+    step of Newton's iteration no node comes nearer than by four fifths. A shape that is thinner
+    than half of the longest edge, with the gap on both sides, fits between such points: it acts by
+    its own points, edges and faces (`Skeleton`), as a `MeshObstacle` does, with the package
+    ``ipctk``.
 
     With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its normal
     force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is

@@ -15,7 +15,6 @@ import numpy as np
 from fecloth.compiled.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.cloth import Cloth
-from fecloth.mesh.elements import ELEMENTS
 from fecloth.terms.contact.restitution import Approach
 from fecloth.terms.contact.shape import Shape
 
@@ -159,10 +158,17 @@ def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
-    """(q, k) shape functions of the nodes at places (q, 2) of the reference triangle."""
-    element = ELEMENTS[cloth.element]
-    count = cloth.stencil.shape[1]
-    return np.stack([element.shapes.lbasis(places.T, a)[0] for a in range(count)], axis=-1)
+    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each.
+
+    They are linear within the triangle or, for P2, within the four triangles between its nodes:
+    the surface that is drawn, and that touches itself.
+    """
+    corners = np.column_stack([1 - places.sum(axis=1), places])
+    if cloth.element == "P1":
+        return corners
+    after = np.roll(corners, -1, axis=1)  # the midpoints of the edges 01, 12 and 20
+    middle = np.minimum(np.minimum(2 * corners, 2 * after), 2 * (corners + after) - 1)
+    return np.maximum(np.hstack([2 * corners - 1, middle]), 0.0)
 
 
 def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import flat
+from scipy.spatial import cKDTree
 from support.obstacles import near
 from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.terms.contact import barrier
+from fecloth.terms.contact.points import points_of
 from fecloth.terms.contact.skeleton_contact import BoundSkeleton
 from fecloth.verify import VerificationFailed, check_term
 
@@ -102,6 +104,20 @@ def test_the_areas_are_those_of_the_cloth():
             bound = fc.System(cloth, FABRIC, [obstacle]).bound[0]
             areas = [points.areas.sum() for points in bound.points]
             assert sum(areas) == pytest.approx(cloth.area, rel=1e-12)
+
+
+def test_points_of_quadratic_triangles_lie_in_the_four_triangles_between_nodes(rng):
+    cloth = fc.Cloth.rectangle(0.1, 0.1, h=0.1, element="P2")
+    x = np.column_stack([cloth.X, 0.05 * rng.standard_normal(len(cloth.X))])
+    kinds = points_of(cloth, 4, lambda stencil: stencil)
+    points = [each.values(x, np.arange(len(each.areas))) for each in kinds]
+    i, j = np.array([(i, j) for i in range(3) for j in range(3 - i)]).T
+    weights = np.column_stack([2 - i - j, i, j]) / 2
+    triangles = cloth.cells[:, cloth.kind.parts].reshape(-1, 3)
+    expected = np.einsum("pk,skc->spc", weights, x[triangles]).reshape(-1, 3)
+    trees = cKDTree(np.vstack(points)), cKDTree(expected)
+    for one, other in (trees, trees[::-1]):
+        assert one.query(other.data)[0].max() < 1e-12
 
 
 def test_points_inside_triangles_leave_the_pattern_alone():
