@@ -334,7 +334,8 @@ def derivative(samples: Sequence[Sample], values: Sequence[np.ndarray]) -> np.nd
 
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
     ledger, deforming = others[Ledger], others[Deformation].kinetic
-    energies = deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside
+    supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
+    energies = deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside - supplied
     return Sample(state.t, step, state.x, state.v, *energies)
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,10 @@ from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 from fecloth.study.variants import (
     Over,
     combine,
-    make_variants,
+    make_or_refuse,
     name_variant,
     read_ranges,
+    vary,
     with_first_values,
 )
 from fecloth.system.state import State
@@ -68,7 +70,7 @@ def compare(
     refined as by `converge`, and so is the difference, whose uncertainty is less than the
     uncertainties of both, added: most of their errors is the same. It contains what was not
     refined, too: with "h" the error of the time step, with "dt" the error of the mesh; "both"
-    leaves less. A variant that fails has a row with its cause.
+    leaves less. A variant that fails or is refused has a row with its cause.
 
     Parameters
     ----------
@@ -88,40 +90,53 @@ def compare(
     Raises
     ------
     InputError
-        For less than two variants, a variant that is refused, or too long a time: before any run.
+        For less than two variants that are not refused, or too long a time: before any run.
     """
     study = open_study(problem, shared)
-    opened, runs = _open(study.problems, variants), study.runs()
+    (first, listed), runs = _open(study.problems, variants), study.runs()
+    opened = {name: each for name, each in listed.items() if not isinstance(each, dict)}
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
-    warned = run_problems.print_warnings(next(iter(opened.values())))
-    chosen = next(iter(opened.values())).choose_quantity(quantity)
-    plans = {
-        name: _levels(variant, chosen, refine, levels, ratio) for name, variant in opened.items()
-    }
+    warned, chosen = run_problems.print_warnings(first), first.choose_quantity(quantity)
+    made = make_or_refuse(
+        lambda variant: _levels(variant, chosen, refine, levels, ratio), opened.values()
+    )
+    planned = dict(zip(opened, made, strict=True))
+    plans = {name: each for name, each in planned.items() if isinstance(each, list)}
+    causes = {n: r for n, r in (*listed.items(), *planned.items()) if isinstance(r, dict)}
+    if len(plans) < 2:
+        words = "; ".join(row["cause"] for row in causes.values())
+        raise InputError(f"{len(plans)} variant", "must be at least 2", "compare", words)
     rows = _run(opened, plans, chosen, runs)
-    studied = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
+    studied = {
+        name: causes[name] if name in causes else _judge(rows[name], chosen, refine, levels)
+        for name in listed
+    }
     return replace(_conclude(opened, studied, chosen, refine), warnings=warned)
 
 
-def _open(problems: Sequence[Problem], variants: Over | None) -> dict[str, Problem]:
+def _open(
+    problems: Sequence[Problem], variants: Over | None
+) -> tuple[Problem, dict[str, Problem | dict]]:
+    """Return a problem that tells of all, and the variants by name: rows for refused ones."""
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
         remedy = "Give variants, as in terms.0.type=StVK,Springs."
         raise InputError("compare", allowed, "", remedy)
     if several:
-        return _named([(each.name, each) for each in problems])
+        return problems[0], _named([(each.name, each) for each in problems])
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
-    made = make_variants(with_first_values(problems[0], ranges), combinations)
-    return _named(list(zip(map(name_variant, combinations), made, strict=True)))
+    first = with_first_values(problems[0], ranges)
+    made = make_or_refuse(partial(vary, first), combinations)
+    return first, _named(list(zip(map(name_variant, combinations), made, strict=True)))
 
 
 def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
-    if len({type(variant) for _, variant in pairs}) > 1:
+    if len({type(variant) for _, variant in pairs} - {dict}) > 1:
         raise InputError("scenes beside functions", "must be of one kind", "compare")
     named: dict[str, Any] = {}
     for name, variant in pairs:

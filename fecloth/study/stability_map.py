@@ -31,6 +31,7 @@ from fecloth.study.stability_words import (
     range_of,
     shorten,
 )
+from fecloth.study.status import REFUSED
 
 LONGEST_CASE = 120.0  # s
 
@@ -115,7 +116,8 @@ def stability(
     Raises
     ------
     InputError
-        For an unknown method or key, a value that the problem refuses, and an equilibrium.
+        For an unknown method or key, an equilibrium, and if the problem refuses every value. One
+        of several that is refused gives rows with the reason.
 
     Examples
     --------
@@ -141,13 +143,22 @@ def stability(
     opened, runs = variants.with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
-    made = zip(combinations, variants.make_variants(opened, combinations), strict=True)
-    cells = run_all([run for pair in made for run in list_runs(*pair, chosen)], runs)
+    listed = variants.make_or_refuse(
+        lambda values: list_runs(values, variants.vary(opened, values), chosen), combinations
+    )
+    tried = [v for v, each in zip(combinations, listed, strict=True) if isinstance(each, list)]
+    cells = run_all([run for each in listed if isinstance(each, list) for run in each], runs)
+    cells += [
+        {"method": method, **values, "dt": None, "steps": None, **row, "predicted": None}
+        for values, row in zip(combinations, listed, strict=True)
+        if isinstance(row, dict)
+        for method in chosen
+    ]
     rows = [_line(method, values, cells) for method in chosen for values in combinations]
     return StabilityMap(
         title=opened.name,
         warnings=warned,
-        verdict=_verdict(combinations, chosen, cells),
+        verdict=_verdict(tried, chosen, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),
         methods=tuple(chosen),
@@ -165,6 +176,8 @@ def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     longest, predicted = range_of(own), own[0]["predicted"]
     first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]
     above = f"{first[0]['status']}: {shorten(first[0]['cause'])}" if first else ""
+    if own[0]["status"] == REFUSED:
+        above = f"{REFUSED}: {own[0]['cause']}"
     return {
         "method": method,
         **values,

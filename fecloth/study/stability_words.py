@@ -120,7 +120,7 @@ def draw_map(stability: Any) -> Figure:
     drawing, axes = new_figure(rows, columns, (max(2.9 * columns, 6.0), 3.1 * rows + 1.1))
     panels = np.atleast_1d(axes).ravel()
     places = _places(stability)
-    steps = [cell["dt"] for cell in stability.cells]
+    steps = [cell["dt"] for cell in stability.cells if cell["dt"]]
     for i, (ax, method) in enumerate(zip(panels, methods, strict=False)):
         own = [cell for cell in stability.cells if cell["method"] == method]
         _draw_runs(ax, own, [_place(cell, stability.keys, places) for cell in own])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,21 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import run_problems
-from fecloth.study.change import FIRST, Change, describe_values
+from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
-from fecloth.study.variants import combine, read_ranges, size_of, with_first_values
+from fecloth.study.variants import (
+    combine,
+    make_or_refuse,
+    read_ranges,
+    size_of,
+    vary,
+    with_first_values,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,9 +94,9 @@ def sweep(
     run_problems.refuse_huge(opened, runs)
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
-    listed = [_point(opened, values) for values in combinations]
-    if points := [item for item in listed if isinstance(item, run_problems.Point)]:
-        run_problems.check_points(points, runs)
+    listed = make_or_refuse(partial(_point, opened), combinations)
+    points = [item for item in listed if isinstance(item, run_problems.Point)]
+    run_problems.check_points(points, runs)
     rows = run_problems.run_or_skip(listed, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
@@ -106,12 +114,9 @@ def sweep(
     )
 
 
-def _point(opened: Problem, values: dict) -> run_problems.Point | dict:
-    try:
-        variant = opened.changed(Change.of(values)) if values else opened
-        return run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
-    except InputError as error:
-        return failure(REFUSED, error)
+def _point(opened: Problem, values: dict) -> run_problems.Point:
+    variant = vary(opened, values)
+    return run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.study.change import FIRST, Change, Level, describe_values
 from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.status import REFUSED, failure
 from fecloth.study.workload import Workload
 
 SPACINGS: dict[str, Callable] = {"log": np.geomspace, "lin": np.linspace}
@@ -16,6 +18,7 @@ FORM = (
     '"fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
 )
 MOST = 10_000  # values
+Made = TypeVar("Made")
 Over = str | Iterable[str] | Mapping[str, Sequence]
 
 
@@ -77,9 +80,26 @@ def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Proble
     return opened.changed(Change.of({key: values[0] for key, values in ranges.items()}))
 
 
-def make_variants(opened: Problem, combinations: Sequence[dict]) -> list[Problem]:
-    """Return the problem with each combination, without mesh; what it refuses is raised."""
-    return [opened.changed(Change.of(values)) if values else opened for values in combinations]
+def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
+    """Return the problem with a combination of values, without its mesh."""
+    return opened.changed(Change.of(values)) if values else opened
+
+
+def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
+    """Return what is made of each value; a row with the reason where `make` refuses it.
+
+    Where it refuses all, `InputError` is raised: it is a mistake, and no run has begun.
+    """
+    made, refusals = list[Made | dict](), list[InputError]()
+    for value in values:
+        try:
+            made.append(make(value))
+        except InputError as error:
+            refusals.append(error)
+            made.append(failure(REFUSED, error))
+    if len(refusals) == len(made):
+        raise InputError(f"every value: {refusals[0]}") if len(made) > 1 else refusals[0]
+    return made
 
 
 def size_of(opened: Problem, variant: Problem) -> Workload:

@@ -139,17 +139,34 @@ def test_a_value_of_zero_is_compared_in_its_unit(scene):
 @pytest.mark.parametrize(
     ("variants", "message"),
     [
-        ("terms.0.type=StVK,TensorCondition,Springs", "terms.0.k is missing"),
+        ("terms.0.type=TensorCondition,Springs", "terms.0.k is missing"),
         ("terms.0.type=StVK,Sprngs", "Did you mean 'Springs'"),
         ("pins.0.where=left,rihgt", "Did you mean 'right'"),  # which only the mesh knows
+        ("pins.0.where=lfet,rihgt", "Did you mean 'left'"),
     ],
 )
-def test_a_variant_that_is_refused_ends_the_study_before_a_run(
+def test_fewer_than_two_variants_that_are_accepted_end_the_study_before_a_run(
     scene, variants, message, monkeypatch, capsys
 ):
     monkeypatch.setattr(comparing.run_problems, "run_points", lambda *_: pytest.fail("it ran"))
     assert cli.main(["compare", str(scene), "--variants", variants]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("variants", "cause"),
+    [
+        ("terms.0.type=StVK,TensorCondition,Springs", "terms.0.k is missing"),
+        ("pins.0.where=nowhere,left,right", "nowhere"),  # which only the mesh knows
+    ],
+)
+def test_a_refused_variant_has_a_row_with_its_reason_and_the_others_run(scene, variants, cause):
+    found = fc.study.compare(scene, variants, "area", cache=None)
+    statuses = list(found.table["status"])
+    assert sorted(statuses) == ["ok", "ok", "refused"]
+    assert cause in found.table["cause"][statuses.index("refused")]
+    assert len(found.differences) == 1
+    assert found.exit_status == 3
 
 
 def test_other_keys_of_another_term(scene):

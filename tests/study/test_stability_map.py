@@ -90,6 +90,17 @@ def test_a_function_and_an_implicit_method():
     assert not [line for line in first.lines if line.get_color() == "black"]
 
 
+def test_a_refused_value_has_a_row_with_its_reason_and_the_others_run(scene, tmp_path):
+    over = {"pins.0.where": ["nowhere", "boundary"]}  # which only the mesh knows
+    found = fc.study.stability(scene, over, ["central_difference"])
+    assert ["not known" in range_ for range_ in found.table["longest step"]] == [True, False]
+    assert ["nowhere" in words for words in found.table["next step"]] == [True, False]
+    assert "central_difference holds" in found.verdict
+    assert "1 run says nothing about the step; the first: refused: " in "".join(found.notes())
+    assert found.exit_status == 3
+    assert found.report(tmp_path).exists()
+
+
 def test_the_steps_next_to_the_limit_are_as_close_as_growth_is_seen():
     """A mode at round-off grows by exp(2 N arcosh r): N = 101, 60 and 20 steps."""
     for count, r in ((101, 1.06), (60, math.cosh(24 / 60)), (20, 2**0.25)):
@@ -171,7 +182,7 @@ def test_an_equilibrium_is_refused(scene):
 
 def test_the_command(scene, tmp_path, capsys):
     folder = tmp_path / "out"
-    wrong = ["--over", "fabric.areal_density=-1,0.2", "--methods", "central_difference"]
+    wrong = ["--over", "fabric.areal_density=-1,0", "--methods", "central_difference"]
     assert cli.main(["stability", str(scene), *wrong, "-o", str(folder)]) == 2
     assert not folder.exists()
     over = ["--over", "fabric.areal_density=0.2", "--methods", "central_difference"]
