@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
-from fecloth.simulation.doubts.jumps import SMALL, describe_jumps
-from fecloth.simulation.doubts.signals import find_signals
+from fecloth.simulation.doubts.jumps import SMALL
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.time_error import TimeError
@@ -49,10 +48,9 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     is_slight = error < SLIGHT and solves
     if estimate and not (is_slight and not balance.is_far):
         least = max(SMALL * run.system.cloth.extent, SHARE * estimate.moved)
-        motions = find_signals(run.system, run.start, end.state.t, True)
-        jumps = list(filter(None, describe_jumps(motions, least)))
-        if jumps:
-            yield jumps[0] if estimate.is_large or not solves else ""
+        jump = next((words for size, words in estimate.jumps if size > least), "")
+        if jump:
+            yield jump if estimate.is_large or not solves else ""
             return
     if estimate and estimate.is_large:
         too = f"; the energy balance is off, too: {DISTRUST}" if balance.doubt else ""

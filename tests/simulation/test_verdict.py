@@ -8,6 +8,7 @@ import fecloth as fc
 from fecloth.simulation import verdict
 from fecloth.simulation.account import End, Run
 from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.time_error import TimeError
@@ -24,6 +25,7 @@ def doubt(monkeypatch, error, balance=OFF, method=None, eaten="", jump=0.0, term
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *terms], [fc.Pin("left", motion)])
     start = system.rest()
     estimate = TimeError(start.x, None, (), relative=error, moved=MOVED, sentence="error in time")
+    estimate = replace(estimate, jumps=find_jumping_motions(system, start, 0.3))
     monkeypatch.setattr(verdict, "warn_of_dissipation", lambda *given: eaten)
     others = {TimeError: estimate, Balance: balance, Ledger: None}
     run = Run(system, method or fc.BDF2(), start, 0, 4.0)

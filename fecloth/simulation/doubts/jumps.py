@@ -23,29 +23,31 @@ SLOW = 1.0  # m/s, of the motion that a warning proposes instead
 
 def find_motion_jumps(run: PlannedRun) -> Iterator[str]:
     """Say of each pin and obstacle whether its motion jumps, when, and how far."""
-    return describe_jumps(run.signals, SMALL * run.system.cloth.extent)
+    jumps = _largest_jumps(run.signals, SMALL * run.system.cloth.extent)
+    return (jump[1] if jump else "" for jump in jumps)
 
 
-def find_jumping_motions(system: System, start: State, t_end: float) -> str:
-    """Return what `find_motion_jumps` says first of a run to `t_end`, or ""."""
+def find_jumping_motions(
+    system: System, start: State, t_end: float
+) -> tuple[tuple[float, str], ...]:
+    """Return the largest jump [m] of each pin and obstacle that jumps, and what to say of it."""
     signals = find_signals(system, start, t_end, True)
-    return next(filter(None, describe_jumps(signals, SMALL * system.cloth.extent)), "")
+    return tuple(filter(None, _largest_jumps(signals, SMALL * system.cloth.extent)))
 
 
-def describe_jumps(signals: Iterable[Signal], least: float) -> Iterator[str]:
-    """Say of each pin and obstacle whether its motion jumps by more than `least` [m], or ""."""
+def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[tuple[float, str] | None]:
     motions = (signal for signal in signals if signal.kind in ("pin", "obstacle"))
-    return say_of_each(motions, _sentence, least)
+    return say_of_each(motions, _largest_jump, least)
 
 
-def _sentence(motion: Signal, least: float) -> str:
+def _largest_jump(motion: Signal, least: float) -> tuple[float, str] | None:
     jumps = find_jumps(*motion.samples, motion.values, least)
     if not jumps:
-        return ""
+        return None
     t, size = max(jumps, key=lambda jump: jump[1])
     later = t + max(size / SLOW, 0.01)
     more = f", the largest of {len(jumps)} jumps" if len(jumps) > 1 else ""
-    return (
+    return float(size), (
         f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, and "
         f"its effect on the cloth depends on dt; let the {motion.kind} move in a finite time, as "
         f"{size:.3g} * smoothstep({t:.6g}, {later:.6g}, t) does"
