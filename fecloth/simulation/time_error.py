@@ -31,7 +31,11 @@ STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
 LOOKS = 33  # between two samples, at loads that may jump
 ROUND_OFF = 1e-9  # of a load
 GROWN = 4.0  # times the sum of errors: what is carried further has grown
-GROWS = "the cloth buckles or flutters, where errors grow, and nothing tells how far"
+MISSED = 6.0  # the sum over what is carried; above, the field has missed what happened
+GROWS = (
+    "small errors have grown, as where a cloth buckles, flutters or is hit, and nothing tells how "
+    "far: see whether a run with half the dt ends the same"
+)
 JUMPS = "a pin or an obstacle jumps, and what follows depends on dt"
 OFTEN = 0.15  # of the time so far between two looks at the displacement
 
@@ -77,8 +81,8 @@ class TimeError(Account):
     method solves systems, `Transport` moves the same error on with the cloth, as a field. It is
     too small where lost energy changes the mean motion. The geometric mean of both is stated; on
     the set-ups of `studies.trust.random_setups` it is within a factor 3 more often than either.
-    Below the sum over GROWN the field has missed waves between its samples, and the sum is stated.
-    Above GROWN times the sum the errors grow, in a cloth that buckles or flutters, and neither
+    Below the sum over MISSED the field has missed waves between its samples: the sum is stated.
+    Above GROWN times the sum the errors grow, as in a cloth that buckles or flutters, and neither
     tells how far: there is no estimate. There is none where a pin jumps.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
@@ -148,8 +152,8 @@ class TimeError(Account):
         error = after.relative_error(system, run.method.traits, t)
         latest = after.recent[-1]
         dt = _mean_step(self.start, latest) if latest.step > self.start.step else math.nan
-        jump = after.kicked if after.kick_length(system, t) > after.largest else None
-        sentence = describe_time_error(error, run.method, dt, jump, unknown)
+        is_cause = after.kick_length(system, t) > after.largest
+        sentence = describe_time_error(error, run.method, dt, after.kicked, is_cause, unknown)
         return after.changed(relative=error, sentence=sentence)
 
     def _after(self, run: Run, state: State, step: int, others: Accounts) -> TimeError:
@@ -160,7 +164,8 @@ class TimeError(Account):
     @property
     def is_large(self) -> bool:
         """Whether the error, or what is known of one that cannot be stated, is above 10 %."""
-        return self.relative > WARNED or bool(self.unknown and self.largest > WARNED * self.moved)
+        known = max(self.largest, self.carried)
+        return self.relative > WARNED or bool(self.unknown and known > WARNED * self.moved)
 
     def words(self) -> str:
         return self.sentence
@@ -246,7 +251,7 @@ class TimeError(Account):
         if traits.order < drift[0] and traits.error_constant is not None:
             dt = _mean_step(self.start, self.recent[-1])
             length += traits.error_constant * dt * self._speed(system)
-        carried = self.carried if self.carried > length / GROWN else length
+        carried = self.carried if self.carried > length / MISSED else length
         return math.sqrt(length * carried) / self.moved
 
     def _sum(self, system: System, t: float) -> float:

@@ -12,7 +12,12 @@ LEAST = 1e-5  # a smaller error is reported as below it
 
 
 def describe_time_error(
-    error: float, method, dt: float, jump: float | None = None, unknown: str = ""
+    error: float,
+    method,
+    dt: float,
+    jump: float = math.inf,
+    is_cause: bool = False,
+    unknown: str = "",
 ) -> str:
     """Return a sentence about the relative error in time of a run.
 
@@ -23,7 +28,10 @@ def describe_time_error(
     method, dt
         The method or the choice of its steps, and their mean size [s].
     jump
-        Time at which a load jumps [s], if most of the error comes from there.
+        Time at which a load first jumps [s]. The jump may fall inside any other step: none longer
+        is proposed, and a shorter one as for an error of order 1.
+    is_cause
+        Whether most of the error comes from jumps.
     unknown
         Why there is no estimate.
 
@@ -38,11 +46,11 @@ def describe_time_error(
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"
-    if jump is not None:
-        cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
-        return name_time_error(error) + cause + _proposal(error, method, dt, 1)
-    order = method.traits.order
-    return name_time_error(error) + (_proposal(error, method, dt, order) if error >= LEAST else "")
+    cause = f", as a load jumps at t = {jump:.6g} s, which no step meets" if is_cause else ""
+    if error < LEAST or (jump < math.inf and error < WANTED):
+        return name_time_error(error) + cause
+    order = 1 if jump < math.inf else method.traits.order
+    return name_time_error(error) + cause + _proposal(error, method, dt, order)
 
 
 def name_time_error(error: float) -> str:

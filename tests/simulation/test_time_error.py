@@ -14,6 +14,7 @@ import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.time_error import Sample, TimeError, derivative
+from fecloth.simulation.time_error_words import describe_time_error
 
 TIGHT = fc.Newton(tolerance=1e-10)
 SIZE = 1e-5  # m; the motion is then linear
@@ -289,6 +290,18 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     assert result.time_error < 0.02
     exact = 1 / 0.2 * 2.17 * dt * (20 * dt - (1.6 + 2.17 / 2) * dt)
     assert result.state.x[:, 2].mean() == pytest.approx(exact, rel=0.02)
+
+
+def test_no_step_is_proposed_that_a_jump_of_a_load_may_make_worse():
+    """A longer step may have the jump inside; a shorter one divides its error by their ratio."""
+    bdf2 = fc.BDF2()
+    assert describe_time_error(0.0025, bdf2, 0.01).endswith("; dt = 0.02 s would give 1 %")
+    assert "would give" not in describe_time_error(0.0025, bdf2, 0.01, jump=0.3)
+    assert describe_time_error(0.04, bdf2, 0.01).endswith("; dt = 0.005 s would give 1 %")
+    words = describe_time_error(0.04, bdf2, 0.01, jump=0.3)
+    assert words.endswith("; dt = 0.0025 s would give 1 %")
+    assert "jumps" not in words
+    assert "a load jumps at t = 0.3 s" in describe_time_error(0.04, bdf2, 0.01, 0.3, is_cause=True)
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.8, True), (1.25, False)])

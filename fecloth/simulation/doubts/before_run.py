@@ -31,13 +31,13 @@ OF_SCENES: tuple[Doubt, ...] = (
     *DOUBTS,
     course.find_slivers,
     course.find_large_weight,
-    course.find_fast_waves,
     course.find_short_steps,
     course.find_numerical_damping,
 )
 NOTES: tuple[Doubt, ...] = (  # facts, no doubts
     *(pins.find_free_fall, pins.find_free_turn, course.find_flat_start),
-    jumps.find_motion_jumps,  # the end of a run says whether it matters: see `Verdict`
+    # The end of a run says whether these matter: see `Verdict`.
+    *(jumps.find_motion_jumps, course.find_fast_waves),
 )
 
 

@@ -90,7 +90,7 @@ def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
 
 
 def find_fast_waves(run: PlannedRun) -> Iterator[str]:
-    """Warn if steps far beyond the explicit limit may feed undamped fast waves."""
+    """Note if steps far beyond the explicit limit may feed undamped fast waves."""
     method, dt = run.method, run.dt
     if not (method.traits.gains and dt):
         return
