@@ -38,6 +38,7 @@ from fecloth.study.variants import (
     make_or_refuse,
     name_variant,
     read_ranges,
+    split_refused,
     vary,
     with_first_values,
 )
@@ -94,30 +95,25 @@ def compare(
     """
     study = open_study(problem, shared)
     (first, listed), runs = _open(study.problems, variants), study.runs()
-    opened = {name: each for name, each in listed.items() if not isinstance(each, dict)}
+    opened, refused = split_refused(listed)
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
     warned, chosen = run_problems.print_warnings(first), first.choose_quantity(quantity)
     made = make_or_refuse(
         lambda variant: _levels(variant, chosen, refine, levels, ratio), opened.values()
     )
-    planned = dict(zip(opened, made, strict=True))
-    plans = {name: each for name, each in planned.items() if isinstance(each, list)}
-    causes = {n: r for n, r in (*listed.items(), *planned.items()) if isinstance(r, dict)}
+    plans, more = split_refused(dict(zip(opened, made, strict=True)))
+    refused |= more
     if len(plans) < 2:
-        words = "; ".join(row["cause"] for row in causes.values())
-        raise InputError(f"{len(plans)} variant", "must be at least 2", "compare", words)
+        causes = "; ".join(row["cause"] for row in refused.values())
+        raise InputError(f"{len(plans)} variant", "must be at least 2", "compare", causes)
     rows = _run(opened, plans, chosen, runs)
-    studied = {
-        name: causes[name] if name in causes else _judge(rows[name], chosen, refine, levels)
-        for name in listed
-    }
+    judged = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
+    studied = {name: (judged | refused)[name] for name in listed}
     return replace(_conclude(opened, studied, chosen, refine), warnings=warned)
 
 
-def _open(
-    problems: Sequence[Problem], variants: Over | None
-) -> tuple[Problem, dict[str, Problem | dict]]:
+def _open(problems: Sequence[Problem], variants: Over | None) -> tuple[Problem, dict[str, Any]]:
     """Return a problem that tells of all, and the variants by name: rows for refused ones."""
     several = len(problems) > 1
     if several == (variants is not None):

@@ -102,6 +102,12 @@ def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made |
     return made
 
 
+def split_refused(made: Mapping[str, Made | dict]) -> tuple[dict[str, Made], dict[str, dict]]:
+    """Return what was made, and the rows of what was refused, by name."""
+    refused = {name: each for name, each in made.items() if isinstance(each, dict)}
+    return {name: each for name, each in made.items() if not isinstance(each, dict)}, refused
+
+
 def size_of(opened: Problem, variant: Problem) -> Workload:
     """Predict the size of a variant without its mesh; for a function from the size of `opened`."""
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
