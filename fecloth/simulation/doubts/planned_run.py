@@ -73,6 +73,6 @@ def attempt(function: Callable[..., T], *arguments: Any, otherwise: T) -> T:
         return otherwise
 
 
-def say_of_each(signals: Iterable[Signal], say: Callable[..., str], *given: Any) -> Iterator[str]:
+def say_of_each(signals: Iterable[Signal], say: Callable[..., Any], *given: Any) -> Iterator[Any]:
     """Yield what `say(signal, *given)` returns of each signal; "" if its function fails."""
     return (attempt(say, each, *given, otherwise="") for each in signals)
