@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import scipy.sparse as sparse
 import skfem
 from numpy.typing import ArrayLike
 
@@ -24,8 +23,6 @@ from fecloth.mesh.numbering import join_meshes, renumber_mesh
 from fecloth.mesh.read import read
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH, TIME
-
-Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,30 +219,7 @@ class Cloth:
 
     # --- nodes, regions and geometry ----------------------------------------------------------
 
-    def nodes(self, where: Where) -> np.ndarray:
-        """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
-
-        Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
-        named curve or region of P2 triangles includes the midpoints of its edges.
-
-        Raises
-        ------
-        InputError
-            If the set is unknown, an index is out of range, or no node is selected.
-        """
-        return selection.nodes(self, where)
-
-    def region(self, where: Where) -> np.ndarray:
-        """Indices of the triangles in a named region, or where a predicate on centroids holds.
-
-        The predicate takes the centroids (m, 2) [m] and returns (m,) booleans.
-
-        Raises
-        ------
-        InputError
-            If the region is unknown or contains no triangle.
-        """
-        return selection.triangles(self, where)
+    nodes, region = selection.nodes, selection.region
 
     @property
     def area(self) -> float:
@@ -347,68 +321,10 @@ class Cloth:
         _, q, k, _ = self.gradients.shape
         return (0,) * k, (0,) * q
 
-    def load(self, density=1.0, order: int = 6) -> np.ndarray:
-        """Consistent nodal forces ∫ ρ N_a dA, (n,) or (n, d), of a distributed load ρ.
-
-        Parameters
-        ----------
-        density
-            ρ: a number, or a function of material points (p, 2) [m] that returns (p,) or (p, d).
-        order
-            Polynomial degree to which ρ N_a is integrated exactly.
-
-        Examples
-        --------
-        >>> cloth = Cloth.rectangle(2.0, 1.0, h=1.0, pattern="right", element="P2")
-        >>> float(cloth.load(lambda X: X[:, 0] ** 3).sum().round(12))  # ∫ X³ dA, X < 2, Y < 1
-        4.0
-        """
-        if not callable(density):
-            return density * self.weighted_load(np.ones(len(self.triangles)))
-        return norms.load(self, density, order)
-
-    def weighted_load(self, density: np.ndarray) -> np.ndarray:
-        """(n,) ∫ ρ N_a dA for one ρ per triangle (m,); zero at the corners of P2 triangles."""
-        return norms.weighted_load(self, density)
-
-    def mass(self, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
-        """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped.
-
-        The lumped one is the diagonal of each triangle's consistent mass, scaled to the mass of
-        the triangle: a third of it at each node of P1, which are the row sums; 1/19 at the corners
-        and 16/57 at the midpoints of P2, whose row sums would be zero at the corners.
-
-        Frequencies of a taut square converge with order 2 on lumped P2 as on P1, with order 4 on
-        consistent P2. On 1,100 to 2,100 nodes of four patterns the lowest one is off by 1.2e-4 to
-        2.0e-4 on lumped P2, 4.0e-4 to 6.0e-4 on P1, 9e-7 to 7e-6 on consistent P2
-        (tests/mesh/test_lumped_quadratic.py).
-
-        Source: Hinton, Rock and Zienkiewicz (1976), A note on mass lumping and related processes
-        in the finite element method, Earthquake Engng Struct. Dyn. 4, 245–249.
-
-        Parameters
-        ----------
-        kind : str, optional
-            "lumped" or "consistent". Default: "lumped" for P1, "consistent" for P2.
-        density : (m,) array, optional
-            ρ of each triangle [kg/m²]. Default: 1.
-
-        Raises
-        ------
-        InputError
-            For another kind.
-        """
-        density = np.ones(len(self.triangles)) if density is None else density
-        return norms.mass_matrix(self, self.usual_mass if kind is None else kind, density)
-
     @property
     def usual_mass(self) -> str:
         """The default kind of mass: "lumped" for P1, "consistent" for P2."""
         return "lumped" if self.element == "P1" else "consistent"
-
-    def diagonal_mass(self, density: np.ndarray) -> np.ndarray:
-        """(n,) the lumped masses [kg]; positive for both elements. See `mass`."""
-        return norms.diagonal_mass(self, density)
 
     @property
     def least_mass(self) -> float:
@@ -417,63 +333,13 @@ class Cloth:
 
     # --- fields on the cloth ------------------------------------------------------------------
 
-    def interpolator(self, points: np.ndarray) -> sparse.csr_matrix:
-        """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
-
-        At a point outside the mesh by less than an edge length the polynomial of the nearest
-        triangle is evaluated. This is needed because two meshes of one disk are polygons that do
-        not cover each other completely.
-
-        Raises
-        ------
-        MeshError
-            If a point lies farther outside.
-        """
-        return norms.interpolator(self, points)
-
-    def interpolate(self, values: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Interpolate a nodal field (n,) or (n, d) at material points (p, 2) [m]."""
-        return self.interpolator(points) @ norms.nodal_values(self, values)
-
-    def l2_norm(self, values: np.ndarray) -> float:
-        """√∫ |u|² dA of a nodal field (n,) or (n, d)."""
-        values = norms.nodal_values(self, values)
-        return float(np.sqrt(np.sum(values * (self.mass("consistent") @ values))))
-
-    def l2_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
-        """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
-
-        The integral is taken over the cloth with more triangles. The quadrature rule is exact to
-        degree 4 in each triangle. The result is exact if every edge of the coarser mesh is made of
-        edges of the finer mesh.
-        """
-        return norms.l2_difference(self, other, a, b)
-
-    def h1_difference(self, other: Cloth, a: np.ndarray, b: np.ndarray) -> float:
-        """√∫ |∇a − ∇b|² dA (the H1 seminorm) for a on this cloth and b on `other`."""
-        return norms.h1_difference(self, other, a, b)
-
-    def l2_error(self, values: np.ndarray, exact: Callable, order: int = 8) -> float:
-        """√∫ |u − exact|² dA of a nodal field (n,) or (n, d).
-
-        `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
-        the polynomial degree to which the square of the difference is integrated exactly.
-        """
-        return norms.l2_error(self, values, exact, order)
-
-    def h1_error(self, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
-        """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d).
-
-        `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or
-        (p, d, 2).
-
-        Examples
-        --------
-        >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right", element="P2")
-        >>> cloth.h1_error(cloth.X[:, 0] ** 2, lambda X: 2 * X * (1, 0)) < 1e-14
-        True
-        """
-        return norms.h1_error(self, values, exact_gradient, order)
+    # A method is the function of the same name, whose first argument is the cloth.
+    interpolator, interpolate = norms.interpolator, norms.interpolate
+    load, weighted_load = norms.load, norms.weighted_load
+    mass, diagonal_mass = norms.mass, norms.diagonal_mass
+    l2_norm = norms.l2_norm
+    l2_difference, h1_difference = norms.l2_difference, norms.h1_difference
+    l2_error, h1_error = norms.l2_error, norms.h1_error
 
     def __repr__(self) -> str:
         kind = f"{len(self.X)} nodes, {amount(len(self.triangles), f'{self.element} triangle')}"

@@ -1,13 +1,26 @@
 """Selection of nodes and triangles by the name of a set, a predicate, or indices."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fecloth.errors import InputError, brief
 from fecloth.suggest import did_you_mean
 
+Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
-def nodes(cloth, where) -> np.ndarray:
-    """Indices of the selected nodes; see `Cloth.nodes`."""
+
+def nodes(cloth, where: Where) -> np.ndarray:
+    """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
+
+    Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
+    named curve or region of P2 triangles includes the midpoints of its edges.
+
+    Raises
+    ------
+    InputError
+        If the set is unknown, an index is out of range, or no node is selected.
+    """
     if isinstance(where, str):
         if where not in cloth.node_sets:
             what = f"node set {where!r}"
@@ -33,8 +46,16 @@ def nodes(cloth, where) -> np.ndarray:
     return selected[np.sort(first)]
 
 
-def triangles(cloth, where) -> np.ndarray:
-    """Indices of the selected triangles; see `Cloth.region`."""
+def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Indices of the triangles in a named region, or where a predicate on centroids holds.
+
+    The predicate takes the centroids (m, 2) [m] and returns (m,) booleans.
+
+    Raises
+    ------
+    InputError
+        If the region is unknown or contains no triangle.
+    """
     if callable(where):
         selected = np.flatnonzero(where(cloth.X[cloth.triangles].mean(axis=1)))
     elif where in cloth.triangle_sets:

@@ -12,7 +12,8 @@ import scipy.sparse as sparse
 from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.linalg.reductions import weighted_sum
-from fecloth.mesh.cloth import Cloth, Where
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.selection import Where
 from fecloth.mesh.surface import Enclosure
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.system.state import State

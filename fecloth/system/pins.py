@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError, brief, is_number
-from fecloth.mesh.cloth import Where
+from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Derivative, Formula
 from fecloth.quantities.rotation import Rotation

@@ -71,6 +71,11 @@ class Term(Protocol):
         """
 
 
+def overrides(name: str) -> Any:
+    """Whether a bound term has its own function of that name, as a property."""
+    return property(lambda term: has_own(term, name))
+
+
 class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
@@ -338,45 +343,14 @@ class BoundTerm:
 
     # --- which of these it has of its own ---------------------------------------------------------
 
-    @property
-    def supplies(self) -> bool:
-        """Whether its work is a column of the ledger."""
-        return has_own(self, "supply")
-
-    @property
-    def has_stress(self) -> bool:
-        """Whether it is a membrane with a stress."""
-        return has_own(self, "add_stress")
-
-    @property
-    def recovers_strain(self) -> bool:
-        """Whether it can estimate its error in space."""
-        return has_own(self, "strain_error")
-
-    @property
-    def dissipates_over_step(self) -> bool:
-        """Whether, over a step, it says what it dissipated in it."""
-        return has_own(self, "dissipation")
-
-    @property
-    def works_over_step(self) -> bool:
-        """Whether, over a step, it says what work it did in it."""
-        return has_own(self, "work")
-
-    @property
-    def limits_direction(self) -> bool:
-        """Whether it limits directions."""
-        return has_own(self, "limit")
-
-    @property
-    def couples_nodes(self) -> bool:
-        """Whether it couples nodes outside the fixed pattern."""
-        return has_own(self, "coupling")
-
-    @property
-    def keeps_distance(self) -> bool:
-        """Whether it is contact that tells its least distance."""
-        return has_own(self, "least_distance")
+    supplies = overrides("supply")  # its work is a column of the ledger
+    has_stress = overrides("add_stress")  # it is a membrane with a stress
+    recovers_strain = overrides("strain_error")  # it can estimate its error in space
+    dissipates_over_step = overrides("dissipation")  # over a step, it says what it dissipated
+    works_over_step = overrides("work")  # over a step, it says what work it did
+    limits_direction = overrides("limit")
+    couples_nodes = overrides("coupling")  # outside the fixed pattern
+    keeps_distance = overrides("least_distance")  # it is contact that tells its distance
 
 
 ABILITIES = tuple(

@@ -8,7 +8,8 @@ import numpy as np
 from fecloth import validation
 from fecloth.compiled.jit import inner
 from fecloth.fabric.panel import Panel
-from fecloth.mesh.cloth import Cloth, Where
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.selection import Where
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import DAMPER, LENGTH, PER_WIDTH
 from fecloth.terms.loops import bound_condition
