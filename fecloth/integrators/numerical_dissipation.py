@@ -137,7 +137,7 @@ def has_power_column(term: BoundTerm) -> bool:
 
 def has_work_column(term: BoundTerm) -> bool:
     """Return whether the ledger sums the work of a load's force along a displacement."""
-    return term.supplies and not has_power_column(term)
+    return bool(term.supplies) and not has_power_column(term)
 
 
 def column_forces(system: System, state: State) -> np.ndarray:
