@@ -132,7 +132,7 @@ def stiffness_product(system: System, old: State, step: Step) -> float:
 
 def has_power_column(term: BoundTerm) -> bool:
     """Return whether the ledger sums the power of the term's force at the stages of a step."""
-    return term.dissipative or (term.has_energy and term.supplies)
+    return bool(term.dissipative or (term.has_energy and term.supplies))
 
 
 def has_work_column(term: BoundTerm) -> bool:
