@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from itertools import pairwise
+from collections.abc import Iterator
+from itertools import pairwise, starmap
 
 import ipctk
 import numpy as np
@@ -65,18 +66,24 @@ def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
     crossings = count_intersections(triangles, state.x)
     row["crossings"] += len(triangles) if crossings is None else crossings
     for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
-        row["piercings"] += count_piercings(body, triangles, before, state)
+        announced = cutting_depth(term, cloth) if isinstance(term, BoundObstacle) else 0.0
+        row["piercings"] += count_piercings(body, triangles, before, state, announced)
         if body.depth is not None:
             row["least"] = min(row["least"], -float(body.deep(state.x, state.t).max()))
-            announced = cutting_depth(term, cloth) if isinstance(term, BoundObstacle) else 0.0
             depth = float(body.deep(inner_points(state.x, triangles), state.t).max())
             row["least_inside"] = min(row["least_inside"], announced - depth)
 
 
-def count_piercings(body: Body, triangles: np.ndarray, before: fc.State, state: fc.State) -> int:
+def count_piercings(
+    body: Body, triangles: np.ndarray, before: fc.State, state: fc.State, announced: float
+) -> int:
     """Triangles that a body pierces after a step, or that passed over its middle in it."""
     y0, y1 = (body.to_frame(at.x, at.t) for at in (before, state))
-    cut = count_cut(body.lines, y1[triangles]) + count_cut_by_mesh(body, triangles, y1)
+    way = body.lines[:, 1] - body.lines[:, 0]
+    length = np.linalg.norm(way, axis=1)[:, None]
+    inset = np.minimum(announced / length, 0.5) * way  # so far the ends of an edge may cut
+    lines = body.lines + np.stack([inset, -inset], axis=1)
+    cut = count_cut(lines, y1[triangles]) + count_cut_by_mesh(body, triangles, y1)
     return cut + count_swept(body.inner, y0[triangles], y1[triangles])
 
 
@@ -119,16 +126,24 @@ def count_cut_by_mesh(body: Body, triangles: np.ndarray, y: np.ndarray) -> int:
 
 def count_swept(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> int:
     """Pairs of a point and a triangle that passes over it, on the straight way of a step."""
-    swept = 0
-    parts = np.linspace(0, 1, PARTS + 1)
+    low, high = (of(np.concatenate([begin, end], axis=1), axis=1) for of in (np.min, np.max))
+    swept, parts = 0, np.linspace(0, 1, PARTS + 1)
     for point in points:
-        volumes = np.array([volume(begin + s * (end - begin), point) for s in parts])
-        for part, triangle in np.argwhere(volumes[:-1] * volumes[1:] < 0):
-            low, high = volumes[part, triangle], volumes[part + 1, triangle]
-            s = parts[part] + low / (low - high) / PARTS
-            at = begin[triangle] + s * (end[triangle] - begin[triangle])
-            swept += contains(at, point)
+        near = ((low < point) & (point < high)).all(axis=1)
+        if near.any():
+            ways = [begin[near] + s * (end[near] - begin[near]) for s in parts]
+            swept += sum(starmap(contains, passes(ways, point)))
     return swept
+
+
+def passes(ways: list[np.ndarray], point: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Triangles (3, 3) at the moment when a point lies in their plane, and this point."""
+    volumes = np.array([volume(corners, point) for corners in ways])
+    for part, triangle in np.argwhere(volumes[:-1] * volumes[1:] < 0):
+        before, after = volumes[part : part + 2, triangle]
+        s, corners = before / (before - after), (each[triangle] for each in ways[part : part + 2])
+        a, b = corners
+        yield a + s * (b - a), point
 
 
 def contains(corners: np.ndarray, point: np.ndarray) -> bool:

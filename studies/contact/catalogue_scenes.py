@@ -56,7 +56,7 @@ class Sketch:
     bodies: Sequence[Body]
     v: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (n, 3) or (3,) [m/s]
     pins: Sequence[tuple[str, dict]] = ()  # where, and the arguments of `Pin`
-    t_end: float = 0.12
+    t_end: float = 0.1
     names: tuple[str, ...] = ()
     turned: bool = True  # whether all of it may be turned
     rises: bool = False  # whether the cloth is moved up until it is clear of the bodies
@@ -92,7 +92,7 @@ def finish(sketch: Sketch, rng: np.random.Generator, number: int) -> Scene:
     system = fc.System(sketch.cloth, fabric, [*inner, *contacts], pins)
     v = np.zeros_like(x) + sketch.v @ W
     method = (fc.BackwardEuler(), fc.BDF2())[number % 2]
-    dt = float(rng.choice([2e-3, 5e-3, 5e-3, 1e-2, 1e-2]))
+    dt = float(rng.choice([2e-3, 5e-3, 5e-3, 1e-2, 1e-2, 1e-2]))
     newton = fc.Newton(tolerance=1e-6) if restitution < 1 else None
     return Scene(
         system, system.state(x, v), method, dt, sketch.t_end, tuple(moved), sketch.names, newton
@@ -148,7 +148,7 @@ def edge(area: float, triangles: float) -> float:
     return math.sqrt(4 * area / (math.sqrt(3) * triangles))
 
 
-def draw_cloth(rng, extent: float, most: float = 110, element: str = "", round_too=True):
+def draw_cloth(rng, extent: float, most: float = 100, element: str = "", round_too=True):
     """A square or a disk of this extent [m], with about `most` flat triangles, or half as many."""
     element = element or draw_element(rng)
     triangles = rng.uniform(0.6 * most, most) / (4 if element == "P2" else 1)
@@ -341,7 +341,7 @@ def press(rng) -> Sketch:
     move = Motion(-part * UP, float(speed / part))
     upper = bodies.plane().at(top * UP, np.diag([1.0, -1, -1]), move)
     lower = bodies.plane().at(0 * UP, np.eye(3), replace(move, way=part * UP) if both else None)
-    t_end = min(0.2, 0.5 * math.pi / move.rate)
+    t_end = min(0.15, 0.5 * math.pi / move.rate)
     return Sketch(cloth, x, [lower, upper], t_end=t_end)
 
 
@@ -373,7 +373,7 @@ def walls(rng, extent: float) -> Sketch:
         Q = np.column_stack([np.cross(UP, n), UP, n])
         motion = Motion(way * n, float(speed / way))
         sides.append(bodies.plane().at(-n * (extent / 2 + CLEAR), Q, motion))
-    return Sketch(cloth, x, sides, t_end=min(0.2, 0.5 * math.pi * way / speed))
+    return Sketch(cloth, x, sides, t_end=min(0.15, 0.5 * math.pi * way / speed))
 
 
 def mesh(rng) -> Sketch:
@@ -400,7 +400,7 @@ def twist(rng) -> Sketch:
         for end, way, sign in (("left", 1, 1), ("right", -1, -1))
     ]
     body = bodies.rod(0.05, 0.01).at([0, 0, -0.045], draw_turn(rng))
-    return Sketch(cloth, flat(cloth), [body], pins=pins, t_end=0.2)
+    return Sketch(cloth, flat(cloth), [body], pins=pins, t_end=0.15)
 
 
 # --- problems without a solution ------------------------------------------------------------------

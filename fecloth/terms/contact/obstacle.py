@@ -42,9 +42,9 @@ class Obstacle:
     curves so much that a triangle would dip into it by a quarter of the gap between its nodes, the
     barrier also acts on points inside the triangles, of which P2 has four flat ones each. In each
     step of Newton's iteration no node comes nearer than by four fifths. A shape that is thinner
-    than half of the longest edge, with the gap on both sides, fits between such points: it acts by
-    its own points, edges and faces (`Skeleton`), as a `MeshObstacle` does, with the package
-    ``ipctk``.
+    than half of the longest edge, or a plate thinner than an eighth of it, with the gap on both
+    sides, fits between such points: it acts by its own points, edges and faces (`Skeleton`), as a
+    `MeshObstacle` does, with the package ``ipctk``.
 
     With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its normal
     force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is
@@ -122,8 +122,9 @@ class Obstacle:
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
         """The skeleton of a shape that is too thin for the points of the triangles, or None."""
-        part = float(longest_edges(cloth).max()) / MOST
-        if self.shape.width + 2 * self.gap >= THIN * part or not is_installed():
+        part, gaps = float(longest_edges(cloth).max()) / MOST, 2 * self.gap
+        is_wide = self.shape.width + gaps >= THIN * part and self.shape.thinnest + gaps >= part
+        if is_wide or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 
@@ -138,7 +139,7 @@ class Obstacle:
         if skeleton := self._skeleton(cloth):
             if self.restitution < 1.0:
                 what = f"restitution = {self.restitution:g}"
-                allowed = "must be 1 where the shape is thinner than half of the longest edge"
+                allowed = "must be 1 where the shape is thin against the edges of the triangles"
                 remedy = "Take a smaller h, or a thicker shape."
                 raise InputError(what, allowed, "Obstacle", remedy)
             sized = float(self.gap), skeleton.thickness, stiffness, skeleton
@@ -152,9 +153,10 @@ class Obstacle:
 
     def _refuse_thin(self, cloth: Cloth) -> None:
         """Raise `InputError` for a shape that fits between the points of the triangles."""
-        width, part = self.shape.width + 2 * self.gap, float(longest_edges(cloth).max()) / MOST
+        thinnest, part = self.shape.thinnest, float(longest_edges(cloth).max()) / MOST
+        width = thinnest + 2 * self.gap
         if width < part:
-            kind = f"the {type(self.shape).__name__} is {1e3 * self.shape.width:.3g} mm wide"
+            kind = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
             what = f"{kind}, {1e3 * width:.3g} mm with the gap on both sides"
             allowed = f"must be at least {1e3 * part:.3g} mm, an eighth of the longest edge"
             remedy = "Take a smaller h, or install ipctk: pip install '.[contact]'."

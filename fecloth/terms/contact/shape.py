@@ -102,6 +102,11 @@ class Shape:
         """The width [m] of a hole through which the shape fits; infinite by default."""
         return math.inf
 
+    @property
+    def thinnest(self) -> float:
+        """The least width [m] of its edges: a plate has sharp ones, where it is wide."""
+        return self.width
+
     def skeleton(self, extent: float) -> Skeleton | None:
         """Its `Skeleton`, of an endless shape for a cloth of this extent [m]; None without any."""
         return None

@@ -259,6 +259,10 @@ class Box(Shape):
     def width(self) -> float:
         return float(np.median(self.size))  # of a bar the thicker side; a plate has wide faces
 
+    @property
+    def thinnest(self) -> float:
+        return float(min(self.size))
+
     def skeleton(self, extent: float) -> Skeleton:
         corners = np.array(self.center, float) + 0.5 * CORNERS * np.array(self.size, float)
         return Skeleton(corners, NO_EDGES, FACES)
@@ -319,6 +323,10 @@ class Disk(Shape):
     @property
     def width(self) -> float:
         return 2 * self.radius
+
+    @property
+    def thinnest(self) -> float:
+        return min(self.width, self.thickness)
 
     def skeleton(self, extent: float) -> Skeleton:
         """Two polygons of many sides in its faces, and the rim between them."""

@@ -129,6 +129,16 @@ def test_the_skeleton_acts_where_the_shape_is_thinner_than_four_eighths_of_an_ed
     assert isinstance(term, BoundSkeleton if skeleton else BoundObstacle)
 
 
+@pytest.mark.parametrize("shape", ["disk", "box"])
+@pytest.mark.parametrize(("part", "skeleton"), [(0.8, True), (1.25, False)])
+def test_the_skeleton_acts_where_a_wide_plate_is_thinner_than_an_eighth(part, skeleton, shape):
+    """Its rim would pass between the points of a triangle."""
+    thin = part * 0.05 * math.sqrt(2) / 8 - 2e-3
+    disk = S.Disk((0.1, 0.1, -1.0), (1, 0, 0), 0.1, thin)
+    _, term, _ = bind(disk if shape == "disk" else S.Box((0.1, 0.1, -1.0), (thin, 0.2, 0.2)))
+    assert isinstance(term, BoundSkeleton if skeleton else BoundObstacle)
+
+
 @pytest.mark.parametrize(("part", "refused"), [(0.8, True), (1.25, False)])
 def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refused, monkeypatch):
     monkeypatch.setattr(obstacles, "is_installed", lambda: False)
@@ -142,7 +152,7 @@ def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refus
 
 
 def test_a_restitution_of_a_skeleton_is_refused():
-    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thinner"):
+    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thin"):
         bind(THIN["needle"], restitution=0.5)
 
 

@@ -1,0 +1,108 @@
+"""Which scenes of the catalogue move wrongly at their dt, and do their runs say so?
+
+Each scene that has a solution is run at its dt and at dt/4, on the same mesh. The error is the rms
+difference of the positions at the end, over the largest rms displacement. A run above 10 % is
+wrong, and must have a warning of its motion: not to trust it, or that the error in time is large or
+not known. Of the runs below 2 % at most one in ten may have one.
+
+    python -m studies.contact.catalogue_words [--quick] [--seed 4] [--each 5] [--out DIR]
+"""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from pathlib import Path
+
+import ipctk
+import numpy as np
+
+import fecloth as fc
+from fecloth import study
+from studies.contact.catalogue_scenes import KINDS, Scene, draw
+
+SEED, EACH = 4, 5
+WRONG, GOOD = 0.10, 0.02
+FINER = 4
+SIGNS = "do not trust", "error in time"  # in warnings of the motion
+
+
+def end_of(scene: Scene, parts: int) -> tuple[fc.Result, float]:
+    """The run with steps of dt/parts, and its largest rms displacement [m]."""
+    moved = [0.0]
+
+    def report(info) -> None:
+        study.check_time_limit()
+        moved[0] = max(moved[0], rms(info.result.state.x - scene.start.x))
+
+    times = scene.dt / parts, scene.t_end
+    given = scene.system, scene.method, scene.start, *times
+    return fc.run(*given, newton=scene.newton, report=report), moved[0]
+
+
+def rms(y: np.ndarray) -> float:
+    return float(np.sqrt((y**2).sum(axis=1).mean()))
+
+
+def compare(kind: str, seed: int, number: int) -> dict:
+    """The error of a scene, and what its run says."""
+    warnings.simplefilter("ignore", fc.FeclothWarning)
+    ipctk.set_num_threads(1)
+    scene = draw(kind, seed, number)
+    result, moved = end_of(scene, 1)
+    fine, _ = end_of(scene, FINER)
+    said = [each for each in result.warnings if any(sign in each for sign in SIGNS)]
+    return {
+        "error": rms(result.state.x - fine.state.x) / moved,
+        "claimed": result.time_error,
+        "says": bool(said),
+        "warning": " | ".join(said),
+        "dt": scene.dt,
+        "method": type(scene.method).__name__,
+    }
+
+
+def table(rows: list[dict]) -> list[dict]:
+    """Counts of runs by their error, with and without a warning."""
+    ranges = [("wrong", WRONG, np.inf), ("between", GOOD, WRONG), ("good", 0.0, GOOD)]
+    lines = []
+    for name, low, high in ranges:
+        group = [row for row in rows if low <= row["error"] < high]
+        warned = sum(row["says"] for row in group)
+        known = sum(row["claimed"] == row["claimed"] for row in group)
+        lines.append({"runs": name, "count": len(group), "warn": warned, "state an error": known})
+    return lines
+
+
+def main() -> int:
+    """Run the scenes, and keep the table of the full form."""
+    seed = {"type": int, "default": SEED, "metavar": "N", "help": "of the scenes (4)"}
+    each = {"type": int, "default": EACH, "metavar": "N", "help": "scenes of a kind (5)"}
+    options = study.parse_arguments(__doc__, needs=["ipctk"], seed=seed, each=each)
+    kinds = [kind for kind in KINDS if kind not in ("inside", "through", "closing")]
+    settings = [
+        {"kind": kind, "seed": options.seed, "number": number}
+        for number in range(1 if options.quick else options.each)
+        for kind in (kinds[:2] if options.quick else kinds)
+    ]
+    rows = study.run_cases(settings, compare, time_limit=200.0, **study.run_options(options))
+    title = "Contact: do wrong runs say so?"
+    study.require_results(options, title, rows)
+    done = [row for row in rows if row["status"] == "ok"]
+    wrong, _, good = table(done)
+    findings = [
+        study.Finding("wrong runs without a warning", wrong["count"] - wrong["warn"], high=0),
+        study.Finding(
+            "good runs with one, of ten", 10 * good["warn"] / max(good["count"], 1), high=1
+        ),
+    ]
+    tables = {"By error": table(done), "All": sorted(done, key=lambda row: -row["error"])}
+    code = study.write_report(options, title, rows, tables=tables, findings=findings)
+    if not options.quick and options.seed == SEED:
+        for name, kept in (("report.md", "words.md"), ("results.csv", "words.csv")):
+            shutil.copy(options.out / name, Path(__file__).parent / f"catalogue_{kept}")
+    return code
+
+
+if __name__ == "__main__":
+    study.run_main(main)
