@@ -113,7 +113,6 @@ class SolverContext:
         return self.linear.keeps_state or (self.linear.name in PRICES and self.options.reuse)
 
     def drop(self) -> None:
-        """Forget earlier steps, so that later ones do not depend on them."""
         self.factor_reuse.drop()
         if self.linear is not None:
             self.linear.drop()

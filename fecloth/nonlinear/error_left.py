@@ -75,7 +75,6 @@ class ErrorLeft:
 
     @property
     def is_small(self) -> bool:
-        """Whether the error left is small against the error in time."""
         return self.in_time > 0.0 and self.error <= SHARE * self.in_time
 
     def move(self, y: np.ndarray, norm: float, scale: float) -> None:
@@ -112,10 +111,8 @@ class ErrorInPlace(ErrorLeft):
     whole: bool = True  # whether the last step was Newton's step as it is
 
     def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:
-        """Record a correction (n, 3); the error is known after two that shrank in a row.
-
-        One alone may be short by chance where a stiff sheet turns.
-        """
+        """Record a correction (n, 3); the error is known after two that shrank in a row."""
+        # One alone may be short by chance where a stiff sheet turns.
         shrank = self.whole and self.length < SHRINKS * self.before < math.inf
         self.before, self.whole = self.length or math.inf, whole
         super().correct(system, correction, whole)

@@ -9,10 +9,8 @@ from fecloth.system.system import System
 
 
 def least_stiffness(system: System, state: State) -> tuple[float, float]:
-    """Return the least eigenvalue of K on the free directions, and what round-off may be [N/m].
-
-    It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
-    """
+    """Return the least eigenvalue of K on the free directions, and what round-off may be [N/m]."""
+    # It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
     if not system.is_whole or system.admissible.shape[1] < 2:
         return math.nan, 0.0
     try:

@@ -30,7 +30,6 @@ class Run:
 
     @cached_property
     def surface(self) -> Surface:
-        """The cloth as flat triangles."""
         return Surface.from_cloth(self.system.cloth)
 
     @cached_property
@@ -76,10 +75,8 @@ class Account:
         return self
 
     def changed(self, **values: Any) -> Self:
-        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost.
-
-        Nothing checks the names, and what a cached property holds is copied, too.
-        """
+        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost."""
+        # Nothing checks the names, and what a cached property holds is copied, too.
         after = object.__new__(type(self))
         vars(after).update(vars(self), **values)
         return after
@@ -120,11 +117,9 @@ class Accounts:
         return accounts
 
     def follow(self, run: Run, info: StepInfo) -> Accounts:
-        """Return the accounts after a step."""
         return self._replace_each(lambda record, others: record.follow(run, info, others))
 
     def finish(self, run: Run, end: End) -> Accounts:
-        """Return the accounts at the end of a run."""
         return self._replace_each(lambda record, others: record.finish(run, end, others))
 
     def _replace_each(self, new: Callable[[Account, Accounts], Account]) -> Accounts:
@@ -169,11 +164,9 @@ class Accounts:
         return new
 
     def words(self) -> list[str]:
-        """Return the lines for the log and the terminal."""
         return [words for record in self.records.values() if (words := record.words())]
 
     def summary(self) -> dict[str, object]:
-        """Return the entries of summary.json."""
         entries = [record.summary() for record in self.records.values()]
         return {key: value for entry in entries for key, value in entry.items()}
 

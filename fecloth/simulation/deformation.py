@@ -45,7 +45,6 @@ class Deformation(Account):
 
     @classmethod
     def open(cls, system: System, state: State, ledger: Ledger) -> Deformation:
-        """Return the record before the first step."""
         places = tuple(tuple(place.tolist()) for place in _places(system, state))
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
@@ -108,11 +107,10 @@ class Deformation(Account):
 def find_inflow(
     ledger: Ledger, kinetic: float, opening: float, in_place: Mapping[str, float]
 ) -> float:
-    """Return the work of loads without an energy, and of pins, on the deformation so far [J].
-
-    The change of the rigid motion's energy, kinetic and in the loads with an energy, is subtracted,
-    and what a load itself dissipates, such as the air. The arguments are as in `Deformation`.
-    """
+    """Return the work of loads without an energy, and of pins, on the deformation so far [J]."""
+    # The change of the rigid motion's energy, kinetic and in the loads with an energy, is
+    # subtracted, and what a load itself dissipates, such as the air. The arguments are as in
+    # `Deformation`.
     rigid = ledger.kinetic - kinetic
     rigid -= ledger.opening["kinetic"] - opening
     rigid += sum(ledger.potential[name] - energy for name, energy in in_place.items())
@@ -120,10 +118,8 @@ def find_inflow(
 
 
 def negligible_energy(system: System, seconds: float) -> float:
-    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)².
-
-    m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
-    """
+    """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)²."""
+    # m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
     pace = CREEP * system.cloth.extent / seconds
     return 0.5 * system.total_mass * pace**2
 

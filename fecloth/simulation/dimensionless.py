@@ -19,10 +19,8 @@ def wave_speed(fabric: Fabric) -> float:
 
 
 def swing_loss(angle: float) -> float:
-    """Part of the amplitude that backward Euler removes per period, with ω dt = angle.
-
-    Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
-    """
+    """Part of the amplitude that backward Euler removes per period, with ω dt = angle."""
+    # Each step multiplies the amplitude by 1/√(1 + ω² dt²), and a period has 2π / (ω dt) steps.
     return -math.expm1(-math.pi / angle * math.log1p(angle**2))
 
 
@@ -42,11 +40,9 @@ def distance_from_pins(system: System) -> float:
 
 
 def weight_over_stiffness(system: System) -> float:
-    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing.
-
-    L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
-    cantilever is its length.
-    """
+    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing."""
+    # L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
+    # cantilever is its length.
     known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
     if not (known and has_kind(system.terms, "bending")):
         return 0.0
@@ -70,10 +66,8 @@ def is_surrounded_by_pins(system: System) -> bool:
 
 
 def wrinkle_length(system: System) -> float:
-    """Length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m]; 0 without bending or weight.
-
-    Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
-    """
+    """Length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m]; 0 without bending or weight."""
+    # Cerda and Mahadevan (2003), Geometry and Physics of Wrinkling, Phys. Rev. Lett. 90, 074302.
     length = distance_from_pins(system)
     load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area
     known = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]

@@ -56,7 +56,6 @@ class Balance(Account):
 
     @classmethod
     def open(cls, ledger: Ledger, deformation: Deformation) -> Balance:
-        """Return the balance before the first step."""
         energy = deformation.energy(ledger)
         return cls(
             ledger.t,
@@ -100,11 +99,9 @@ class Balance(Account):
         return self._doubted(abs(self.remainder)) if self.off else self
 
     def _doubted(self, off: float) -> Balance:
-        """Return it with its doubt, where it is off by so much [J].
-
-        A balance must be off for ten steps in a row, all by more than is trusted at the last of
-        them: a load that sets in has moved little in its first steps.
-        """
+        """Return it with its doubt, where it is off by so much [J]."""
+        # A balance must be off for ten steps in a row, all by more than is trusted at the last of
+        # them: a load that sets in has moved little in its first steps.
         is_far = self.is_far or off > FAR * max(self.scale, self.kinetic)
         words = (
             f"step {self.steps}, at t = {self.t:g} s: the energy balance is off by "

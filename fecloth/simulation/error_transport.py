@@ -27,7 +27,6 @@ class Error:
 
     @classmethod
     def none(cls, x: np.ndarray) -> Error:
-        """Return no error of positions x."""
         return cls(np.zeros_like(x), np.zeros_like(x))
 
 

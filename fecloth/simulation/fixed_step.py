@@ -57,7 +57,6 @@ class FixedStep(ChosenSteps):
             raise InputError(f"dt = {self.dt!r}", "must be finite and > 0 [s]", "march")
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-        """Return the end of every step."""
         return step_times(t, self.dt, t_end, stops)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
@@ -132,7 +131,6 @@ class GivenSteps(ChosenSteps):
         memory: GivenMemory | None = None,
         history: History | None = None,
     ) -> Step:
-        """One step of the method, of the next size."""
         memory = memory or GivenMemory(0)
         size, last = self.sizes[memory.number], memory.method_memory
         step = take_step(self.method, system, state, size, solver, last, history)

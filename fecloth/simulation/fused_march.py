@@ -163,7 +163,6 @@ class Skipping:
     def skip(
         self, state: State, memory: object, number: int, wanted: Wanted | None
     ) -> Skipped | None:
-        """Take the steps before the `wanted` one, see `FusedMarch.skip`."""
         if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
             return None
         place = int(np.searchsorted(self.targets, state.t, side="right"))

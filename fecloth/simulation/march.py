@@ -63,7 +63,6 @@ class StepInfo:
 
     @property
     def t(self) -> float:
-        """The time reached [s]."""
         return self.result.state.t
 
     @property
@@ -225,7 +224,6 @@ def _snap_to_target(state, target, horizon):
 
 
 def _problem(system, state, most_stretch, check_stretch):
-    """Return the `Problem` of a new state, or None."""
     if not (np.isfinite(state.x).all() and np.isfinite(state.v).all()):
         return Problem("a position or velocity is not finite")
     stretch = largest_stretch(system.cloth, state.x) if check_stretch else 0.0

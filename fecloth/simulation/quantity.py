@@ -58,7 +58,6 @@ class Quantity:
 
     @property
     def is_field(self) -> bool:
-        """Whether it is a field over the cloth."""
         return self.name in FIELDS
 
     @cached_property

@@ -34,7 +34,6 @@ class RunRecord:
 
     @classmethod
     def of(cls, result: Result, cloth: Cloth | None = None, **more) -> RunRecord:
-        """Return the record of what `run` returned."""
         return cls(result.times, {**result.energies, **result.observed}, cloth, **more)
 
     @cached_property
@@ -48,10 +47,8 @@ class RunRecord:
         return column - column[0] if quantity.name.split(".")[0] in self.probes else column
 
     def column(self, quantity: Quantity) -> np.ndarray:
-        """Return (s + 1, 1) or (s + 1, 3) values over the run.
-
-        A column that this run does not have is zero: the energy of a term left out.
-        """
+        """Return (s + 1, 1) or (s + 1, 3) values over the run."""
+        # A column that this run does not have is zero: the energy of a term left out.
         name, none = quantity.column, np.zeros(len(self.times))
         names = [f"{name}.{c}" for c in COMPONENTS] if name in self.vectors else [name]
         return np.stack([self.columns.get(one, none) for one in names], axis=1)

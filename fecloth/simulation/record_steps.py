@@ -66,7 +66,6 @@ def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
 
 
 def _advance(steps, wanted: Wanted | None):
-    """Return the next recorded step, or None."""
     if wanted is None or not isinstance(steps, Generator):
         return next(steps, None)
     with suppress(StopIteration):
@@ -75,7 +74,6 @@ def _advance(steps, wanted: Wanted | None):
 
 
 def check_rows(rows: object) -> None:
-    """Raise `InputError` for what is no number of rows."""
     if not isinstance(rows, int) or isinstance(rows, bool) or rows < 1:
         raise InputError(f"rows = {rows!r}", "must be a whole number >= 1", "run")
 
@@ -91,10 +89,8 @@ def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo],
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:
-    """Return ``record(method, old, step)``, which does the work of recording a trial step.
-
-    `Auto` predicts the cost of a run with it.
-    """
+    """Return ``record(method, old, step)``, which does the work of recording a trial step."""
+    # `Auto` predicts the cost of a run with it.
     deformation = Deformation.open(system, observer.start, ledger)
 
     def record(method, old, step):

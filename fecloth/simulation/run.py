@@ -150,7 +150,6 @@ class Result:
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
-        """Return figures of the energies and the probes, for notebooks."""
         from fecloth.view.svg_chart import result_figures  # not needed to run
 
         return result_figures(repr(self), self.times, self.energies, self.observed)
@@ -290,7 +289,6 @@ def collect(
 
 
 def count_warnings(sentences: Sequence[str]) -> str:
-    """Return "no warnings", "1 warning" or "2 warnings"."""
     number = len(sentences)
     return f"{number or 'no'} warning{'' if number == 1 else 's'}"
 

@@ -160,11 +160,9 @@ def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
 
 
 def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
-    """Return the first columns of strains.csv for the principal stretches (m, 2), smaller first.
-
-    "1 %" is a percentile of the smaller stretches, "99 %" one of the larger; the median is the
-    median of the larger stretches.
-    """
+    """Return the first columns of strains.csv for the principal stretches (m, 2), smaller first."""
+    # "1 %" is a percentile of the smaller stretches, "99 %" one of the larger; the median is the
+    # median of the larger stretches.
     smaller, larger = np.asarray(stretches).T
     low, high = np.percentile(smaller, 1), np.percentile(larger, 99)
     values = smaller.min(), low, np.median(larger), high, larger.max()

@@ -67,7 +67,6 @@ class StabilityLimited(ChosenSteps):
 
     @cached_property
     def traits(self) -> protocol.MethodTraits:
-        """The traits of the method, with steps chosen below its limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def step(
@@ -79,7 +78,6 @@ class StabilityLimited(ChosenSteps):
         memory: LimitMemory | None = None,
         history: History | None = None,
     ) -> Step:
-        """One step from `state` over at most `horizon` [s]."""
         now = system.with_history(history)
         limited = memory or self._start(now, state)
         if limited.steps % LOOK == 0:
@@ -98,10 +96,8 @@ class StabilityLimited(ChosenSteps):
         return FRACTION * estimate(system, state, self.method)
 
     def _start(self, system: System, state: State) -> LimitMemory:
-        """Return the first memory: the lesser limit of the start and of the cloth at rest.
-
-        At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
-        """
+        """Return the first memory: the lesser limit of the start and of the cloth at rest."""
+        # At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
         dt = self._limit(system, state)
         unloaded = system.with_bound(t for t in system.bound if not t.load)
         with suppress(SolveFailed):

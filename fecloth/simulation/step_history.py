@@ -35,7 +35,6 @@ class StepHistory:
     accelerations: tuple[np.ndarray, ...] = ()  # (n, 3) each [m/s²]
 
     def after(self, system: System, traits: MethodTraits, old: State, new: State) -> StepHistory:
-        """Return the history after a step between these states."""
         if (drift := drift_of(traits)) is None:
             return self
         keep = drift[0] + 1

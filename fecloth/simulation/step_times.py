@@ -112,17 +112,14 @@ class ChosenSteps:
         return replace(self.method.traits, chooses_dt=True)
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-        """Return the stops and the end, at which a step must end."""
         return end_times(t, t_end, stops)
 
     def check(self, system: System) -> None:
-        """Raise `InputError` for a system that the method cannot step."""
         method = method_of(self)
         if method.traits.explicit and not chooses_method(self):  # Auto has no method yet
             method.check(system)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Numerical dissipation [J] of a step, by the method's own formula."""
         return self.method.numerical(system, old, step)
 
     def check_start(self, system: System, state: State, insist: str = "") -> None:
@@ -130,7 +127,6 @@ class ChosenSteps:
 
 
 def targets_after(targets, t):
-    """Return the targets after t."""
     if not targets[-1] > t:
         raise InputError(f"t_end = {targets[-1]}", f"must be > {t} [s]", "march")
     return targets[targets > t]

@@ -130,7 +130,6 @@ class TimeError(Account):
 
     @classmethod
     def open(cls, state: State, start: Sample) -> TimeError:
-        """Return the estimate before the first step."""
         return cls(state.x, start, (start,), looked=start.t)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> TimeError:
@@ -182,7 +181,6 @@ class TimeError(Account):
     def sampled(
         self, system: System, traits: MethodTraits, state: State, sample: Sample
     ) -> TimeError:
-        """Return the estimate with one more sample, of this state."""
         if (drift := drift_of(traits)) is None:
             return self.changed(due=NEVER)
         q, constant = drift
@@ -268,21 +266,17 @@ class TimeError(Account):
         return JUMPS if self.jumps else ""
 
     def kick_length(self, system: System, t: float) -> float:
-        """Return how far jumps of loads have moved the cloth away from the solution at t [m].
-
-        A wrong velocity δ moves it by δ times the time since, or by δ/ω at most in a motion of
-        frequency ω, the largest speed over the largest displacement.
-        """
+        """Return how far jumps of loads have moved the cloth away from the solution at t [m]."""
+        # A wrong velocity δ moves it by δ times the time since, or by δ/ω at most in a motion of
+        # frequency ω, the largest speed over the largest displacement.
         if not self.kick:
             return 0.0
         return self.kick * min(t - self.kicked, self.moved / max(self._speed(system), 1e-300))
 
     def _kicked(self, run: Run, state: State, sample: Sample) -> TimeError:
-        """Return the estimate with the jumps of loads since the last sample.
-
-        A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
-        velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
-        """
+        """Return the estimate with the jumps of loads since the last sample."""
+        # A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
+        # velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
         last = self.recent[-1]
         if not run.loads or not sample.t > last.t or drift_of(run.method.traits) is None:
             return self
@@ -308,7 +302,6 @@ class TimeError(Account):
         return self.looked + OFTEN * (self.looked - self.start.t)
 
     def _looked(self, mass: np.ndarray, state: State) -> TimeError:
-        """Return the estimate with another look at the displacement."""
         moved = rms(mass, state.x - self.opening)
         return self.changed(moved=max(self.moved, moved), looked=state.t)
 
@@ -360,7 +353,6 @@ def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
 
 
 def _mean_step(a, b):
-    """Return the mean size of the steps between two samples [s]."""
     return (b.t - a.t) / (b.step - a.step)
 
 

@@ -62,11 +62,9 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
 
 
 def warn_of_dissipation(system: System, balance: Balance, ledger: Ledger) -> str:
-    """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
-
-    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
-    loads keep in motion loses more than it ever has. A cloth that only flies has none.
-    """
+    """Return a sentence if the method has dissipated more than 20 % of the motion, or ""."""
+    # The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
+    # loads keep in motion loses more than it ever has. A cloth that only flies has none.
     if ledger.silent or ledger.t <= balance.start:
         return ""
     lost = ledger.numerical + sum(ledger.dissipated.values())

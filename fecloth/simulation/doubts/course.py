@@ -107,11 +107,9 @@ def find_fast_waves(run: PlannedRun) -> Iterator[str]:
 
 
 def _loss(system: System, dt: float) -> float:
-    """Return the part of the amplitude that damping takes in a step, of fast or of all waves.
-
-    The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
-    that it resolves by 1 − d dt/2.
-    """
+    """Return the part of the amplitude that damping takes in a step, of fast or of all waves."""
+    # The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
+    # that it resolves by 1 − d dt/2.
     stiffness, damping = system.rate_bounds()
     return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2)) if stiffness else 0.0
 

@@ -31,7 +31,6 @@ class PlannedRun:
 
     @property
     def t_end(self) -> float:
-        """The end of the run [s]."""
         return float(self.ends[-1])
 
     @property
@@ -47,7 +46,6 @@ class PlannedRun:
 
     @property
     def method(self) -> Any:
-        """The method as reports name it."""
         return method_to_report(self.steps)
 
     @cached_property
@@ -57,7 +55,6 @@ class PlannedRun:
 
     @cached_property
     def signals(self) -> tuple[Signal, ...]:
-        """All motions and loads that depend on time."""
         is_fixed = self.steps.dt is not None
         return tuple(find_signals(self.system, self.state, self.t_end, is_fixed))
 

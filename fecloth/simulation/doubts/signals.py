@@ -85,7 +85,6 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
 
 
 def name_motion(pin: str) -> str:
-    """Return what a warning calls the motion of a pin."""
     return f"the motion of the pin {pin!r}"
 
 
@@ -133,7 +132,6 @@ def _fields(bound) -> Iterator[object]:
 
 
 def _has_time(parts) -> bool:
-    """Return whether t stands in a formula."""
     return any(isinstance(p, Formula) and re.search(r"\bt\b", p.text) for p in parts)
 
 

@@ -56,10 +56,8 @@ def _missed_in_words(signal: Signal, dt: float) -> str:
 
 
 def _sees(signal: Signal, dt: float, near: Span) -> bool:
-    """Return whether steps see a signal, on the whole and near the step that missed most of it.
-
-    Of a run of many steps the whole is left out: what its few samples meet is chance.
-    """
+    """Return whether steps see a signal, on the whole and near the step that missed most of it."""
+    # Of a run of many steps the whole is left out: what its few samples meet is chance.
     if missed_share(signal, dt, near)[0] > MISSED_BY_REMEDY:
         return False
     begin, end = signal.span
@@ -133,11 +131,9 @@ def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 
 def find_short_pulses(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each motion or load that chosen steps may jump over.
-
-    It acts for less than the distance between the samples that `Adaptive` takes inside its longest
-    possible step, and in less than a quarter of the run.
-    """
+    """Yield a sentence for each motion or load that chosen steps may jump over."""
+    # It acts for less than the distance between the samples that `Adaptive` takes inside its
+    # longest possible step, and in less than a quarter of the run.
     if run.steps.dt is not None:
         return iter(())
     return say_of_each(run.signals, _pulse_in_words, run, longest_step(run))

@@ -19,10 +19,8 @@ RESERVE = 1.5  # on the slope of a distance that is not convex
 
 
 def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) -> np.ndarray:
-    """The largest part (m,) in [0, 1] of each way (m, 3) that leaves its point y (m, 3) outside.
-
-    Both are in the frame of the shape. A point inside may not move.
-    """
+    """The largest part (m,) in [0, 1] of each way (m, 3) that leaves its point y (m, 3) outside."""
+    # Both are in the frame of the shape. A point inside may not move.
     parts = np.ones(len(y))
     d = shape.distance(y, t)
     least = LEFT * np.minimum(d, gap)

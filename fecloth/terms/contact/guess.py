@@ -44,7 +44,6 @@ class Way:
         return float(self.contact.free_part(self.begin, self.to_body(x), self.t))
 
     def allows(self, x: np.ndarray) -> bool:
-        """Whether nothing is inside or crossed at x."""
         return bool(self.contact.allows(x, self.t))
 
 

@@ -39,11 +39,9 @@ class NodePoints:
         return of_nodes[which]
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
-        """f (n, 3) += the forces F (p, 3) on some of the points."""
         f[which] += F
 
     def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
-        """J += the tangents K (p, 3, 3) of some of the points."""
         J.values[J.pattern.diagonal[which]] += K
 
 
@@ -61,7 +59,6 @@ class TrianglePoints:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """(m, k, k) blocks of the triangles in the matrix."""
         return self.find_slots(self.stencil)
 
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
@@ -122,10 +119,8 @@ def longest_edges(cloth: Cloth) -> np.ndarray:
 
 
 def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]:
-    """The points of a cloth with k parts an edge, each with its area.
-
-    The area of each part goes to its three corners in equal shares.
-    """
+    """The points of a cloth with k parts an edge, each with its area."""
+    # The area of each part goes to its three corners in equal shares.
     lattice, shares = _lattice(k)
     values = _shape_functions(cloth, lattice)
     m, stencil = len(cloth.stencil), cloth.stencil
@@ -158,11 +153,9 @@ def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
-    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each.
-
-    They are linear within the triangle or, for P2, within the four triangles between its nodes:
-    the surface that is drawn, and that touches itself.
-    """
+    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each."""
+    # They are linear within the triangle or, for P2, within the four triangles between its nodes:
+    # the surface that is drawn, and that touches itself.
     corners = np.column_stack([1 - places.sum(axis=1), places])
     if cloth.element == "P1":
         return corners
@@ -172,10 +165,8 @@ def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
 
 
 def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first row of each place of the cloth, and the number of the place for each row.
-
-    Two rows are one place if the same nodes have the same shape functions, as on a common edge.
-    """
+    """The first row of each place of the cloth, and the number of the place for each row."""
+    # Two rows are one place if the same nodes have the same shape functions, as on a common edge.
     value = np.rint(N / ROUND).astype(np.int64)
     named = np.where(value == 0, -1, nodes)
     order = np.argsort(named, axis=1)
