@@ -345,7 +345,10 @@ METHODS = [
         (lambda c=cls: c(beyond_limit="yes"), rf"{cls.__name__}: beyond_limit = 'yes': must be Tr")
         for cls in (fc.CentralDifference, fc.ForwardEuler, fc.Newmark)
     ),
-    (lambda: MethodTraits(order=1, explict=True), "trait 'explict': is not known; .* are order, "),
+    (
+        lambda: MethodTraits(order=1, explict=True),
+        "'explict' is unknown: .*mean 'explicit'",
+    ),
     (lambda: MethodTraits(order=1, explicit=True), "no explicit method is A-stable"),
     *(
         (lambda m=method: StabilityLimited(m), "has no stable step to choose")

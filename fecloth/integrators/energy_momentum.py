@@ -1,6 +1,7 @@
 """Energy–momentum: the midpoint rule with forces that depend on both ends of the step."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -85,7 +86,7 @@ class EnergyMomentum(StageMethod):
     def __post_init__(self) -> None:
         validation.one_of("tangent", self.tangent, ("auto", "symmetric", "exact"), "EnergyMomentum")
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
         symmetric = self.tangent != "exact"

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -158,7 +159,7 @@ class Newmark(AccelerationMethod):
             raise InputError(f"gamma = {self.gamma!r}", "must be >= 0.5", "Newmark")
         flag("beyond_limit", self.beyond_limit, "Newmark")
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """Of second order for γ = ½, where damping does not widen the limit as it does for γ > ½.
 
@@ -243,7 +244,7 @@ class GeneralizedAlpha(AccelerationMethod):
         lag = alpha_f - alpha_m
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
-    @property
+    @cached_property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """Error constant β − ½ (α_f − α_m) − 1/6: a belongs to a time (α_f − α_m) dt before."""
         alpha_m, alpha_f, beta, _ = self.parameters

@@ -9,16 +9,17 @@ file studies/examples/integrator.py has one of each. `fecloth.integrators` expor
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from inspect import signature
 from numbers import Integral
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import numpy as np
 
 from fecloth.errors import InputError, brief, is_number
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.newton import NewtonFailed
+from fecloth.quantities.arguments import checks_arguments
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
@@ -26,6 +27,7 @@ from fecloth.terms.step_difference import StepDifference
 ALL_STUDIES = ("chart", "stability", "tune")
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class MethodTraits:
     """The constants of a method, which the rest of fecloth reads before and during a run.
@@ -98,15 +100,6 @@ class MethodTraits:
     gains: bool = False
     solves: bool = True
     studied: tuple[str, ...] = ()
-
-    def __new__(cls, *values: object, **named: object) -> Self:
-        """Refuse a misspelt trait before the constructor of the dataclass runs."""
-        names = [field.name for field in fields(cls)]
-        for name in named:
-            if name not in names:
-                allowed = f"is not known; the traits are {', '.join(names)}"
-                raise InputError(f"trait {name!r}", allowed, cls.__name__)
-        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         if not isinstance(self.order, Integral) or isinstance(self.order, bool) or self.order < 0:
