@@ -40,6 +40,38 @@ def required(target):
     return {name: right.get(name, 1.0) for name in needed}
 
 
+MISTAKES = {  # of newcomers, by what the error says of them
+    r"argument 'h' is unknown.*Cloth\.rectangle\(width, height, h\)": lambda: fc.Cloth(1, 1, h=0.1),
+    r"missing.*Fabric\.preset\(\"cotton\"\)": lambda: fc.Fabric("denim"),
+    r"gusts = 20: must be in 0 … 2": lambda: fc.Wind((5, 0, 0), 1.0, gusts=20),
+    r"t_end is missing.*fc\.equilibrium": lambda: run(dt=0.1),
+    r"in 1 iteration, as max_iterations = 1 allows no more": lambda: run(
+        dt=0.1, t_end=0.1, newton=fc.Newton(1e-12, max_iterations=1)
+    ),
+}
+
+
+def run(**given):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, 0.5, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), fc.Gravity()], ["left"])
+    return fc.run(system, fc.BDF2(), system.rest(), **given)
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_of_newcomers_names_what_to_do(words):
+    with pytest.raises(fc.FeclothError, match=words):
+        MISTAKES[words]()
+
+
+@pytest.mark.parametrize(("gusts", "is_refused"), [(1.6, False), (2.5, True), (-0.1, True)])
+def test_gusts_may_be_twice_the_wind(gusts, is_refused):
+    if is_refused:
+        with pytest.raises(fc.InputError, match="gusts"):
+            fc.Wind((5, 0, 0), 1.0, gusts=gusts)
+    else:
+        assert fc.Wind((5, 0, 0), 1.0, gusts=gusts).gusts == gusts
+
+
 @pytest.mark.parametrize("target", CLASSES + FUNCTIONS, ids=lambda target: target.__qualname__)
 def test_arguments_that_do_not_fit_are_an_input_error_with_all_arguments(target):
     names, needed = list(inspect.signature(target).parameters), required(target)

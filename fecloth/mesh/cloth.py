@@ -25,6 +25,7 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH, TIME
 
 
+@checks_arguments
 @dataclass(frozen=True, eq=False)
 class Cloth:
     """The flat reference shape of a cloth as a mesh of oriented triangles.

@@ -25,6 +25,7 @@ ROUGH = 0.1  # relative residual of solves with a matrix that is not the exact o
 CLAMPED = 4  # iterations of a step that try clamped tangents before they add mass
 EXPLORED = 12  # whole steps within which the potential must fall below the end of a search
 SLOW = 0.5  # of the residual left after a whole step with a definite matrix: it is slow
+FEW = 20  # iterations; a smaller limit is the cause of a failure
 PATIENCE, REFINED = 3, 30  # slow steps in a row before `refine`, and its most iterations
 ROUND_OFF = 8.0  # times the change of the residual when the last digits of all numbers change
 
@@ -89,6 +90,8 @@ def iterate(
         if length > 0.0:
             report(Progress(number + 1, point, remedies.order[remedies.last], length))
     missed = f"Newton did not converge in {amount(most, 'iteration')}"
+    if most < FEW:
+        missed += f", as max_iterations = {most} allows no more"
     reason = work.reason if length == 0.0 else missed
     raise equation.failure(reason, point, work.relative(point))
 

@@ -19,6 +19,13 @@ OLD_NAMES = {"Pressure": {"p": "pressure"}}
 """By class: arguments that had another name in earlier versions, which is still accepted."""
 
 
+MADE_BY = {
+    "Cloth": "Make one by Cloth.rectangle(width, height, h), Cloth.disk(radius, h) or Cloth.read.",
+    "Fabric": 'Published ones are made by Fabric.preset("cotton"); Fabric.presets() has the names.',
+}
+"""By class: what makes an object of it in the usual way."""
+
+
 def by_new_names(owner: str, named: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments by their names of today; `InputError` for one that is given by both."""
     new = OLD_NAMES.get(owner, {})
@@ -70,6 +77,7 @@ def _bind(
     verbs = ("needs", "may have")
     takes = [f"it {verb} {text}" for verb, text in zip(verbs, names, strict=True) if text]
     allowed = ", and ".join(takes) or "it takes no arguments"
+    remedy = remedy or MADE_BY.get(target.__qualname__, "")
     raise InputError(what, allowed, target.__qualname__, remedy) from None
 
 

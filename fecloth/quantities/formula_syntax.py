@@ -2,6 +2,7 @@
 
 import ast
 import copy
+import re
 import warnings
 from collections.abc import Callable, Sequence
 from typing import NoReturn
@@ -20,6 +21,7 @@ from fecloth.quantities.formula_functions import (
 )
 from fecloth.suggest import did_you_mean
 
+NUMBER_AND_UNIT = r"[-+0-9.]+(e[-+]?\d+)?\s*[A-Za-z%][A-Za-z0-9/*^]*"
 LONGEST, DEEPEST, LARGEST_POWER = 500, 100, 100  # characters, nested operations, exponent
 
 
@@ -54,6 +56,8 @@ class _Reader:
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             at = getattr(error, "offset", None)
             remedy = "Powers are written **." if "^" in self.text else ""
+            if re.fullmatch(NUMBER_AND_UNIT, self.text):
+                remedy = "A formula has no units: write its numbers in SI, as 0.02 for 2 cm."
             self.refuse(
                 "not an expression" + (f" (see character {at})" if at else ""), None, remedy
             )

@@ -23,6 +23,9 @@ EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
     """Return the stops after t and before t_end, in order, and t_end."""
+    if t_end is None:
+        remedy = "The shape at rest, without time, is fc.equilibrium(system, state)."
+        raise InputError("t_end is missing", "must be the end of the run [s]", "march", remedy)
     if not isinstance(t_end, Real) or isinstance(t_end, bool):
         raise InputError(f"t_end = {t_end!r}", "must be a number [s]", "march")
     if not (math.isfinite(t_end) and t_end > t):

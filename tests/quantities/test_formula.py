@@ -116,6 +116,8 @@ REFUSED = [
     ("where(t == 1, 1, 2)", "compare by < <= > >=.*For equality"),
     ("where(t is t, 1, 2)", "compare by"),
     ("t^2", "Powers are written \\*\\*"),
+    ("2 cm", "not an expression.*A formula has no units: .* as 0.02 for 2 cm"),
+    ("1.5e-3m/s", "A formula has no units"),
     ("sin(t", "not an expression"),
     ("", "not an expression"),
     ("import os", "not an expression"),

@@ -16,6 +16,8 @@ from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_dr
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import DRAG
 
+STRONGEST = 2.0  # intensity of gusts: behind bluff bodies it reaches 1
+
 
 @dataclass(frozen=True)
 class Wind:
@@ -48,7 +50,7 @@ class Wind:
     tangent
         "symmetric" or "exact", see `Drag`.
     gusts
-        Turbulence intensity: the standard deviation of each component divided by the mean speed.
+        Turbulence intensity, 0 … 2: the standard deviation of each component over the mean speed.
         With gusts `velocity` must be three numbers. The field is described in
         `fecloth.terms.loads.air_velocity.Gusts`.
     gust_length
@@ -80,7 +82,10 @@ class Wind:
     def __post_init__(self):
         check_drag(self)
         air_velocity.velocity_field(self.velocity, "Wind")
-        validation.positive("gusts", self.gusts, "", "Wind", or_zero=True)
+        if not (is_number(self.gusts) and 0 <= self.gusts <= STRONGEST):
+            allowed = f"must be in 0 … {STRONGEST:g}: the standard deviation over the mean speed"
+            remedy = "In the open air it is 0.1 to 0.3."
+            raise InputError(f"gusts = {self.gusts!r}", allowed, "Wind", remedy)
         validation.positive("gust_length", self.gust_length, "m", "Wind")
         if not (is_number(self.seed) and 0 <= self.seed < 2**32):
             raise InputError(f"seed = {self.seed!r}", "must be in 0 … 2³² − 1", "Wind")
