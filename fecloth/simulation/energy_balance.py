@@ -103,10 +103,12 @@ class Balance(Account):
         # A balance must be off for ten steps in a row, all by more than is trusted at the last of
         # them: a load that sets in has moved little in its first steps.
         is_far = self.is_far or off > FAR * max(self.scale, self.kinetic)
+        by = "off by {:.3g} J, where the energy of deformation was {:.3g} J at most"
+        if not math.isfinite(self.remainder):
+            by = "not known, because an energy is not finite: the cloth touches an obstacle"
         words = (
-            f"step {self.steps}, at t = {self.t:g} s: the energy balance is off by "
-            f"{self.remainder:.3g} J, where the energy of deformation was {self.scale:.3g} J at "
-            f"most: {DISTRUST}; take a smaller dt"
+            f"step {self.steps}, at t = {self.t:g} s: the energy balance is "
+            f"{by.format(self.remainder, self.scale)}: {DISTRUST}; take a smaller dt"
         )
         return self.changed(doubt=self.doubt or words, is_far=is_far)
 

@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.simulation import verdict
 from fecloth.simulation.account import End, Run
 from fecloth.simulation.deformation import Deformation
+from fecloth.simulation.doubts.before_run import OF_SCENES
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -76,3 +78,24 @@ def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, is_cause, monk
 @pytest.mark.parametrize(("error", "doubted"), [(0.08, False), (0.125, True)])
 def test_a_jump_matters_where_the_error_does(error, doubted, monkeypatch):
     assert ("jumps by" in doubt(monkeypatch, error, jump=0.1)) == doubted
+
+
+@pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=str)
+def test_steps_that_do_not_resolve_a_taut_sheet_are_one_warning(method):
+    """Before the first step and at the end; what follows from the long steps is not said too."""
+    system = fc.System(CLOTH, fc.Fabric(0.2, 2000.0, 0.3), [fc.StVK(), fc.Gravity()], ["boundary"])
+    start = system.state(1.02 * system.rest().x)
+    before = warnings_before(system, 0.02, 0.6, method, start, doubts=OF_SCENES)
+    with pytest.warns(fc.FeclothWarning):
+        result = fc.run(system, method, start, 0.02, 0.6)
+    (words,) = (*before, *result.warnings)
+    assert words.startswith("error in time: not resolved")
+
+
+def test_an_energy_that_is_not_finite_is_told_in_words():
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK()], ["left"])
+    ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, numerical=float("inf"))
+    after = Balance(0.0, largest=1.0).after(system, ledger, Deformation(0.0, 0.0, in_place={}))
+    words = after.finish(None, None, None).doubt
+    assert "an energy is not finite" in words
+    assert "nan" not in words

@@ -1,0 +1,54 @@
+"""The warning of wrinkles as fine as the mesh: each remedy that it names takes it away."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.doubts.course import WRINKLES
+
+PLATE = (fc.StVK(), fc.PlateBending())
+
+
+def pushed_together(h, terms):
+    """A sheet whose ends come nearer by 7 %: its warnings, and the rms of its height [m]."""
+    cloth = fc.Cloth.rectangle(0.4, 0.2, h=h, pattern="right")
+    pins = [fc.Pin("left"), fc.Pin("right", ("-0.03 * smoothstep(0, 0.2, t)", "0", "0"))]
+    damping = fc.StrainRateDamping(time=0.005), fc.MassDamping(rate=5.0)
+    fabric = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-3)
+    system = fc.System(cloth, fabric, [*terms, *damping], pins)
+    X, Y = cloth.X.T
+    z = 2e-3 * np.sin(np.pi * X / 0.4) ** 2 * (1 + np.sin(9 * Y))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        start = system.state(np.column_stack([X, Y, z]))
+        result = fc.run(system, fc.BackwardEuler(), start, 0.01, 0.3)
+    return result.warnings, np.sqrt(
+        system.nodal_mass @ result.state.x[:, 2] ** 2 / system.total_mass
+    )
+
+
+def wrinkles(found):
+    return [words for words in found if words.startswith(WRINKLES)]
+
+
+@pytest.mark.parametrize(
+    ("h", "terms", "remedy", "by"),
+    [
+        (0.1, PLATE, "take h below half of the present one", (0.045, PLATE)),
+        (0.05, [fc.StVK()], "add PlateBending", (0.05, PLATE)),
+        (0.05, [fc.StVK()], "use TensionField", (0.05, [fc.TensionField()])),
+    ],
+)
+def test_each_remedy_takes_the_warning_away(h, terms, remedy, by):
+    (words,) = wrinkles(pushed_together(h, terms)[0])
+    assert remedy in words
+    assert wrinkles(pushed_together(*by)[0]) == []
+
+
+def test_a_mesh_that_is_finer_still_tells_the_same_height():
+    """Half of the mesh that warns is within 10 % of a quarter; the one that warns is not."""
+    warned, resolved, finer = (pushed_together(h, PLATE)[1] for h in (0.1, 0.05, 0.025))
+    assert resolved == pytest.approx(finer, rel=0.1)
+    assert warned != pytest.approx(finer, rel=0.1)
