@@ -182,7 +182,7 @@ def plate(radius: float, thickness: float) -> Body:
 def box(*size: float) -> Body:
     make = obstacle(lambda c, _, motion: fc.shapes.Box(place(c), size, **motion))
     half = np.array(size) / 2
-    lines = bars(half) if sorted(size)[1] < 0.005 else NO_LINES
+    lines = bars(half) if min(size) < 0.005 else NO_LINES
     return Body(make, lambda y, t: (half - abs(y)).min(axis=1), lines=lines, can_turn=False)
 
 

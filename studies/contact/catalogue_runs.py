@@ -15,18 +15,26 @@ from fecloth import study
 from fecloth.mesh.surface import Surface, count_intersections, find_intersections
 from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
+from fecloth.terms.contact.points import DIP
 from studies.contact.catalogue_bodies import Body
 from studies.contact.catalogue_scenes import Scene, draw, inner_points
 
 PARTS = 64  # of a step, at which it is looked whether a triangle passes over a point
 
 
-def watch(kind: str, seed: int, number: int) -> dict:
-    """Counts of crossings and piercings, least distances and cost, of all steps of a scene."""
+def watch(kind: str, seed: int, number: int, most: int | None = None) -> dict:
+    """Counts of crossings and piercings, least distances and cost, of all steps of a scene.
+
+    A scene with a solution is left after the step in which it has had `most` iterations.
+    """
     warnings.simplefilter("ignore", fc.FeclothWarning)
     ipctk.set_num_threads(1)  # then all contacts have the same order in each run
     scene = draw(kind, seed, number)
-    row = {"feasible": not scene.names, "triangles": len(surface_of(scene)), "end": "finished"}
+    row: dict = {
+        "feasible": not scene.names,
+        "triangles": len(surface_of(scene)),
+        "end": "finished",
+    }
     row |= {"message": "", "crossings": 0, "piercings": 0, "least": 1.0, "least_inside": 1.0}
     row |= {"steps": 0, "rejected": 0, "newton": 0, "cpu_seconds": 0.0}
     before, begin = scene.start, time.process_time()
@@ -42,6 +50,8 @@ def watch(kind: str, seed: int, number: int) -> dict:
             row["rejected"] += info.counts.rejected
             row["newton"] += info.counts.newton
             before, begin = state, time.process_time()
+            if most and row["newton"] >= most and not scene.names:
+                break
     except fc.StepFailed as failure:
         named = bool(scene.names) and all(name in str(failure) for name in scene.names)
         row |= {"end": "named" if named else "lost", "message": str(failure)}
@@ -66,7 +76,9 @@ def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
     crossings = count_intersections(triangles, state.x)
     row["crossings"] += len(triangles) if crossings is None else crossings
     for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
-        announced = cutting_depth(term, cloth) if isinstance(term, BoundObstacle) else 0.0
+        announced = 0.0
+        if isinstance(term, BoundObstacle):  # between its points triangles dip by so much
+            announced = max(cutting_depth(term, cloth), DIP * term.gap)
         row["piercings"] += count_piercings(body, triangles, before, state, announced)
         if body.depth is not None:
             row["least"] = min(row["least"], -float(body.deep(state.x, state.t).max()))
@@ -79,10 +91,7 @@ def count_piercings(
 ) -> int:
     """Triangles that a body pierces after a step, or that passed over its middle in it."""
     y0, y1 = (body.to_frame(at.x, at.t) for at in (before, state))
-    way = body.lines[:, 1] - body.lines[:, 0]
-    length = np.linalg.norm(way, axis=1)[:, None]
-    inset = np.minimum(announced / length, 0.5) * way  # so far the ends of an edge may cut
-    lines = body.lines + np.stack([inset, -inset], axis=1)
+    lines = np.sign(body.lines) * np.maximum(abs(body.lines) - announced, 0.0)
     cut = count_cut(lines, y1[triangles]) + count_cut_by_mesh(body, triangles, y1)
     return cut + count_swept(body.inner, y0[triangles], y1[triangles])
 
