@@ -23,9 +23,10 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .mesh.cloth import Cloth
 from .mesh.grading import Grading
-from .nonlinear.equilibrium import Equilibrium, EquilibriumFailed, equilibrium
+from .nonlinear.equilibrium import Equilibrium, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
+from .nonlinear.static_equation import EquilibriumFailed
 from .output.frame_arrays import fields
 from .output.frames import Frames, read_frame, write_vtk
 from .quantities.rotation import Rotation

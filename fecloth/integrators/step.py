@@ -56,6 +56,8 @@ class Step:
     earlier: History | None = None
     # the size [s] that a choice of steps asked of the method, if it was another than in `march`
     size: float | None = None
+    # (n, 3) [N] the force at the begin, of a step whose pins do the work of the mean of both ends
+    first_force: np.ndarray | None = None
 
     def around(self, system: System) -> tuple[System, System]:
         """The system with the history of its terms before, and after the step."""
@@ -85,6 +87,11 @@ class Step:
             force: np.ndarray = mass * sum(a for _, a in self.accelerations)
             return force
         return (self.over or system).force(self.balanced_at)
+
+    def force_on_pins(self, system: System) -> np.ndarray:
+        """(n, 3) force [N] against which the pins do their work over the step."""
+        force = self.mean_force(system)
+        return force if self.first_force is None else 0.5 * (self.first_force + force)
 
     @cached_property
     def solved_force(self) -> np.ndarray:

@@ -140,6 +140,11 @@ class StaticEquation:
         slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
         if slack:
             reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
+        if not remedy and any(term.needs_path for term in self.system.bound):
+            remedy = (
+                "Take more load_steps, hold the cloth by a pin or by more friction, or march with "
+                "damping."
+            )
         if not remedy and has_limits(self.system):
             remedy = (
                 "On an obstacle without friction the cloth may slide and turn: hold what is free "

@@ -237,7 +237,7 @@ def _pin_work(system, theta, old, step):
     fixed = not any(pin.moves for pin, _ in constraints.groups.values())
     if not len(at) or (fixed and not constraints.held_part(old.v).any()):
         return 0.0  # otherwise pins stop an initial motion of fixed nodes
-    dv, f = step.state.v - old.v, step.mean_force(system)[at]
+    dv, f = step.state.v - old.v, step.force_on_pins(system)[at]
     held_v = constraints.held_part(old.v + theta * dv)
     held_x = constraints.held_part(step.state.x - old.x)
     inertia = system.mass_times(dv)[at]

@@ -7,7 +7,7 @@ files and probes serve a static scene as they serve a motion.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -17,7 +17,8 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equilibrium import increase_loads, static_context
+from fecloth.nonlinear.equilibrium import static_context
+from fecloth.nonlinear.increments import increase_loads
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.simulation.step_times import step_times
@@ -32,9 +33,10 @@ TERMS_TIME = 0.0  # at which loads are evaluated: loads of a static scene do not
 @remembered
 @dataclass(frozen=True, eq=False)
 class LoadRate:
-    """∂x/∂(part of the loads) (n, 3) [m] after a step: where the next one begins its search."""
+    """After a step: where the next one begins its search, and the force on the pins."""
 
-    rate: np.ndarray
+    rate: np.ndarray  # (n, 3) ∂x/∂(part of the loads) [m]
+    force: np.ndarray  # (n, 3) of all terms [N]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,9 @@ class LoadSteps:
         """
         still = np.zeros_like(state.x)
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon
-        rate: Any = 0.0 if memory is None else memory.rate
+        rate: Any = memory.rate if memory else 0.0
+        opening = system.with_bound(_scaled(system.with_history(history), state.t))
+        first = memory.force if memory else opening.force(state)
         try:
             solved, rate, over, after = increase_loads(
                 system, start, solver, horizon, (state.t, load), rate, history
@@ -125,23 +129,24 @@ class LoadSteps:
         except EquilibriumFailed as failure:
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
         new, over = State(load, solved.x, still), over.with_bound(_scaled(over, load))
-        counts, earlier = solved.counts, history
-        return Step(new, new, LoadRate(rate), counts, over=over, history=after, earlier=earlier)
+        reached = LoadRate(rate, over.force(new))
+        step = Step(new, new, reached, solved.counts, over=over, first_force=first)
+        return replace(step, history=after, earlier=history)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
 
         The energies and the work in the ledger are for the full loads. The work of moved pins is
-        their force at the end times the way. Of a step that was halved, what terms with a history
-        dissipated before the last part is in it.
+        the mean of their forces at both ends times the way. Of a step that was halved, what terms
+        with a history dissipated before the last part is in it.
         """
         start, end = step.around(system)
         before, after = start.energies(old), end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
         for term in (step.over or system).bound:
-            work -= term.dissipation(step.state.x)
+            work += term.work(step.state.x) - term.dissipation(step.state.x)
         held, at = system.constraints.held_part, system.constraints.nodes
-        work -= system.sums.dot(step.mean_force(system)[at], held(step.state.x - old.x))
+        work -= system.sums.dot(step.force_on_pins(system)[at], held(step.state.x - old.x))
         return sum(before.values()) - sum(after.values()) + work
 
     def __str__(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
@@ -21,16 +22,22 @@ class RestStability(Account):
     least: float = math.nan  # [N/m]; NaN if it was not found
     zero: float = 0.0  # size up to which it may be round-off [N/m]
     is_reached: bool = False  # whether the cloth has come to its equilibrium
+    path: str = ""  # by `describe_path`
 
     @classmethod
-    def of(cls, system: System, state: State) -> RestStability:
+    def of(cls, system: System, state: State, load_steps: int = 1) -> RestStability:
         """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
-        return cls(*least_stiffness(system, state), is_reached=True)
+        about = resist_disturbances(system, state, 1 / load_steps)
+        path = describe_path(system, load_steps)
+        return cls(*least_stiffness(about, state), is_reached=True, path=path)
 
     def finish(self, run: Run, end: End, others: Accounts) -> RestStability:
-        return self.of(run.system, end.state) if end.is_whole else self
+        return self.of(run.system, end.state, run.method.load_steps) if end.is_whole else self
 
     def words(self) -> str:
+        return f"{self._stability()}; {self.path}" if self.path else self._stability()
+
+    def _stability(self) -> str:
         if not self.is_reached:
             return "equilibrium: not reached"
         if math.isnan(self.least):

@@ -253,14 +253,14 @@ class System(Arguments):
 
         It is the system itself if no term depends on the step. Without `rates`, as for a method
         that has no difference for rates over the step, only terms with a record in the `history`
-        are asked.
+        are asked, and over an increment of the loads also contact.
         """
-        if history is None and not rates:
+        if history is None and not rates and not step.increment:
             return self
         records = history or (None,) * len(self.bound)
         return self._with_changed(
             term.over_step(step if record is None else replace(step, history=record))
-            if rates or record is not None
+            if rates or record is not None or (step.increment and term.limits_direction)
             else term
             for term, record in zip(self.bound, records, strict=True)
         )

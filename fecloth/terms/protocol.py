@@ -100,8 +100,9 @@ class BoundTerm:
     stores_strain
         False for a term whose energy is not the energy of a strain: the error in space leaves it
         out.
-    no_equilibrium
-        Why there is no unique equilibrium with the term, as with friction; "" if there is.
+    needs_path
+        True where an equilibrium depends on the way there, as with friction. Part of the force over
+        an `Increment` of the loads is then that of its `place`: the increment is solved again.
     needs_end
         Why only methods that solve for the forces at the end of a step may be used:
         `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
@@ -126,7 +127,7 @@ class BoundTerm:
     velocity_dependent: Any = False
     load: Any = False
     stores_strain: Any = True
-    no_equilibrium: Any = ""
+    needs_path: Any = False
     needs_end: Any = ""
     needs_difference: Any = False
     conserves: Any = False

@@ -1,9 +1,21 @@
 """A step as the terms see it that act over it, with the method's difference for rates."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+
+
+class Increment(NamedTuple):
+    """An increment of the loads in place of a step in time; `StepDifference.dt` is its size.
+
+    Nothing depends on speeds then but friction, whose potential is that of the way over the
+    increment.
+    """
+
+    t: float  # at its end, of what moves with t
+    # (n, 3) positions at its end [m] where friction has its normal forces; None: at its begin
+    place: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +40,12 @@ class StepDifference:
     # None for a term that keeps no record, and where a system over a step is made without a
     # history: then the step is the first step.
     history: Any = None
+    increment: Increment | None = None  # of the loads, in statics
+
+    @property
+    def end(self) -> float:
+        """The time at the end of the step [s]."""
+        return self.increment.t if self.increment else self.t + self.dt
 
     @classmethod
     def between(cls, start: np.ndarray, dt: float, t: float) -> Self:

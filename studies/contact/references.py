@@ -15,6 +15,7 @@ from scipy.optimize import brentq, fsolve
 import fecloth as fc
 
 UP = (0, 0, 1)
+RADIUS, CYLINDER_GAP, WEIGHT = 0.05, 5e-4, 0.02  # of the capstan [m, m, N]
 
 
 # --- a strip that is pulled over a cylinder: the capstan equation ---------------------------------
@@ -27,31 +28,40 @@ def capstan(mu: float, angle: float, h: float = 0.01, dt: float = 2e-3, method=N
     stiffness in bending. Without inertia the ratio is e^(μ θ), the capstan equation (Euler and
     Eytelwein).
     """
-    radius, gap, free, width, tension, speed = 0.05, 5e-4, 0.08, 0.01, 2.0, 0.1
-    arc = (radius + gap) * angle
-    cloth = fc.Cloth.rectangle(2 * free + arc, width, h, pattern="right")
-    x = wrapped(cloth, radius + gap, free, angle)
-    along = np.array([math.cos(angle), 0.0, -math.sin(angle)])  # the direction of the pull
-    cylinder = fc.shapes.Cylinder((0, 0, 0), (0, 1, 0), radius)
+    speed, free = 0.1, 0.08
+    system, start, along = strip_on_cylinder(mu, angle, h, speed, free)
+    way = tangents(system.cloth, free, RADIUS + CYLINDER_GAP, angle)
+    moving = system.state(start.x, speed * way)
+    run = fc.run(system, method or fc.BackwardEuler(), moving, dt, 0.25)
+    pulled = np.array([run.observed[f"reaction:right.{c}"] for c in "xyz"]).T @ along
+    return float(pulled[-len(pulled) // 4 :].mean() / WEIGHT)
+
+
+def capstan_at_rest(mu: float, angle: float, h: float = 0.01, load_steps: int = 10) -> float:
+    """T₂/T₁ of the same strip in equilibria, while its end is pulled by 20 mm in load steps."""
+    system, start, along = strip_on_cylinder(mu, angle, h, 0.02)
+    end = fc.equilibrium(system, start, load_steps=load_steps)
+    f = np.zeros_like(end.x)
+    system.bound[0].add_force(end.x, end.v, end.t, f)
+    return float(-f[system.cloth.nodes("right")].sum(axis=0) @ along / WEIGHT)
+
+
+def strip_on_cylinder(mu: float, angle: float, h: float, speed: float, free: float = 0.08):
+    """The system, its start, and the direction (3,) in which its end is pulled."""
+    radius, width = RADIUS + CYLINDER_GAP, 0.01
+    cloth = fc.Cloth.rectangle(2 * free + radius * angle, width, h, pattern="right")
+    along = np.array([math.cos(angle), 0.0, -math.sin(angle)])
+    cylinder = fc.shapes.Cylinder((0, 0, 0), (0, 1, 0), RADIUS)
     fabric = fc.Fabric(areal_density=0.05, tensile_stiffness=5e3, poisson_ratio=0.0)
     terms = [
         fc.StVK(),
         fc.StrainRateDamping(time=2e-3),
-        fc.PointForce("left", (-tension * width, 0, 0)),
-        fc.Obstacle(cylinder, gap=gap, friction=mu),
+        fc.PointForce("left", (-WEIGHT, 0, 0)),
+        fc.Obstacle(cylinder, gap=CYLINDER_GAP, friction=mu),
     ]
     formulas = [f"{speed * float(part)!r}*t" for part in along]
     system = fc.System(cloth, fabric, terms, pins=[fc.Pin("right", motion=formulas)])
-    method = method or fc.BackwardEuler()
-    run = fc.run(
-        system,
-        method,
-        system.state(x, speed * tangents(cloth, free, radius + gap, angle)),
-        dt,
-        0.25,
-    )
-    pulled = np.array([run.observed[f"reaction:right.{c}"] for c in "xyz"]).T @ along
-    return float(pulled[-len(pulled) // 4 :].mean() / (tension * width))
+    return system, system.state(wrapped(cloth, radius, free, angle)), along
 
 
 def wrapped(cloth: fc.Cloth, radius: float, free: float, angle: float) -> np.ndarray:

@@ -12,7 +12,7 @@ import pytest
 import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
-from fecloth.nonlinear import equilibrium as statics
+from fecloth.nonlinear import increments as statics
 from fecloth.nonlinear.context import FactorReuse, SolverContext
 from fecloth.nonlinear.equation import Remedies, Remedy, largest_step
 from fecloth.nonlinear.error_left import ErrorLeft

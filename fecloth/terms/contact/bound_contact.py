@@ -66,9 +66,8 @@ class BoundContact(BoundTerm):
         return self.friction > 0.0 or self.restitution < 1.0
 
     @property
-    def no_equilibrium(self) -> str:
-        """Why it has no unique equilibrium, or ""."""
-        return "with friction the place of rest depends on the way there" if self.friction else ""
+    def needs_path(self) -> bool:
+        return self.friction > 0.0
 
     @property
     def supplies(self) -> bool:
@@ -89,11 +88,11 @@ class BoundContact(BoundTerm):
         """`Touched.speeds` after a step that ends at x."""
         return ()
 
-    def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[Sliding]:
+    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is the mean of the time dt from then on; for dt = 0 the velocity
-        at t.
+        The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
+        for None the velocity at t.
         """
         raise NotImplementedError
 
@@ -151,7 +150,7 @@ class BoundContact(BoundTerm):
 
     def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Rubbing:
         """What slides at one state, with its velocities."""
-        sliding = self.lag(x, t, 0.0) if self.friction else ()
+        sliding = self.lag(x, t, None) if self.friction else ()
         return [(each, each.slip(each.values(v))) for each in sliding]
 
     def add_force(self, x, v, t, f) -> None:
@@ -200,7 +199,8 @@ class ContactOverStep(BoundTerm):
     What it dissipates beside has a potential too: see `restitution`.
 
     λ and the directions of sliding are taken at the end of the last step, where that was committed,
-    and the velocity is the method's difference.
+    and the velocity is the method's difference. Over an `Increment` of the loads it is the way over
+    the increment, divided by its size; the barrier does not dissipate there.
     """
 
     contact: BoundContact
@@ -212,11 +212,7 @@ class ContactOverStep(BoundTerm):
     name, couples_nodes = taken_from("contact.name"), taken_from("contact.couples_nodes")
     rate_bounds, limit = taken_from("contact.rate_bounds"), taken_from("contact.limit")
     dissipates_over_step = taken_from("contact.dissipative")
-
-    @property
-    def end(self) -> float:
-        """The time at the end of the step [s]."""
-        return self.step.t + self.step.dt
+    needs_path, end = taken_from("contact.needs_path"), taken_from("step.end")
 
     @cached_property
     def last(self) -> Touched:
@@ -228,6 +224,8 @@ class ContactOverStep(BoundTerm):
     def acting(self) -> BoundContact:
         """The contact over this step."""
         step = self.step
+        if step.increment:
+            return self.contact
         return self.contact.over(Touched(step.start, step.start, step.t, step.dt, self.last.speeds))
 
     def commit(self, x: np.ndarray, t: float) -> Touched | None:
@@ -241,7 +239,12 @@ class ContactOverStep(BoundTerm):
         """What slides at the begin of the step, where the cloth touched last."""
         if not self.contact.friction:
             return ()
-        return self.contact.over(self.last).lag(self.last.place, self.step.t, self.step.dt)
+        step, end = self.step, self.end
+        if not step.increment:
+            return self.contact.over(self.last).lag(self.last.place, step.t, step.dt)
+        if step.increment.place is None:
+            return self.contact.lag(step.start, step.t, end - step.t)
+        return self.contact.lag(step.increment.place, end, step.t - end)
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:

@@ -134,7 +134,7 @@ class BoundObstacle(BoundContact):
             K -= self.normal_force(at)[:, None, None] * hessian
         return K
 
-    def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[SlidingPoints]:
+    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
         pose, sliding = self.shape.pose(t), []
         for at in self.touching(x, t):
             gradient = self.slopes(at, t)[0]
@@ -151,7 +151,7 @@ class BoundObstacle(BoundContact):
         if definite or not self.friction:
             return
         spin = np.cross(self.shape.rates(t)[1], np.eye(3)).T
-        for each in self.lag(x, t, 0.0):
+        for each in self.lag(x, t, None):
             change = -self.friction * self.push_tangent(each.at, t, definite)
             K = each.stiffness(each.values(v), change, spin)
             each.at.points.add_tangent(each.at.which, wx * K, J)

@@ -6,7 +6,8 @@ with the normal force λ, the velocity w of sliding, y = |w|, and a small speed 
 derivative of the potential −μ λ f₀(y) by w, f₀′ = f₁. At rest the cloth creeps with less than ε.
 
 λ and the directions of sliding belong to one place and time, `Sliding`: over a step to its begin,
-so that friction has a potential; outside a step to the state itself.
+so that friction has a potential; over an increment of the loads to its end, where it is solved
+again and again with them; outside a step to the state itself.
 
 Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), section on
 friction; f₀ and f₁ as the IPC Toolkit has them.

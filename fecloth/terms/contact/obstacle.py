@@ -50,7 +50,7 @@ class Obstacle:
     force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y = |w|. f₁ is
     1 from y = ε on, 2y/ε − y²/ε² below, with ε = 0.001 extents of the cloth a second: a cloth at
     rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken at its begin, so that
-    friction has a potential.
+    friction has a potential; over a load step of `equilibrium`, at its end.
 
     With a restitution e < 1 an impact dissipates: over a step the pressure is multiplied by
     max(0, 1 − c ḋ), which raises it in an approach. c follows from e and the speed of the first

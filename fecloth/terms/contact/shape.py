@@ -153,13 +153,15 @@ class Shape:
         velocity, omega, centre = self.rates(t)
         return velocity + np.cross(omega, x - centre)
 
-    def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float) -> np.ndarray:
+    def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float | None) -> np.ndarray:
         """(m, 3) mean velocity [m/s] of its points y, at x in space, from t to t + dt.
 
-        For dt = 0 it is the velocity at t.
+        For None it is the velocity at t, for 0 it is 0: nothing moves meanwhile.
         """
-        if dt == 0.0:
+        if dt is None:
             return self.velocity(x, t)
+        if dt == 0.0:
+            return np.zeros_like(x)
         mean: np.ndarray = (self.pose(t + dt).to_space(y) - x) / dt
         return mean
 

@@ -128,7 +128,7 @@ class BoundTriangleContact(BoundContact):
         coupled = [part for part in parts if part is not None]
         return sum(coupled[1:], start=coupled[0]) if coupled else None
 
-    def lag(self, x: np.ndarray, t: float, dt: float) -> Sequence[SlidingTriangles]:
+    def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
         y = self.place(x, t)
         surface = 0.0 if self.body is None else self.body.mean_velocity(y, x, t, dt)
         lagged = self.sets.lag(y, self.friction)
@@ -204,8 +204,8 @@ class SelfContact:
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
-    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and, without friction,
-    `equilibrium`, from a start free of intersections.
+    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`, from a
+    start free of intersections.
 
     Cost: as much as the other work of an iteration where each node has a contact.
 

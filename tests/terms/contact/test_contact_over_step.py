@@ -11,7 +11,7 @@ from support.rundirs import restart_at
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.runs import restart
-from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.step_difference import Increment, StepDifference
 
 GAP, DT, KAPPA = 2e-3, 2e-3, 30.0  # so soft that it stays in the gap
 FABRIC = fc.Fabric(0.2, 200.0, 0.3, bending_rigidity=1e-5)
@@ -51,23 +51,33 @@ def system_on(kind, folder, friction=0.3):
     return system, system.state(x, v)
 
 
+def carried(system, x, begin, end):
+    """Positions at a later time on the body of the contact, from positions at its begin."""
+    body = system.bound[-1].body
+    return x if body is None else body.pose(end).to_space(body.pose(begin).to_body(x))
+
+
 def marched(system, method, state, steps, **known):
     options = {"solver": "direct", "newton": fc.Newton(reuse=False), **known}
     return list(fc.march(system, method, state, DT, steps * DT, **options))
 
 
+@pytest.mark.parametrize("of_loads", [False, True], ids=["step", "increment"])
 @pytest.mark.parametrize("speed", [0.3, 3e-5], ids=["slides", "creeps"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_force_and_tangent_are_derivatives(kind, speed, tmp_path, rng):
-    """The force of the energy over the step, the tangent and the coupling of the force."""
+def test_force_and_tangent_are_derivatives(kind, speed, of_loads, tmp_path, rng):
+    """The force of the energy over the step, the tangent and the coupling of the force.
+
+    Over an increment of the loads, friction has the normal forces of another place at its end.
+    """
     system, state = system_on(kind, tmp_path)
     t, x = 0.3 * DT, state.x
-    over = system.over_step(StepDifference.between(x, DT, t - DT))
+    step = StepDifference.between(x, DT, t - DT)
+    place = Increment(t, carried(system, x, t - DT, t) - [0, 0, 1e-4])
+    over = system.over_step(replace(step, increment=place if of_loads else None))
     along, size = rng.standard_normal(x.shape), 1e-9 if speed > 1e-3 else 1e-10
     end = x + DT * speed * rng.standard_normal(x.shape) * [1, 1, 0.01]
-    if kind != "SelfContact":
-        body = system.bound[-1].body
-        end = end + body.pose(t).to_space(body.pose(t - DT).to_body(x)) - x
+    end = end + carried(system, x, t - DT, t) - x
     term, still, force = over.bound[-1], np.zeros_like(x), []
     for part in (size, -size, 0.0):
         force.append(np.zeros_like(x))
@@ -83,14 +93,19 @@ def test_force_and_tangent_are_derivatives(kind, speed, tmp_path, rng):
     assert np.linalg.norm(error) < 1e-5 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("lagged", ["step", "begin", "end"])
 @pytest.mark.parametrize("kind", ["Obstacle", "MeshObstacle"])
-def test_a_cloth_that_goes_along_does_not_rub(kind, tmp_path):
-    """On what turns and gets faster: its velocity is the mean over the step."""
+def test_a_cloth_that_goes_along_does_not_rub(kind, lagged, tmp_path):
+    """On what turns and gets faster: its velocity is the mean over the step, or the increment."""
     system, state = system_on(kind, tmp_path)
-    body, t = system.bound[-1].body, 0.1
-    begin = body.pose(t).to_space(body.pose(0.0).to_body(state.x))
-    end = body.pose(t + DT).to_space(body.pose(t).to_body(begin))
-    term = system.bound[-1].over_step(StepDifference.between(begin, DT, t))
+    t = 0.1
+    begin = carried(system, state.x, 0.0, t)
+    end = carried(system, begin, t, t + DT)
+    step = StepDifference.between(begin, DT, t)
+    if lagged != "step":
+        place = Increment(t + DT, end if lagged == "end" else None)
+        step = replace(step, increment=place)
+    term = system.bound[-1].over_step(step)
     left_behind = term.dissipation(begin)
     assert term.dissipation(end) < 1e-12 * left_behind
 

@@ -224,13 +224,6 @@ def test_a_dragged_strip_does_not_stick_and_slip_by_turns(dt):
     assert carried[late] == pytest.approx(weight, rel=0.02)
 
 
-def test_equilibrium_with_friction_is_refused(small):
-    system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(SHAPES["plane"], friction=0.1)])
-    start = system.state(flat(small) + [0, 0, 0.5])
-    with pytest.raises(InputError, match=r"Obstacle in equilibrium: with friction.*friction = 0"):
-        fc.equilibrium(system, start)
-
-
 def test_a_negative_friction_is_refused():
     with pytest.raises(InputError, match="friction = -0.1: must be finite and >= 0"):
         replace(fc.Obstacle(SHAPES["plane"]), friction=-0.1)
