@@ -23,7 +23,6 @@ from .integrators.one_stage import BackwardEuler, ImplicitMidpoint, StageMethod
 from .integrators.protocol import MethodTraits
 from .mesh.cloth import Cloth
 from .mesh.grading import Grading
-from .nonlinear.equilibrium import Equilibrium, equilibrium
 from .nonlinear.options import Newton
 from .nonlinear.stage import Stage
 from .nonlinear.static_equation import EquilibriumFailed
@@ -34,6 +33,7 @@ from .runs.outcome import SceneResult
 from .runs.run_scene import run_scene
 from .scene.scene import load_scene
 from .simulation.energy_ledger import Ledger
+from .simulation.equilibrium import Equilibrium, equilibrium
 from .simulation.error_control import Adaptive
 from .simulation.march import march
 from .simulation.method_choice import Auto

@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from fecloth.errors import amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import admit, has_limits
 from fecloth.nonlinear.error_left import PLACE, ErrorInPlace
 from fecloth.nonlinear.iteration import Progress, iterate
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
+from fecloth.system.carried import carry
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.step_difference import Increment, StepDifference
@@ -42,6 +46,16 @@ class Iteration:
 
 
 Report = Callable[[Iteration], None]
+
+
+def static_context(
+    system: System, tolerance: float | Literal["auto"], max_iterations: int, solver: str
+) -> SolverContext:
+    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
+    options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
+    over = resist_disturbances(system, system.rest(), 1.0)
+    linear, matrix, _ = system.linear_solver(solver, over.symmetric)
+    return SolverContext(linear, matrix, options)
 
 
 class Solved(NamedTuple):
@@ -87,6 +101,13 @@ class LoadIncrement:
     end: float
     history: History | None = None  # what the terms remember at its begin
 
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """(n, 3) where the pins carry the cloth [m]."""
+        x, size = self.start.x, self.end - self.begin
+        target, _ = self.system.constraints.target(self.begin, size, x)
+        return x if target is x else carry(self.system, x, target)
+
     def equation(self, place: np.ndarray | None = None) -> StaticEquation:
         """The equation of its end; friction has the normal forces of a `place` (n, 3) there."""
         over = over_increment(self, place)
@@ -124,7 +145,8 @@ class Increase(NamedTuple):
     """What `increase_loads` found."""
 
     solved: Solved  # the last one, with the counts of all increments
-    rate: np.ndarray | float  # ∂x/∂(factor on the loads) (n, 3) [m]
+    # ∂x/∂(factor on the loads) (n, 3) [m], beyond where the pins carry the cloth
+    rate: np.ndarray | float
     # The system over the last increment, and what its terms remember after that.
     over: System
     history: History | None
@@ -144,9 +166,9 @@ def increase_loads(
 
     `start` is the state at the first factor: in equilibrium, or the start of all where the factor
     is 0. No increment of the factor is larger than `largest`. `rate` is ∂x/∂(factor) at the start
-    [m], as far as it is known, and `history` what the terms remember there. They remember each
-    increment that is solved; an increment that is repeated in smaller ones begins with what they
-    remembered before it.
+    [m] beyond where the pins carry the cloth, as far as it is known, and `history` what the terms
+    remember there. They remember each increment that is solved; an increment that is repeated in
+    smaller ones begins with what they remembered before it.
     """
     x, (reached, end), size, total = start.x, loads, largest, Counts()
     over = system
@@ -164,7 +186,7 @@ def increase_loads(
                 args = failure.residual, here, failure.remedy, reached
                 raise EquilibriumFailed(reason, *args) from failure
             continue
-        rate = (solved.x - x) / (load - reached)
+        rate = (solved.x - increment.carried) / increment.size
         x, reached, total = solved.x, load, total.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if solved.counts.newton <= QUICK:
@@ -200,7 +222,7 @@ def solve_increment(
             solved = solve_static(equation, before := x, short, taken.append)
             x, counts = solved.x, solved.counts
         except EquilibriumFailed as failure:
-            if len(taken) < most or len(taken) + total.newton >= options.max_iterations:
+            if len(taken) < most:
                 raise
             x, solved, counts = failure.state.x, None, Counts(newton=len(taken))
         for each in taken:
@@ -217,23 +239,22 @@ def solve_increment(
             return solved._replace(counts=counts), equation.system
         if total.newton >= options.max_iterations:
             break
-    reason = f"friction and its normal forces did not agree after {number + 1} passes"
+    what = f"friction and its normal forces did not agree in {number + 1} passes"
+    reason = f"{what} of {amount(total.newton, 'iteration')}"
     raise equation.failure(reason, Point(x, R, 0.0, scale), residual)
 
 
 def _first_guess(
     increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | float
 ) -> np.ndarray:
-    """Positions (n, 3): the nodes go on at their rate, the pins as prescribed."""
-    system, start = increment.system, increment.start
-    size = increment.end - increment.begin
-    x, _ = system.constraints.target(increment.begin, size, start.x)
-    way = system.constraints.project(np.broadcast_to(increment.size * rate, x.shape).copy())
-    if not has_limits(system):
+    """Positions (n, 3): the nodes go along with the pins, and on at their rate."""
+    x, project = increment.carried, increment.system.constraints.project
+    way = project(np.broadcast_to(increment.size * rate, x.shape).copy())
+    if not has_limits(increment.system):
         return x + way
     guess = admit(equation.system, x + way, increment.end)
     if guess is None:
-        point = Point(start.x, np.zeros_like(x), 0.0, 0.0)
+        point = Point(increment.start.x, np.zeros_like(x), 0.0, 0.0)
         raise equation.failure("the pins lead the cloth into an obstacle", point, math.nan)
     return guess
 
@@ -246,7 +267,7 @@ def solve_static(
 ) -> Solved:
     """Return x in equilibrium with the loads of the equation, the counts and the error left."""
 
-    is_definite = False
+    is_definite, guess = False, x
 
     def tell(progress: Progress):
         nonlocal is_definite
@@ -254,7 +275,7 @@ def solve_static(
         is_definite = equation.system.symmetric and not shift
         relative = point.norm / point.scale if point.scale else 0.0
         report(Iteration(progress.number, relative, shift, progress.length, equation.load))
-        _check_travel(equation, point, relative)
+        _check_travel(equation, guess, point, relative)
 
     left = ErrorInPlace(start=equation.start.x) if context.options.tolerance == "auto" else None
     x, counts = iterate(equation, context, x, report=tell, left=left)
@@ -272,9 +293,11 @@ def solve_static(
     return Solved(x, counts, is_definite=is_definite)
 
 
-def _check_travel(equation: StaticEquation, point: Point, residual: float) -> None:
-    """Raise `EquilibriumFailed` for a cloth that goes away, as nothing holds it."""
-    way = (point.y - equation.start.x).mean(axis=0)
+def _check_travel(
+    equation: StaticEquation, guess: np.ndarray, point: Point, residual: float
+) -> None:
+    """Raise `EquilibriumFailed` for a cloth that goes away from the guess, as nothing holds it."""
+    way = (point.y - guess).mean(axis=0)
     distance = float(np.linalg.norm(way))
     if distance > FAR * equation.longest:
         towards = ", ".join(f"{c:.2g}" for c in way / distance)

@@ -17,8 +17,7 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equilibrium import static_context
-from fecloth.nonlinear.increments import increase_loads
+from fecloth.nonlinear.increments import increase_loads, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.simulation.step_times import step_times
@@ -35,7 +34,8 @@ TERMS_TIME = 0.0  # at which loads are evaluated: loads of a static scene do not
 class LoadRate:
     """After a step: where the next one begins its search, and the force on the pins."""
 
-    rate: np.ndarray  # (n, 3) ∂x/∂(part of the loads) [m]
+    # (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth
+    rate: np.ndarray
     force: np.ndarray  # (n, 3) of all terms [N]
 
 
@@ -61,7 +61,7 @@ class LoadsFailed(NewtonFailed):
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Equilibria under growing loads; each step finds one by `nonlinear.equilibrium`.
+    """Equilibria under growing loads; each step finds one by `increase_loads`.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from fecloth.nonlinear.equilibrium import equilibrium
+from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.march import march
 from fecloth.simulation.resolve import resolve
 from fecloth.study import charts, comparing, converging, stability_map, sweeps

@@ -13,9 +13,9 @@ import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.equilibrium import equilibrium
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.march import march
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity

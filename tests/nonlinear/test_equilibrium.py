@@ -11,6 +11,7 @@ from support.inflated import enclosed, shooting
 from support.tiers import slow_except
 
 import fecloth as fc
+from fecloth.errors import InputError
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.verify import observed_order
@@ -415,7 +416,7 @@ def test_an_unstable_equilibrium_warns_and_bending_the_start_finds_a_stable_one(
 def test_a_definite_stiffness_needs_no_eigenvalue(monkeypatch):
     cloth = fc.Cloth.rectangle(0.4, 0.1, h=0.05, pattern="right")
     system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), DOWN], ["boundary"])
-    monkeypatch.setattr("fecloth.nonlinear.equilibrium.least_stiffness", None)
+    monkeypatch.setattr("fecloth.simulation.equilibrium.least_stiffness", None)
     assert fc.equilibrium(system, system.rest()).warnings == ()
 
 
@@ -427,3 +428,73 @@ def test_a_sheet_without_a_membrane_is_told_to_add_one():
             fc.equilibrium(system, system.rest())
         held = fc.System(cloth, system.fabric, [*terms, fc.StVK()], ["left"])
         assert fc.equilibrium(held, held.rest()).warnings == ()
+
+
+# --- what moves with the loads --------------------------------------------------------------------
+
+
+def drawn(motion, fabric=None, terms=None):
+    cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.05)
+    pins = [fc.Pin("left"), fc.Pin("right", motion=motion)]
+    fabric = fabric or fc.Fabric(0.2, 1000.0)
+    return fc.System(cloth, fabric, terms or [fc.StVK()], pins)
+
+
+def test_a_run_from_load_steps_goes_on_with_the_motion_of_pins():
+    """At t = 1: the pin does not jump back, and does not make its way again."""
+    system = drawn(("0.02*t", 0, 0))
+    end = fc.equilibrium(system, system.rest(), load_steps=2)
+    assert end.t == 1.0
+    run = fc.run(system, fc.BackwardEuler(), end, 0.05, 1.1)
+    right = system.cloth.nodes("right")
+    np.testing.assert_allclose(run.state.x[right, 0], 0.2 + 0.022, atol=1e-12)
+    assert fc.equilibrium(system, system.rest()).t == 0.0
+
+
+@pytest.mark.parametrize("motion", [(0.02, 0, 0), ("where(t > 2, 0.02, 0)", 0, 0)])
+@pytest.mark.parametrize("load_steps", [None, 1])
+def test_a_motion_that_moves_nothing_is_warned_of(motion, load_steps):
+    system = drawn(motion)
+    with pytest.warns(fc.FeclothWarning, match="stand still.*multiply it by t"):
+        end = fc.equilibrium(system, system.rest(), load_steps=load_steps)
+    assert "pin 'right'" in end.warnings[0]
+
+
+def test_motions_that_move_and_zeros_are_not_warned_of(recwarn):
+    for motion in (("0.02*t", 0, 0), (0, 0, 0)):
+        system = drawn(motion)
+        assert not fc.equilibrium(system, system.rest(), load_steps=1).warnings
+    assert not recwarn.list
+
+
+def test_the_doubts_of_a_run_about_its_terms_are_those_of_an_equilibrium():
+    twice = drawn(("0.02*t", 0, 0), terms=[fc.StVK(), fc.Springs(kind="biquadratic")])
+    bare = drawn(
+        ("0.02*t", 0, 0),
+        fc.Fabric(0.2, 1e6, bending_rigidity=1e-5),
+        [fc.HingeBending(), fc.Gravity()],
+    )
+    for system in (twice, bare):
+        with pytest.warns(fc.FeclothWarning) as of_run:
+            fc.run(system, fc.BackwardEuler(), system.rest(), 1e-3, 1e-3)
+        said = [str(each.message) for each in of_run]
+        try:
+            with pytest.warns(fc.FeclothWarning) as of_rest:
+                fc.equilibrium(system, system.rest(), load_steps=1, max_iterations=3)
+        except fc.EquilibriumFailed:
+            pass
+        assert str(of_rest[0].message) in said
+
+
+@pytest.mark.parametrize("load_steps", [0, True, 2.0, "3"])
+def test_load_steps_are_whole_numbers(load_steps):
+    system = drawn((0, 0, 0))
+    with pytest.raises(InputError, match=r"load_steps = .*must be an integer >= 1"):
+        fc.equilibrium(system, system.rest(), load_steps=load_steps)
+
+
+def test_the_work_of_a_pin_is_that_of_its_force_at_both_ends():
+    """In three load steps of a linear spring it is exact; by the force at the end a third more."""
+    system = drawn(("0.001*t", 0, 0))
+    run = fc.run(system, LoadSteps(3), system.rest(), t_end=1.0)
+    assert run.energies["pins"][-1] == pytest.approx(run.energies["StVK"][-1], rel=2e-3)

@@ -8,7 +8,7 @@ import pytest
 import fecloth as fc
 from fecloth.nonlinear import iteration
 from fecloth.nonlinear.equation import Remedy
-from fecloth.nonlinear.equilibrium import static_context
+from fecloth.nonlinear.increments import static_context
 from fecloth.nonlinear.static_equation import StaticEquation
 from studies.newton_catalogue.statics import sheared
 

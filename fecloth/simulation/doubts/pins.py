@@ -1,5 +1,6 @@
 """Warnings about pins that hold less than was probably meant."""
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -8,7 +9,8 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.simulation.doubts.signals import Signal, name_motion
 from fecloth.simulation.doubts.units import is_stiff
-from fecloth.system.pins import Pin, Slide
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.system.pins import Motion, Pin, Slide
 from fecloth.system.system import System
 from fecloth.terms.loads.gravity import Gravity
 from fecloth.terms.traits import has_kind, traits_of
@@ -25,13 +27,31 @@ TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 
 def find_idle_pins(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each slide that is moved in vain, and for each region of one node."""
+    """Yield a sentence for each pin that is moved in vain, and for each region of one node."""
     motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
+        if pin.motion is not None and pin.rotate is None:
+            yield attempt(_constant_motion, run, name, pin, motions, otherwise="")
         if isinstance(pin, Slide) and pin.moves:
             yield attempt(_dropped_motion, name, pin, motions[name_motion(name)], otherwise="")
         if len(nodes) == 1:
             yield _one_node(run.system.cloth, name, pin, int(nodes[0]))
+
+
+def _constant_motion(run: PlannedRun, name: str, pin: Pin, motions: dict[str, Signal]) -> str:
+    """Warn of a motion that is the same from the start to the end, and not zero by intent.
+
+    In a run it may begin later; load steps end at t = 1.
+    """
+    _, places = motions[name_motion(name)].samples
+    texts = [each.text for each in pin.motion.formulas] if isinstance(pin.motion, Motion) else "t"
+    may_be_zero = not (isinstance(run.steps, LoadSteps) and re.search(r"\bt\b", " ".join(texts)))
+    if (may_be_zero and not places.any()) or (places != places[0]).any():
+        return ""
+    return (
+        f"pin {name!r}: its motion is the same at all t = {run.state.t:g} … {run.t_end:g}, so that "
+        "its nodes stand still, as only the changes of a motion count; multiply it by t"
+    )
 
 
 def _dropped_motion(name: str, pin: Slide, motion: Signal) -> str:

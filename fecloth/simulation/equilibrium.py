@@ -9,7 +9,6 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, is_number
-from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.increments import (
     LoadIncrement,
     Report,
@@ -18,10 +17,13 @@ from fecloth.nonlinear.increments import (
     increase_loads,
     resist_disturbances,
     solve_increment,
+    static_context,
 )
-from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.quantities.arguments import checks_arguments
+from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.load_steps import LoadSteps
 from fecloth.system.arguments import check_system
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -123,9 +125,11 @@ def equilibrium(
     Returns
     -------
     Equilibrium
-        A `State` at the same time, with v = 0, and the residual, iterations, factorisations,
-        reason, and the estimated `solver_error` [m] that is left in x. An unstable equilibrium has
-        a sentence in `warnings`, which comes as a `FeclothWarning` too.
+        A `State` with v = 0, and the residual, iterations, factorisations, reason, and the
+        estimated `solver_error` [m] that is left in x. Its t is that of `state`, or 1 where load
+        steps have moved pins or obstacles: a run from there goes on with their motion at t = 1. An
+        unstable equilibrium has a sentence in `warnings`, as doubts about units, terms and pins
+        have, which `run` has too; each comes as a `FeclothWarning`.
 
     Raises
     ------
@@ -148,6 +152,9 @@ def equilibrium(
     """
     _check(system, state, load_steps, tolerance, max_iterations, solver, report)
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
+    planned = PlannedRun(system, start, LoadSteps(load_steps or 1), np.ones(1))
+    foreseen = tuple(find_warnings(planned, OF_EQUILIBRIA))
+    _warn(foreseen)
     context = static_context(system, tolerance, max_iterations, solver)
     history = system.start_history(start)
     if load_steps is None:
@@ -158,17 +165,30 @@ def equilibrium(
             system, start, context, 1 / load_steps, history=history, report=report
         ).solved
     x, counts = solved.x, solved.counts
+    t = 1.0 if load_steps and _moves(system) else start.t
     path = describe_path(system, load_steps)
     reason = f"{solved.reason(tolerance)}; {path}" if path else solved.reason(tolerance)
     work = counts.newton, counts.factorisations, reason
-    error = space_error(system, State(start.t, x, np.zeros_like(x)))
-    space = error.relative, error.reason
-    end = State(start.t if load_steps is None else 1.0, x, np.zeros_like(x))
-    doubts = _find_instability(system, end, load_steps or 1, solved)
-    for words in doubts:
-        warnings.warn(words, FeclothWarning, stacklevel=3)
     still = np.zeros_like(x)
-    return Equilibrium(start.t, x, still, counts.residual, *work, *space, solved.error, doubts)
+    error = space_error(system, State(start.t, x, still))
+    space = error.relative, error.reason
+    end = State(1.0 if load_steps else start.t, x, still)
+    unstable = _find_instability(system, end, load_steps or 1, solved)
+    _warn(unstable)
+    doubts = *foreseen, *unstable
+    return Equilibrium(t, x, still, counts.residual, *work, *space, solved.error, doubts)
+
+
+def _warn(doubts: tuple[str, ...]) -> None:
+    """Warn where `equilibrium` is called."""
+    for words in doubts:
+        warnings.warn(words, FeclothWarning, stacklevel=4)
+
+
+def _moves(system: System) -> bool:
+    """Whether pins or obstacles move with t."""
+    pins = any(pin.moves for pin, _ in system.constraints.groups.values())
+    return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
@@ -181,21 +201,12 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         allowed = 'must lie in [1e-13, 1), or be "auto"'
         raise InputError(f"tolerance = {tolerance!r}", allowed, "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
-        if value is not None and not (isinstance(value, int) and value >= 1):
+        is_number_of = isinstance(value, int) and not isinstance(value, bool)
+        if value is not None and not (is_number_of and value >= 1):
             raise InputError(f"{name} = {value!r}", "must be an integer >= 1", "equilibrium")
     if solver not in ("direct", "pardiso", "superlu"):
         allowed = "must be direct, pardiso or superlu"
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
-
-
-def static_context(
-    system: System, tolerance: float | Literal["auto"], max_iterations: int, solver: str
-) -> SolverContext:
-    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
-    options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
-    over = resist_disturbances(system, system.rest(), 1.0)
-    linear, matrix, _ = system.linear_solver(solver, over.symmetric)
-    return SolverContext(linear, matrix, options)
 
 
 def _find_instability(

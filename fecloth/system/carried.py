@@ -1,0 +1,62 @@
+"""Where the nodes of a cloth go if they go along with the pins: a first guess of statics."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fecloth.system.pieces import Piece
+from fecloth.system.system import System
+
+PASSES, SMALL = 20, 1e-12  # of the rigid motion, and the angle [rad] at which they end
+RANK = 1e-6  # relative size of a singular value below which a direction is not known
+FARTHEST = 4.0  # times the longest way of a held node: the longest of any other one
+
+
+def carry(system: System, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) [m] with held nodes at the `target` (n, 3), and the others carried along.
+
+    In each piece they follow the rigid motion that fits the held nodes best, and then the affine
+    motion that fits what is left: pins that are drawn apart stretch a cloth alike, pins that move
+    alike take it along. Where that leads far, as with a short edge that turns, the mean counts.
+    """
+    y = x.copy()
+    for piece in system.movable_pieces:
+        if len(piece.held):
+            y[piece.nodes] = _along(piece, x, target)
+    return system.constraints.hold(y, target)
+
+
+def _along(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+    outside, start, there = piece.outside, x[piece.nodes], x[piece.held]
+    goal = there + np.einsum("hij,hj->hi", outside, target[piece.held] - there)
+    way = goal - there
+    if not way.any():
+        return start
+    here = start
+    for _ in range(PASSES):  # finite rotations, by the least one that fits
+        centre = there.mean(axis=0)
+        turned = np.cross(np.eye(3), (there - centre)[:, None])  # e_k × y
+        u, omega = _fit(outside, turned.transpose(0, 2, 1), goal - there)
+        R = Rotation.from_rotvec(omega).as_matrix()
+        there, here = (centre + u + (points - centre) @ R.T for points in (there, here))
+        if np.linalg.norm(omega) < SMALL:
+            break
+    centre = there.mean(axis=0)
+    stretched = np.einsum("ij,hk->hijk", np.eye(3), there - centre).reshape(len(there), 3, 9)
+    u, G = _fit(outside, stretched, goal - there)
+    here = here + u + (here - centre) @ G.reshape(3, 3).T
+    if _longest(here - start) > FARTHEST * _longest(way):
+        here = start + way.mean(axis=0)
+    return here
+
+
+def _fit(outside: np.ndarray, basis: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all."""
+    size = np.abs(basis).max() or 1.0
+    A = np.concatenate([outside, outside @ basis / size], axis=2)
+    b = np.einsum("hij,hj->hi", outside, way)
+    q = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=RANK)[0]
+    return q[:3], q[3:] / size
+
+
+def _longest(way: np.ndarray) -> float:
+    return float(np.linalg.norm(way, axis=1).max())
