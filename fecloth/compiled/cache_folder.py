@@ -4,8 +4,6 @@ Numba runs the code that it finds there. A folder that another user made, or can
 code of that user.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os

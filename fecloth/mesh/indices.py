@@ -1,7 +1,5 @@
 """Check of the node numbers of a file, without any package but NumPy, for a quick start."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Meshes that meshio reads: triangles, sets of nodes and of edges. `gmsh_child` runs it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from pathlib import Path

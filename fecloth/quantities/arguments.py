@@ -1,7 +1,5 @@
 """Arguments of public classes and functions: texts with units, and what does not fit."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The first guess of a step: outside of all obstacles and free of crossings, for all contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
