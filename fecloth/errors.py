@@ -182,13 +182,7 @@ def with_article(name: str) -> str:
 
 
 def amount(count: int, noun: str) -> str:
-    """Return a number with its noun, which has an s unless the number is 1.
-
-    Examples
-    --------
-    >>> amount(1, "node"), amount(12, "load step")
-    ('1 node', '12 load steps')
-    """
+    """Return a number with its noun, which has an s unless the number is 1."""
     return f"{count} {noun}{'s' * (count != 1)}"
 
 

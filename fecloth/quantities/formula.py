@@ -72,11 +72,6 @@ class Formula:
         """The exact derivative by a variable, to be called as the formula itself.
 
         On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0.
-
-        Examples
-        --------
-        >>> Formula("t**2 + abs(t)", variables=("t",)).derivative("t")(t=3.0)
-        7.0
         """
         return Derivative(self, variable)
 
@@ -107,13 +102,7 @@ class Derivative:
         return Derivative, (self.formula, self.variable, self.then)
 
     def derivative(self, variable: str) -> Derivative:
-        """The next derivative, by a variable; of a kink or a jump it is taken on one side.
-
-        Examples
-        --------
-        >>> Formula("x**3", variables=("x",)).derivative("x").derivative("x")(x=2.0)
-        12.0
-        """
+        """The next derivative, by a variable; of a kink or a jump it is taken on one side."""
         return Derivative(self.formula, self.variable, (*self.then, variable))
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:

@@ -107,13 +107,7 @@ _SPELLINGS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "⋅": "*", "µ":
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text looks like a number with a unit, known or unknown. No formula does.
-
-    Examples
-    --------
-    >>> [is_quantity(text) for text in ("5 mbar", "-5.m", "5 1/s", "1e3", "5 * t", "5/t", "t")]
-    [True, True, True, False, False, False, False]
-    """
+    """Whether a text looks like a number with a unit, known or unknown. No formula does."""
     match = _QUANTITY.fullmatch(text.strip())
     return match is not None and not match[2].startswith("/")
 
@@ -124,13 +118,6 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
     means ``*``. Error messages have the `name` of the quantity, and what `other` text is allowed,
     such as ", or a formula".
-
-    Examples
-    --------
-    >>> quantity("areal_density", "150 g/m^2", AREAL)
-    0.15
-    >>> quantity("bending_rigidity", "9.6 µN m", MOMENT)
-    9.6e-06
     """
     units = dimension.units
     allowed = f"must be a number with one of the units {', '.join(units)}{other}"

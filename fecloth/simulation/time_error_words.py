@@ -34,12 +34,6 @@ def describe_time_error(
         Whether most of the error comes from jumps.
     unknown
         Why there is no estimate.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> describe_time_error(0.16, fc.BDF2(), dt=0.004)
-    'error in time about 16 % of the motion; dt = 0.001 s would give 1 %'
     """
     if unknown:
         return f"error in time: not known, because {unknown}"
@@ -54,13 +48,7 @@ def describe_time_error(
 
 
 def name_time_error(error: float) -> str:
-    """Return how large an error in time is, in words.
-
-    Examples
-    --------
-    >>> [name_time_error(error) for error in (0.0123, 0.5)]
-    ['error in time about 1.2 % of the motion', 'error in time: not resolved']
-    """
+    """Return how large an error in time is, in words."""
     if math.isnan(error):
         return "error in time: no estimate"
     if error >= RESOLVED:

@@ -61,12 +61,6 @@ def find_jumps(
 
     The intervals that differ most from their neighbours are halved until a jump remains, or none.
     A motion that goes there and back within an interval is missed.
-
-    Examples
-    --------
-    >>> times, values = np.linspace(0.0, 1.0, 65), lambda t: np.sign(t - 0.25)[:, None]
-    >>> find_jumps(times, values(times), values, 1e-6)
-    [(0.25, 2.0)]
     """
     changes = np.diff(g, axis=0)
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
@@ -114,13 +108,6 @@ def has_jump(pin: Pin, begin: float, end: float) -> bool:
     """Whether |Δu/Δt − mean of the velocities at both ends| is beyond JUMP of the largest of these.
 
     A function that fails at such a time counts as smooth.
-
-    Examples
-    --------
-    >>> has_jump(Pin("left", motion=lambda t: (0, 0, 0.1 * t**2)), 0.4, 0.5)
-    False
-    >>> has_jump(Pin("left", motion=lambda t: (0, 0, 0.1 if t > 0.42 else 0)), 0.4, 0.5)
-    True
     """
     with suppress(InputError, ArithmeticError, ValueError):
         mean = (pin.displacement(end) - pin.displacement(begin)) / (end - begin)

@@ -44,13 +44,7 @@ def find_values_in_other_units(run: PlannedRun) -> Iterator[str]:
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[str]:
-    """Yield a sentence for each implausible constant of a fabric.
-
-    Examples
-    --------
-    >>> print(*_of_fabric(Fabric(areal_density=150.0, tensile_stiffness=1000.0)))
-    areal_density = 150 kg/m²: cloth has 0.01 to 1. If you meant g/m², write 0.15
-    """
+    """Yield a sentence for each implausible constant of a fabric."""
     density = fabric.areal_density
     if not DENSITY[0] <= density <= DENSITY[1]:
         less = f". If you meant g/m², write {density / 1000:g}" * (density > DENSITY[1])
@@ -85,13 +79,7 @@ def _of_size(size: float) -> str:
 
 
 def _of_term(term: Any) -> Iterator[str]:
-    """Yield a sentence for each implausible value of a term.
-
-    Examples
-    --------
-    >>> print(*_of_term(Gravity((0, 0, -981))))
-    Gravity has 981 m/s²: on Earth it is 9.81. If you meant cm/s², write 9.81
-    """
+    """Yield a sentence for each implausible value of a term."""
     if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
         yield f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², write {g / 100:g}"
     if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
