@@ -231,8 +231,6 @@ class _Checker:
         if opened:
             raise self._error(f"the bracket {self._at(opened[-1])!r}, not closed,", opened[-1])
 
-    # --- words with a context -----------------------------------------------------------------
-
     def _option(self, i: int) -> None:
         """Mesh.MeshSizeMin = …"""
         group, name = self._at(i), self._at(i + 2)

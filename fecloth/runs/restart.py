@@ -66,9 +66,6 @@ class Restart:
     made_on: Mapping[str, str]  # versions and threads
 
 
-# --- one file -------------------------------------------------------------------------------------
-
-
 def write(folder: Path, restart: Restart) -> Path:
     """Write the file in one go and remove all but the last two; return its path."""
     # It is flushed to the disk before others are removed, so that a power cut leaves one.
@@ -168,9 +165,6 @@ def _unpack(value, arrays: list):
                 raise ValueError(f"a {name} has other fields")
             return RECORDS[name](**{key: _unpack(item, arrays) for key, item in values.items()})
     raise ValueError("its header has an unknown part")
-
-
-# --- the restart to continue from ----------------------------------------------------------------
 
 
 def find(folder: Path) -> Restart:

@@ -105,9 +105,6 @@ def _import_package(name: str):
         raise InputError(f"a picture needs the package {name}", remedy=remedy) from error
 
 
-# --- files ----------------------------------------------------------------------------------------
-
-
 def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
     """Write the images (h, w, 3) to a file; a failure leaves no partial file."""
     if target.suffix == ".mp4":
@@ -138,9 +135,6 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
         if number := errno.EFBIG if too_large else DiskFull.errno_in(words):
             raise OSError(number, os.strerror(number))
         raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
-
-
-# --- camera and colours ---------------------------------------------------------------------------
 
 
 def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Shot:
@@ -180,9 +174,6 @@ def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
     p, tan = points - view.box.mean(axis=0), math.tan(HALF_ANGLE)
     wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
     return float(np.max(1.15 * wide + p @ back))
-
-
-# --- drawing --------------------------------------------------------------------------------------
 
 
 def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:

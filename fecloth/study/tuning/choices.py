@@ -169,9 +169,6 @@ def _set_mesh_and_solver(choice: Choice, tables: dict) -> dict:
     return tables
 
 
-# --- runs of choices ------------------------------------------------------------------------------
-
-
 ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
 FIELD = parse_quantity("displacement")
 NOTHING, SMALL = 1e-6, 1e-2  # parts of a vector: components that are zero, or may be

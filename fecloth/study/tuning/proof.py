@@ -133,9 +133,6 @@ def divided(total: np.ndarray, candidate: Candidate) -> dict[str, np.ndarray]:
     return {"space": total * candidate.space / both, "time": total * candidate.time / both}
 
 
-# --- a verifying run ------------------------------------------------------------------------------
-
-
 def verify(
     bench: Bench, candidate: Candidate, trial: Trial, other: Mapping[str, np.ndarray]
 ) -> Proof:
@@ -224,9 +221,6 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     times = replace(prediction.times, rules=rules)
     prediction = prediction.with_seconds(candidate, ratio * candidate.seconds)
     return replace(prediction, meshes=meshes, times=times)
-
-
-# --- cheaper settings -----------------------------------------------------------------------------
 
 
 def cheaper(

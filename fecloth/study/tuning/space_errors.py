@@ -124,9 +124,6 @@ def _disagreement(
     return np.where(apart > expected, apart - expected, 0.0)
 
 
-# --- how far the lowest point of a cloth may lie beyond its lowest node ---------------------------
-
-
 def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
     """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities.
 
@@ -156,9 +153,6 @@ def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
     around = around if is_inside else np.intersect1d(around, border)
     part = INSIDE if is_inside else BORDER
     return part * float(depth[lowest] - depth[around[around != lowest]].mean())
-
-
-# --- meshes that are graded where this error is large ---------------------------------------------
 
 
 LEAST_SAVED = 0.4  # share of the triangles, for a family of meshes to be tried

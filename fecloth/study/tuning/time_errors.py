@@ -90,12 +90,8 @@ def measure_methods(
     """Run the methods on a coarse mesh with steps of several lengths.
 
     The run with the least error, which follows from the change by its last refinement, is the
-    reference of all others. `limit` is the CPU time for all of it [s].
-
-    Raises
-    ------
-    StudyFailed
-        If no run reaches its end.
+    reference of all others. `limit` is the CPU time for all of it [s]. Raises `StudyFailed` if no
+    run reaches its end.
     """
     if not can_choose_steps(bench.opened):
         trials = bench.run([replace(mesh, method="", steps=None)])

@@ -239,9 +239,6 @@ def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
     return trial if trial.is_ok else None
 
 
-# --- the gaps of contact --------------------------------------------------------------------------
-
-
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
@@ -259,9 +256,6 @@ def narrow_gaps(
         return bench, error, [], runs
     narrow = replace(bench, opened=opened.refined(Level(sharper=None, gap=by)))
     return narrow, error / by, [f"gaps / {by:.3g}"], runs
-
-
-# --- terms that a scene does not need -------------------------------------------------------------
 
 
 def drop_terms(
