@@ -44,6 +44,7 @@ from .stability.critical_step import critical_dt
 from .study.modes import Modes, modes
 from .study.tuning.result import Tuned
 from .study.tuning.tune import tune
+from .system.lay_down import lay_down
 from .system.pins import Pin, Slide
 from .system.space_error import SpaceError, space_error
 from .system.state import State
@@ -160,6 +161,7 @@ __all__ = [
     "equilibrium",
     "fields",
     "hinge_angles",
+    "lay_down",
     "load_scene",
     "many_steps",
     "march",

@@ -1,0 +1,103 @@
+"""Lay a cloth on what carries it, so that a run starts at rest there."""
+
+import numpy as np
+from scipy.optimize import brentq
+
+from fecloth.errors import InputError
+from fecloth.system.arguments import check_system
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+PASSES = 60  # of the way down: each one leaves at most a fifth of the distance
+TURNS = 4  # how often the direction of the push is taken anew
+
+
+def lay_down(system: System, state: State) -> State:
+    """The state at rest, each free piece moved as a whole to where its contact carries its load.
+
+    A piece goes along its load f, as `Gravity`, until it comes nearer than the gap of an obstacle,
+    a mesh or another piece. Then it moves along the direction n of the push p of all contact until
+
+        n · (Σ p + Σ f) = 0
+
+    over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s of
+    the gap with the pressure κ p(s) = ρ g cos φ. A run that starts there neither hops nor falls. A
+    cloth that bends as it is laid down, and a held one, find their rest by `equilibrium`.
+
+    Parameters
+    ----------
+    system, state
+        The cloth and where it is, in the direction of its load from what is to carry it.
+
+    Raises
+    ------
+    InputError
+        If no piece is free, if no load acts on one, or if nothing lies in the direction of a load.
+
+    Examples
+    --------
+    >>> import fecloth as fc
+    >>> cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
+    >>> table = fc.Obstacle(fc.shapes.Plane((0, 0, 0), (0, 0, 1)), gap=1e-3, friction=0.3)
+    >>> terms = [fc.StVK(), fc.Gravity(), table]
+    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), terms)
+    >>> above = system.state(system.rest().x + [0, 0, 0.05])
+    >>> bool(0.9e-3 < fc.lay_down(system, above).x[:, 2].max() < 1e-3)
+    True
+    """
+    check_system(system, state, "lay_down")
+    free = [piece.nodes for piece in system.movable_pieces if not len(piece.held)]
+    if not free:
+        remedy = "Find the rest of a held cloth by fc.equilibrium."
+        raise InputError("a cloth that pins hold", "must have a free piece", "lay_down", remedy)
+    x = state.x.copy()
+    for nodes in free:
+        x = _lay_piece(system, x, state.t, nodes)
+    return State(state.t, x, np.zeros_like(x))
+
+
+def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
+    """x (n, 3) with one piece laid down."""
+    load, still = np.zeros_like(x), np.zeros_like(x)
+    for term in system.bound:
+        if term.load:
+            term.add_force(x, still, t, load)
+    f = load[nodes].sum(axis=0)
+    if not f.any():
+        raise InputError("a free piece without a load", "needs one, as Gravity", "lay_down")
+    contacts = [term for term in system.bound if term.limits_direction]
+
+    def push(x: np.ndarray) -> np.ndarray:
+        """Σ p (3,) over the piece; friction is none at rest."""
+        p = np.zeros_like(x)
+        for term in contacts:
+            term.add_force(x, still, t, p)
+        total: np.ndarray = p[nodes].sum(axis=0)
+        return total
+
+    def part(x: np.ndarray, way: np.ndarray) -> float:
+        return min((term.limit(x, way, t) for term in contacts), default=1.0)
+
+    way = np.zeros_like(x)
+    way[nodes] = 10 * system.cloth.extent * f / np.linalg.norm(f)
+    for _ in range(PASSES):
+        if push(x).any():
+            break
+        if (alpha := part(x, way)) == 1.0:
+            remedy = "Start above an obstacle, or move it below the cloth."
+            what = "nothing within ten extents of the cloth in the direction of its load"
+            raise InputError(what, "must be there to carry it", "lay_down", remedy)
+        x = x + alpha * way
+    for _ in range(TURNS):
+        p = push(x)
+        n, along = p / np.linalg.norm(p), np.zeros_like(x)
+        along[nodes] = n
+        low, high = -system.cloth.extent, 1e-6 * system.cloth.extent
+        low *= part(x, low * along)
+        while n @ (push(x + high * along) + f) > 0:
+            high *= 2
+        root = brentq(lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15)
+        x = x + root * along
+        if not push(x).any() or abs(root) < 1e-12 * system.cloth.extent:
+            break
+    return x
