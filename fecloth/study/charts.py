@@ -14,7 +14,7 @@ from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study import run_problems
 from fecloth.study.change import Level
 from fecloth.study.chart_grid import Setting, change_names, make_settings
-from fecloth.study.chart_result import Chart, describe_chart, find_front
+from fecloth.study.chart_result import Chart, bound_of, describe_chart, find_front
 from fecloth.study.convergence import Convergence
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
@@ -189,4 +189,5 @@ def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limi
     if limit.size:
         line["error %"] = 100 * error / limit.size
         line["uncertainty %"] = 100 * limit.study.uncertainty / limit.size
+        line["at most %"] = bound_of(line, " %")  # as in the figure
     return {"status": OK} | line

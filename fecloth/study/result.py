@@ -20,6 +20,7 @@ UNCERTAIN = {  # column: column of its error, which says how many of its digits 
     "value": "error",
     "limit": "uncertainty",
     "error %": "uncertainty %",
+    "at most %": "uncertainty %",
     "difference of limits": "±",
 }
 

@@ -137,6 +137,7 @@ def test_errors_of_a_string_with_a_known_solution(scene, tmp_path):
     for row, value in zip(same, again.table["middle.z"], strict=True):
         assert abs(row["error"] - abs(value - truth)) <= row["uncertainty"]
         assert row["error %"] == pytest.approx(100 * row["error"] / abs(truth), rel=0.02)
+        assert row["at most %"] == bound_of(row, " %")  # which is what the figure has
     settings = {(row["h"], row["dt"]) for row in own if row["status"] == "ok"}
     assert settings == set(itertools.product((0.25, 0.125), (0.01, 0.005, 0.0025)))
     refused = [row for row in found.table if row["status"] == "refused"]
