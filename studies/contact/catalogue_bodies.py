@@ -18,6 +18,7 @@ import numpy as np
 import fecloth as fc
 
 UPRIGHT = np.eye(3)
+THIN = 0.005  # m
 NO_POINTS, NO_LINES = np.zeros((0, 3)), np.zeros((0, 2, 3))
 
 
@@ -68,7 +69,8 @@ class Body:
     lines
         (k, 2, 3) segments inside of a thin body, which no triangle may cut.
     inner
-        (k, 3) points far inside, over which no triangle may pass.
+        (k, 3) points far inside of a wide body, over which no triangle may pass. Around a thin one
+        a cloth may slip within a step, so that straight ways tell nothing.
     triangles
         (k, 3, 3) of a mesh, which no triangle may cut.
     """
@@ -156,6 +158,11 @@ def cylinder(radius: float) -> Body:
     return Body(make, lambda y, t: in_cylinder(y, radius), lines=axis(1.0), inner=NO_POINTS)
 
 
+def middle(width: float) -> np.ndarray:
+    """`Body.inner` of a body that is so wide at its middle [m]."""
+    return np.zeros((1, 3)) if width > THIN else NO_POINTS
+
+
 def axis(half: float) -> np.ndarray:
     return np.array([[[0, 0, -half], [0, 0, half]]])
 
@@ -166,7 +173,8 @@ def rod(half: float, radius: float) -> Body:
             place(c - half * a), place(c + half * a), radius, **motion
         )
     )
-    return Body(make, lambda y, t: in_rod(y, half, radius), lines=axis(half))
+    inner = middle(2 * radius)
+    return Body(make, lambda y, t: in_rod(y, half, radius), axis(half), inner)
 
 
 def plate(radius: float, thickness: float) -> Body:
@@ -176,14 +184,15 @@ def plate(radius: float, thickness: float) -> Body:
     angle = np.linspace(0, math.pi, 4, endpoint=False)
     across = 0.98 * radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     lines = np.stack([-across, across], axis=1)
-    return Body(make, lambda y, t: in_plate(y, radius, thickness), lines=lines)
+    return Body(make, lambda y, t: in_plate(y, radius, thickness), lines, middle(thickness))
 
 
 def box(*size: float) -> Body:
     make = obstacle(lambda c, _, motion: fc.shapes.Box(place(c), size, **motion))
     half = np.array(size) / 2
-    lines = bars(half) if min(size) < 0.005 else NO_LINES
-    return Body(make, lambda y, t: (half - abs(y)).min(axis=1), lines=lines, can_turn=False)
+    lines = bars(half) if min(size) < THIN else NO_LINES
+    inner = middle(min(size))
+    return Body(make, lambda y, t: (half - abs(y)).min(axis=1), lines, inner, can_turn=False)
 
 
 def bars(half: np.ndarray) -> np.ndarray:
@@ -268,4 +277,4 @@ def spike(half: float, radius: float) -> Body:
     around = radius * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     nodes = np.vstack([around, [[0, 0, -half], [0, 0, half]]])
     triangles = [[a, (a + 1) % 3, 4] for a in range(3)] + [[(a + 1) % 3, a, 3] for a in range(3)]
-    return replace(mesh("spike", nodes, triangles, np.zeros((1, 3))), lines=axis(0.98 * half))
+    return replace(mesh("spike", nodes, triangles, NO_POINTS), lines=axis(0.98 * half))
