@@ -135,7 +135,7 @@ def test_unresolvable_step_is_an_error(swing):
         def step(self, *args):
             raise NewtonFailed("never", 1.0, "")
 
-    with pytest.raises(fc.StepFailed, match=r"no step is short enough: .*never.*discontinuous"):
+    with pytest.raises(fc.StepFailed, match="short enough: .*never.*jump here.*fixed dt"):
         list(fc.march(system, fc.Adaptive(Never()), start, t_end=T_END))
 
 
