@@ -201,8 +201,8 @@ class Adaptive(ChosenSteps):
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
             getattr(reason, "residual", math.nan),
-            "Does a load or a motion of the pins jump here? Let it change in a finite time. Or take "
-            "steps of a fixed dt, which need no estimate of their error.",
+            "Does a load or a motion of the pins jump here? Let it change in a finite time. "
+            "Or take steps of a fixed dt, which need no estimate of their error.",
         )
 
     def error_within_step(self, system: System, old: State, step: Step) -> float:
