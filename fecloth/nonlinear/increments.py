@@ -32,6 +32,7 @@ NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
 LAGGED = 1e-6  # of the forces, by which friction may differ from that of its normal forces
 FIRST_PASS = 4  # iterations with the first normal forces; twice as many with each of the next ones
 PASSES = 40  # of an increment: how often the normal forces of friction are taken anew
+MANY = 4  # times `max_iterations`: the most iterations of all passes of an increment
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,7 @@ def solve_increment(
     options, total, solved, residual = context.options, Counts(), None, math.inf
     allowed = LAGGED if options.tolerance == "auto" else options.tolerance
     for number in range(PASSES):
-        most = min(FIRST_PASS * 2 ** min(number, 20), options.max_iterations - total.newton)
+        most = min(FIRST_PASS * 2**number, options.max_iterations)
         short = replace(context, options=replace(options, max_iterations=most))
         taken: list[Iteration] = []
         try:
@@ -237,7 +238,7 @@ def solve_increment(
             if not change <= solved.error:
                 solved = solved._replace(error=change, cause="friction, which lags by one pass,")
             return solved._replace(counts=counts), equation.system
-        if total.newton >= options.max_iterations:
+        if total.newton >= MANY * options.max_iterations:
             break
     what = f"friction and its normal forces did not agree in {number + 1} passes"
     reason = f"{what} of {amount(total.newton, 'iteration')}"

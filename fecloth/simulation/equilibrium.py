@@ -116,7 +116,7 @@ def equilibrium(
         error is estimated from the last two corrections, if Newton's steps were whole and shrank.
         Where the tangent is not definite the residual alone decides.
     max_iterations
-        Of each load step; beyond it the step has failed.
+        Of each load step, and four times as many with friction; beyond it the step has failed.
     solver
         "direct", "pardiso" or "superlu".
     report
