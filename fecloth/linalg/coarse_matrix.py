@@ -199,10 +199,8 @@ def restrict(
     starts: Array, rows: Array, places: Array, columns: Array, r: Array, coarse: Array,
     member: Member,
 ) -> None:  # fmt: skip
-    """coarse (m, 6) = Pᵀ r, by aggregates.
-
-    `columns` (p, 3, 6) are the blocks of P by columns; r has the row of node i at places[i].
-    """
+    """coarse (m, 6) = Pᵀ r, by aggregates."""
+    # `columns` (p, 3, 6) are the blocks of P by columns; r has the row of node i at places[i].
     begin, end = part_of(member, 0, len(starts) - 1)
     for a in range(begin, end):
         s1 = s2 = s3 = s4 = s5 = s6 = 0.0

@@ -67,11 +67,9 @@ def step(
     indptr: Array, indices: Array, values: Array, x: Array, r: Array, z: Array, p: Array, q: Array,
     sums: Array, old: float, threshold: float, member: Member,
 ) -> tuple[float, int]:  # fmt: skip
-    """One iteration for z = M⁻¹ r with any M, on all threads.
-
-    Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
-    Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
-    """
+    """One iteration for z = M⁻¹ r with any M, on all threads."""
+    # Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
+    # Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
     begin, end = part_of(member, 0, sums.shape[1])
     for block in range(begin, end):
         first, last = nodes_of(block, len(x))

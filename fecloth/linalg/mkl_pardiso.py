@@ -72,13 +72,11 @@ def routine() -> Callable[..., None]:
 
 
 def _make_reproducible(library: ctypes.CDLL) -> None:
-    """Set the MKL's mode in which equal calls with equal numbers of threads give equal bits.
-
-    In the default mode sums depend on the addresses of arrays, and the number of threads depends
-    on the load of the machine (oneMKL Developer Guide, Obtaining Numerically Reproducible Results).
-    The mode does not change if the user has set MKL_CBWR, or if the MKL rejects the call because
-    another package has already used it.
-    """
+    """Set the MKL's mode in which equal calls with equal numbers of threads give equal bits."""
+    # In the default mode sums depend on the addresses of arrays, and the number of threads depends
+    # on the load of the machine (oneMKL Developer Guide, Obtaining Numerically Reproducible
+    # Results). The mode does not change if the user has set MKL_CBWR, or if the MKL rejects the
+    # call because another package has already used it.
     if "MKL_CBWR" not in os.environ:
         library.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
     library.MKL_Set_Dynamic(ctypes.c_int(0))

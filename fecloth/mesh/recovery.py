@@ -97,10 +97,8 @@ def _fill_monomials(x, y, terms):
 
 @inner
 def _solve(gram, right, least):
-    """right = gram⁻¹ right by Cholesky's factor; return whether a pivot lies below `least`.
-
-    The coefficient of a pivot below `SINGULAR` is zero.
-    """
+    """right = gram⁻¹ right by Cholesky's factor; return whether a pivot lies below `least`."""
+    # The coefficient of a pivot below `SINGULAR` is zero.
     d, columns, poor = len(gram), right.shape[1], False
     for i in range(d):
         for j in range(i + 1):

@@ -193,12 +193,10 @@ def _dissipation(term, over, step, dt):
 
 
 def _work(term, over, old, step, explicit):
-    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
-
-    A contact says it of itself. The air's, whose force also dissipates, is its power at the stages.
-    A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt, as a
-    mean over both ends of the step.
-    """
+    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`."""
+    # A contact says it of itself. The air's, whose force also dissipates, is its power at the
+    # stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt,
+    # as a mean over both ends of the step.
     new = step.state
     if over.works_over_step:
         return over.work(new.x)
@@ -220,10 +218,8 @@ def _mean(function, stages):
 
 
 def _clamp_work(system, theta, old, step):
-    """Work that moves the normals of clamps over a step; part of the work of the pins.
-
-    Its forces act where the forces of `_pin_work` do, so that the two cancel in a translation.
-    """
+    """Work that moves the normals of clamps over a step; part of the work of the pins."""
+    # Its forces act where the forces of `_pin_work` do, so that the two cancel in a translation.
     at_stages = theta == 0.5 and not step.ends
     states = step.stages if at_stages else (old, step.state)
     old, new, *stages = ((at.x, at.t) for at in (old, step.state, *states))

@@ -57,10 +57,8 @@ def record_steps(
 
 
 def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
-    """Return the next step to record: the step `due` for an account is always recorded.
-
-    It takes the place of a row that is wanted shortly before.
-    """
+    """Return the next step to record: the step `due` for an account is always recorded."""
+    # It takes the place of a row that is wanted shortly before.
     is_late = info.step + LATE * (wanted.t - info.t) / info.dt >= due
     return Wanted(min(wanted.step, due), math.inf if is_late else wanted.t)
 

@@ -39,10 +39,8 @@ def find_idle_pins(run: PlannedRun) -> Iterator[str]:
 
 
 def _constant_motion(run: PlannedRun, name: str, pin: Pin, motions: dict[str, Signal]) -> str:
-    """Warn of a motion that is the same from the start to the end, and not zero by intent.
-
-    In a run it may begin later; load steps end at t = 1.
-    """
+    """Warn of a motion that is the same from the start to the end, and not zero by intent."""
+    # In a run it may begin later; load steps end at t = 1.
     _, places = motions[name_motion(name)].samples
     texts = [each.text for each in pin.motion.formulas] if isinstance(pin.motion, Motion) else "t"
     may_be_zero = not (isinstance(run.steps, LoadSteps) and re.search(r"\bt\b", " ".join(texts)))

@@ -106,12 +106,10 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
 
 @kernel
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
-    """J += scale Σ left_ea Q_ef right_fbᵀ.
-
-    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes of
-    hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either is
-    −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
-    """
+    """J += scale Σ left_ea Q_ef right_fbᵀ."""
+    # Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes
+    # of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either
+    # is −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
     for e in range(len(width)):
         u = width[e]
         for b in range(3 * u):
@@ -202,12 +200,10 @@ def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
 def fill_rows(
     nodes, indptr, indices, block_ptr, block_nodes, blocks, start, last, position, row, place, slots
 ):
-    """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
-
-    Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
-    `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
-    pair that has no block, or −1.
-    """
+    """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes."""
+    # Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
+    # `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
+    # pair that has no block, or −1.
     for e in range(len(nodes)):
         u = 0
         for s in range(indptr[e], indptr[e + 1]):

@@ -183,10 +183,8 @@ def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def find_near(
     triangles: Array, stencil: Array, size: Array, at_nodes: Array, reach: Array, near: Array
 ) -> int:
-    """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`.
-
-    `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how many.
-    """
+    """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`."""
+    # `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how many.
     count, last, is_near, each = 0, -1, False, len(reach) > 1
     for p in range(len(triangles)):
         e = triangles[p]
