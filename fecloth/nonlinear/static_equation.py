@@ -53,7 +53,6 @@ class StaticEquation:
 
     @cached_property
     def longest(self) -> float:
-        """The extent of the cloth."""
         return float(np.ptp(self.system.cloth.X, axis=0).max())
 
     @cached_property
@@ -84,7 +83,6 @@ class StaticEquation:
             yield (term, self.load, self.start.t) if term.load else (term, 1.0, self.t)
 
     def at(self, x: np.ndarray) -> State:
-        """The state at rest at x."""
         return State(self.t, x, np.zeros_like(x))
 
     def forces(self, state: State) -> tuple[np.ndarray, float]:
@@ -124,7 +122,6 @@ class StaticEquation:
         return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        """The dense parts of K."""
         parts = [(k, term.dense(x, t)) for term, k, t in self.terms()]
         dense = [(k, part) for k, part in parts if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]

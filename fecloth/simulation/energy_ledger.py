@@ -99,7 +99,6 @@ class Ledger(Account):
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
-        """Return dissipation and work of a step."""
         dt, acting = step.state.t - old.t, (step.over or system).bound
         dissipated = {
             name: _dissipation(term, over, step, dt)

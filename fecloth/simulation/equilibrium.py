@@ -180,19 +180,16 @@ def equilibrium(
 
 
 def _warn(doubts: tuple[str, ...]) -> None:
-    """Warn where `equilibrium` is called."""
     for words in doubts:
         warnings.warn(words, FeclothWarning, stacklevel=4)
 
 
 def _moves(system: System) -> bool:
-    """Whether pins or obstacles move with t."""
     pins = any(pin.moves for pin, _ in system.constraints.groups.values())
     return pins or any(term.supplies and term.limits_direction for term in system.bound)
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
-    """Raise `InputError` for an argument that is not allowed."""
     check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"

@@ -47,7 +47,6 @@ class ScaledLoad(BoundTerm):
     factor: float
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
-        """f += factor × the force of the load."""
         force = np.zeros_like(f)
         self.whole.add_force(x, v, t, force)
         f += self.factor * force

@@ -153,7 +153,6 @@ class Observer:
 
 
 def _distinct(probes) -> tuple[Probe, ...]:
-    """Return the probes; raise `InputError` for other objects and for duplicate column names."""
     if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
         raise InputError(f"probes = {probes!r}", "must be a list of Probe(name, where)", "Observer")
     names = [probe.name for probe in probes]

@@ -53,6 +53,5 @@ NOTES: tuple[Doubt, ...] = (  # facts, no doubts
 
 
 def find_warnings(run: PlannedRun, doubts: Iterable[Doubt] = DOUBTS) -> Iterator[str]:
-    """Yield the sentences of all doubts about a run."""
     for doubt in doubts:
         yield from filter(None, doubt(run))

@@ -44,7 +44,6 @@ def find_values_in_other_units(run: PlannedRun) -> Iterator[str]:
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[str]:
-    """Yield a sentence for each implausible constant of a fabric."""
     density = fabric.areal_density
     if not DENSITY[0] <= density <= DENSITY[1]:
         less = f". If you meant g/m², write {density / 1000:g}" * (density > DENSITY[1])
@@ -79,7 +78,6 @@ def _of_size(size: float) -> str:
 
 
 def _of_term(term: Any) -> Iterator[str]:
-    """Yield a sentence for each implausible value of a term."""
     if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
         yield f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², write {g / 100:g}"
     if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
