@@ -112,9 +112,8 @@ class StageEquation:
         for term in system.bound:
             if term.limits_direction:
                 term.add_force(x, v, self.stage.t, f)
-        return (
-            max(system.sums.norm(f), system.sums.norm(system.scalar_mass @ a)) if f.any() else 0.0
-        )
+        forces = f, system.scalar_mass @ a
+        return max(map(system.sums.norm, forces)) if f.any() else 0.0
 
     def round_off(self, q: np.ndarray) -> float:
         """The round-off of the forces; the inertia, linear in q, has little."""

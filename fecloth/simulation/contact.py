@@ -3,25 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.growth import Growth
+from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+
+RESOLVED = 50.0  # steps, of gap/v, that resolve a bounce
 
 
 @remembered
 @dataclass(frozen=True)
 class Contact(Account):
-    """Where the cloth lies on obstacles at the end."""
+    """Where the cloth lies on obstacles at the end, and whether steps resolved its bounces."""
 
     name = "contact"
     sentence: str = ""  # by `describe_contact`
+    # Of the bounce that steps resolved least: the size of the step over gap/(50 v), and words.
+    ratio: float = 0.0
+    least: str = ""
+    doubt: str = ""  # these words, at the end
+
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Contact:
+        after, new = self, info.result.state
+        for name, term in zip(run.system.names, run.system.bound, strict=True):
+            if not getattr(term, "restitution", 0.0) or Growth.name not in others.records:
+                continue  # an equilibrium has no speeds
+            v = term.touch_speed(info.old, new.x, new.t)
+            ratio = RESOLVED * v * info.dt / term.gap
+            if ratio > max(1.0, after.ratio):
+                after = after.changed(ratio=ratio, least=_unresolved(name, term, v, info.dt))
+        return after
 
     def finish(self, run: Run, end: End, others: Accounts) -> Contact:
-        return Contact(describe_contact(run.system, run.start, end.state))
+        sentence = describe_contact(run.system, run.start, end.state)
+        return self.changed(sentence=sentence, doubt=self.least)
+
+    def warnings(self) -> tuple[str, ...]:
+        return (self.doubt,)
 
     def words(self) -> str:
         return self.sentence
@@ -44,6 +68,15 @@ def describe_contact(system: System, start: State, end: State) -> str:
         if mean is not None:
             lines.append(_sentence(name, term.gap, mean, moved))
     return "; ".join(lines)
+
+
+def _unresolved(name: str, term: Any, v: float, dt: float) -> str:
+    """Return that steps of dt do not resolve a touch with the speed v."""
+    return (
+        f"bounces off {name} are not resolved: parts of the cloth touch it with {v:.3g} m/s in "
+        f"steps of {dt:.3g} s, so that the speed with which they leave depends on dt; "
+        f"dt = {term.gap / (RESOLVED * v):.2g} s resolves them, and restitution = 0 has none"
+    )
 
 
 def _sentence(name: str, gap: float, mean: float, moved: float) -> str:

@@ -47,6 +47,7 @@ class Balance(Account):
     kinetic: float = 0.0
     last_kinetic: float = 0.0
     kinetic_before: float = 0.0
+    gained: float = 0.0  # largest energy that the method had made in all until then [J]
     doubt: str = ""  # a sentence if the balance was off
     is_far: bool = False  # whether it was off by more than FAR
 
@@ -85,6 +86,7 @@ class Balance(Account):
             kinetic=max(self.kinetic, min(ledger.kinetic, self.last_kinetic, self.kinetic_before)),
             last_kinetic=ledger.kinetic,
             kinetic_before=self.last_kinetic,
+            gained=max(self.gained, -ledger.numerical),
         )
         trusted, remainder = new.trusted(system, ledger), abs(remainder)
         if remainder <= trusted:

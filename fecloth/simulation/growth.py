@@ -9,6 +9,7 @@ import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
+from fecloth.simulation.energy_balance import UNSOLVED
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import Problem, StepInfo, step_failed
 from fecloth.simulation.stability_limited import remedy_for_growth
@@ -42,7 +43,7 @@ class Growth(Account):
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Growth:
         after = self.begin(run, others)
         if self.excess and after.excess:
-            noise = _noise(run.system, info, others[Ledger].kinetic)
+            noise = _noise(run.system, info, others[Ledger])
             if min(self.kinetic, after.kinetic) > noise:
                 problem = Problem(after.excess, remedy=remedy_for_growth(run.method))
                 raise step_failed(run.system, info.old, info.step, info.dt, problem)
@@ -66,12 +67,13 @@ def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> st
     )
 
 
-def _noise(system: System, info: StepInfo, kinetic: float) -> float:
+def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
-    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)² and 64 ε of the kinetic energy: the
-    round-off of positions, and of the rigid motion's energy.
+    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
+    `UNSOLVED` of all energies, as an impact may have taken nearly all of the rigid motion's.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    rounded = 0.5 * system.total_mass * speed**2 + ROUND_OFF * kinetic
+    unsolved = UNSOLVED * sum(abs(amount) for amount in ledger.amounts())
+    rounded = 0.5 * system.total_mass * speed**2 + unsolved
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

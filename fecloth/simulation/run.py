@@ -46,12 +46,15 @@ from fecloth.simulation.verdict import Verdict
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-AT_END = (ErrorInSpace, Contact, Shapes)
+AT_END = (ErrorInSpace, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
-    *(Deformation, Growth, Balance, Solves, TimeError, Verdict),
+    *(Deformation, Growth, Balance, Solves, Contact, TimeError, Verdict),
     *AT_END,
 )
-STATIC: tuple[type[Account], ...] = (Deformation, Balance, Verdict, Solves, RestStability, *AT_END)
+STATIC: tuple[type[Account], ...] = (
+    *(Deformation, Balance, Verdict, Solves, RestStability, Contact),
+    *AT_END,
+)
 
 
 def list_accounts(is_static: bool) -> tuple[type[Account], ...]:

@@ -12,6 +12,7 @@ from fecloth.errors import SolveFailed
 from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
+from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.jumps import find_jumping_motions, find_jumps
 from fecloth.simulation.doubts.planned_run import attempt
@@ -25,6 +26,7 @@ from fecloth.system.pieces import mean_of_nodes
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+from fecloth.terms.traits import has_kind
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
@@ -37,6 +39,9 @@ GROWS = (
     "far: see whether a run with half the dt ends the same"
 )
 JUMPS = "a pin or an obstacle jumps, and what follows depends on dt"
+BOUNCES = "the cloth bounces in less than a few steps, and what follows depends on dt"
+HITS = "the cloth hits something, where the method is of first order only"
+HIT = 0.05  # of the largest kinetic energy: what impacts have taken where they count
 OFTEN = 0.15  # of the time so far between two looks at the displacement
 
 
@@ -83,7 +88,8 @@ class TimeError(Account):
     the set-ups of `studies.trust.random_setups` it is within a factor 3 more often than either.
     Below the sum over MISSED the field has missed waves between its samples: the sum is stated.
     Above GROWN times the sum the errors grow, as in a cloth that buckles or flutters, and neither
-    tells how far: there is no estimate. There is none where a pin jumps.
+    tells how far: there is no estimate. There is none where a pin jumps, and after impacts where
+    they count: see `find_hits`.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
@@ -146,7 +152,7 @@ class TimeError(Account):
         after = after.changed(
             jumps=find_jumping_motions(system, replace(run.start, t=self.start.t), t)
         )
-        unknown = after.unknown or after._find_unknown(system, t)
+        unknown = after.unknown or after._find_unknown(system, t) or after.find_hits(run, others)
         after = after.changed(unknown=unknown)
         error = after.relative_error(system, run.method.traits, t)
         latest = after.recent[-1]
@@ -264,6 +270,22 @@ class TimeError(Account):
         if self.carried > max(GROWN * self._sum(system, t), LEAST * self.moved):
             return GROWS
         return JUMPS if self.jumps else ""
+
+    def find_hits(self, run: Run, others: Accounts) -> str:
+        """Return why impacts leave no estimate, or "".
+
+        Bounces that steps do not resolve have none. An impact without a bounce errs by an order of
+        dt less than a smooth motion of a method of second order, for which the estimate is made.
+        """
+        if not has_kind(run.system.terms, "contact"):
+            return ""
+        if others[Contact].ratio > 1.0:
+            return BOUNCES
+        ledger, drift = others[Ledger], drift_of(run.method.traits)
+        names = zip(run.system.names, run.system.bound, strict=True)
+        heat = [ledger.dissipated.get(name, 0.0) for name, term in names if term.limits_direction]
+        lost = ledger.numerical + sum(heat)
+        return HITS if drift and drift[0] > 1 and lost > HIT * self.fastest else ""
 
     def kick_length(self, system: System, t: float) -> float:
         """Return how far jumps of loads have moved the cloth away from the solution at t [m]."""

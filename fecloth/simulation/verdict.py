@@ -17,6 +17,7 @@ from fecloth.terms.traits import has_kind
 
 SLIGHT = 0.03  # error in time below which energy that is off or dissipated does not matter
 SHARE = 0.05  # of the largest displacement: a smaller jump is not the cause
+MADE = 0.05  # of the largest energy that moved: what the method may make at impacts
 EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
 
 
@@ -52,6 +53,8 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
         if jump:
             yield jump if estimate.is_large or not solves else ""
             return
+    if has_kind(run.system.terms, "contact"):
+        yield warn_of_gain(balance)
     if estimate and estimate.is_large:
         too = f"; the energy balance is off, too: {DISTRUST}" if balance.doubt else ""
         yield f"{estimate.sentence}{too}"
@@ -59,6 +62,18 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
         yield balance.doubt
     if estimate and not error < SLIGHT:
         yield warn_of_dissipation(run.system, balance, others[Ledger])
+
+
+def warn_of_gain(balance: Balance) -> str:
+    """Return a sentence if numerical dissipation was below zero by 5 % of what moved, or ""."""
+    moved = max(balance.kinetic, balance.scale)
+    if balance.gained <= MADE * moved:
+        return ""
+    return (
+        f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, where "
+        f"{moved:.3g} J moved, as its steps do not resolve how contacts push: take BackwardEuler, "
+        "or a smaller dt"
+    )
 
 
 def warn_of_dissipation(system: System, balance: Balance, ledger: Ledger) -> str:

@@ -174,9 +174,8 @@ def test_a_formula_is_no_quantity(formula):
 
 PLAIN = {  # numbers without a unit
     *("ObstacleTable.friction", "ObstacleTable.restitution"),
-    "MeshObstacleTable.friction",
-    "MeshObstacleTable.scale",
-    "SelfContactTable.friction",
+    *("MeshObstacleTable.friction", "MeshObstacleTable.restitution", "MeshObstacleTable.scale"),
+    *("SelfContactTable.friction", "SelfContactTable.restitution"),
     *("FabricTable.poisson_ratio", "FabricTable.bending_poisson_ratio"),
     *("WindTable.gusts", "GasTable.exponent", "GradingTable.power"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),

@@ -8,12 +8,13 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.simulation import verdict
 from fecloth.simulation.account import End, Run
+from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import OF_SCENES
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.time_error import BOUNCES, HITS, TimeError
 from fecloth.simulation.verdict import Verdict
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
@@ -99,3 +100,35 @@ def test_an_energy_that_is_no_number_is_told_in_words():
     words = after.finish(None, None, None).doubt
     assert "an energy is not finite" in words
     assert "nan" not in words
+
+
+@pytest.mark.parametrize(("part", "warns"), [(0.8, False), (1.25, True)])
+def test_energy_that_the_method_makes_at_impacts_is_a_warning(part, warns, monkeypatch):
+    balance = Balance(0.0, kinetic=2.0, largest=1.0, gained=part * 0.05 * 2.0)
+    touching = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
+    words = doubt(monkeypatch, 0.02, balance, terms=touching)
+    assert ("the method has made 0.125 J, where 2 J moved" in words) == warns
+    assert doubt(monkeypatch, 0.02, balance) == ""  # without contact it says nothing of impacts
+
+
+@pytest.mark.parametrize(
+    ("method", "part", "ratio", "why"),
+    [
+        (fc.BDF2(), 0.8, 0.0, ""),
+        (fc.BDF2(), 1.25, 0.0, HITS),
+        (fc.BackwardEuler(), 1.25, 0.0, ""),
+        (fc.BackwardEuler(), 0.8, 0.8, ""),
+        (fc.BackwardEuler(), 0.8, 1.25, BOUNCES),
+    ],
+)
+def test_after_impacts_that_count_there_is_no_error_in_time(method, part, ratio, why):
+    """They take a twentieth of the kinetic energy, or steps do not resolve a bounce."""
+    obstacle = fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), obstacle])
+    start, lost = system.rest(), part * 0.05 * 3.0
+    ledger = replace(
+        Ledger.open(system, start), numerical=0.5 * lost, dissipated={"Obstacle": 0.5 * lost}
+    )
+    others = {Ledger: ledger, Contact: Contact(ratio=ratio)}
+    estimate = TimeError(start.x, None, (), fastest=3.0)
+    assert estimate.find_hits(Run(system, method, start, 0, 4.0), others) == why

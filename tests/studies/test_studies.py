@@ -64,6 +64,8 @@ def run_here(monkeypatch, capsys):
         ("laws", "9 pictures"),
         ("contact", "A drum against a plate"),
         ("contact.drop", "| BDF2 | 162 | 30 |"),
+        ("contact.restitution", "gain energy: met"),
+        ("contact.time_errors", "within a factor 3: met"),
         ("contact.mujoco_drop", "| fecloth, BDF2 | 2.5 |"),
         ("contact.drop --self-contact", "| BDF2 | 162 | 30 |"),
         ("benchmarks.mujoco", "figures met"),

@@ -57,6 +57,23 @@ def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness)
         raise InputError(f"stiffness = {stiffness!r}", allowed, where)
 
 
+def check_restitution(where: str, restitution: float, of_pairs: bool = False) -> None:
+    """Raise `InputError` for a restitution out of 0 … 1; `of_pairs` of triangles for all but both.
+
+    What a pair has become of over a step is known where it moves apart only: see `retreat`.
+    """
+    number = is_number(restitution) and 0.0 <= restitution <= 1.0
+    if not number or (of_pairs and 0.0 < restitution < 1.0):
+        allowed = "must be a number in 0 … 1"
+        remedy = ""
+        if of_pairs:
+            allowed, remedy = (
+                "must be 0 or 1",
+                "Between them only an Obstacle that is not thin has a law.",
+            )
+        raise InputError(f"restitution = {restitution!r}", allowed, where, remedy)
+
+
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
     """κ [Pa] as it is given, or the automatic one."""
     return automatic_stiffness(panel, gap) if stiffness == "auto" else float(stiffness)

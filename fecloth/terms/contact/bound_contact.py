@@ -88,6 +88,10 @@ class BoundContact(BoundTerm):
         """`Touched.speeds` after a step that ends at x."""
         return ()
 
+    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
+        """The largest speed [m/s] of what enters the gap over a step from the `State` old to x."""
+        return 0.0
+
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
@@ -274,7 +278,7 @@ class ContactOverStep(BoundTerm):
 
     def coupling(self, x, v, t, wx, wv, definite):
         weight = wx / self.step.h
-        return self.contact.couplings(x, t, wx, self.rubbing(x), weight, definite)
+        return self.acting.couplings(x, t, wx, self.rubbing(x), weight, definite)
 
     def dissipation(self, x: np.ndarray) -> float:
         """dt Σ μ λ f₁(y) y [J] with the velocity over the step, and what damping takes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -189,6 +190,17 @@ class BoundObstacle(BoundContact):
             keeps = (d < self.gap) & (before < SPEED_UNKNOWN)
             speeds.append(np.where(keeps, before, np.maximum(nearer / self.moved.dt, 0.0)))
         return tuple(speeds)
+
+    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
+        speeds, pose = [0.0], self.shape.pose(old.t)
+        for at in self.touching(x, t):
+            place, v = (at.points.values(each, at.which) for each in (old.x, old.v))
+            y = pose.to_body(place)
+            n = self.shape.slopes(y, old.t)[0] @ pose.R.T
+            n /= np.linalg.norm(n, axis=1, keepdims=True)
+            nearer = np.einsum("pi,pi->p", n, self.shape.velocity(place, old.t) - v)
+            speeds += nearer[self.shape.distance(y, old.t) >= self.gap].tolist()
+        return max(speeds)
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle on the way to x + α s."""

@@ -16,10 +16,6 @@ class BoundSkeleton(BoundTriangleContact):
 
     body: Shape
 
-    @property
-    def gap(self) -> float:
-        return self.sets.gap
-
     def least_distance(self, x: np.ndarray, t: float) -> float:
         """The least distance [m] from the surface; infinite beyond the gap."""
         return self.sets.least_distance(self.place(x, t)) - self.sets.thickness

@@ -171,10 +171,37 @@ class ContactSets:
         K = self.potential.hessian(contacts, self.mesh, self.nodes(x), kind)
         return K[: x.size, : x.size].tocsr()
 
-    def lag(self, x: np.ndarray, friction: float) -> Any:
-        """The contacts at x with their normal forces and directions of sliding, for μ."""
-        lagged = self.toolkit.TangentialCollisions()
-        lagged.build(self.mesh, self.nodes(x), self.at(x), self.potential, friction)
+    def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+        """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J]."""
+        contacts, nodes = self.at(x), self.nodes(x)
+        edges, faces = self.mesh.edges, self.mesh.faces
+        rows, columns, values, d, energies = [], [], [], [], []
+        for number in range(len(contacts)):
+            pair = contacts[number]
+            ids = [i for i in pair.vertex_ids(edges, faces) if i >= 0]
+            place = nodes[ids].ravel()
+            way, parts = pair.compute_distance_vector(place), pair.compute_coefficients(place)
+            d.append(math.sqrt(way @ way))
+            energies.append(self.potential(pair, place))
+            for i, part in zip(ids, parts, strict=True):
+                if i < len(x):
+                    rows += 3 * [number]
+                    columns += [3 * i, 3 * i + 1, 3 * i + 2]
+                    values += (part / d[-1] * way).tolist()
+        shape = len(contacts), x.size
+        normals = sparse.csr_matrix((values, (rows, columns)), shape=shape)
+        return normals, np.array(d), np.array(energies)
+
+    def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
+        """The contacts at x with their normal forces and directions of sliding, for μ.
+
+        `parts` (m,) are what the normal forces are multiplied with.
+        """
+        lagged, contacts = self.toolkit.TangentialCollisions(), self.at(x)
+        for number, part in enumerate(() if parts is None else parts):
+            contacts[number].weight *= part
+        lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
+        self._last = self._last if parts is None else None  # as these have other weights now
         return lagged
 
     def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.bound_contact import BoundContact, Rubbing
+from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
 from fecloth.terms.contact.friction import CREEP
+from fecloth.terms.contact.retreat import Retreat
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.protocol import BoundTerm, uncoupled
@@ -84,8 +86,26 @@ class BoundTriangleContact(BoundContact):
     # What moves and turns the fixed mesh of the sets; None where it stands still. All contact is
     # computed in the frame of this body.
     body: Shape | None = None
+    restitution: float = 1.0  # part of the speed that an impact leaves, 0 or 1
+    # The step over which it acts, and its pairs at the begin; None at one state, or if elastic.
+    moved: Touched | None = None
 
     symmetric = True
+
+    def over(self, moved: Touched) -> BoundContact:
+        return replace(self, moved=moved) if self.restitution == 0.0 else self
+
+    @cached_property
+    def retreat(self) -> Retreat | None:
+        """What its pairs hold back over the step."""
+        moved = self.moved
+        if moved is None:
+            return None
+        begin = self.place(moved.start, moved.begin)
+        return Retreat.at(self.sets, begin, begin, moved.dt) if len(self.sets.at(begin)) else None
+
+    def lost(self, x: np.ndarray, t: float) -> float:
+        return self.retreat.lost(self.place(x, t)) if self.retreat else 0.0
 
     def place(self, x: np.ndarray, t: float) -> np.ndarray:
         """Positions (n, 3) as the fixed mesh sees them."""
@@ -102,12 +122,15 @@ class BoundTriangleContact(BoundContact):
         return self.body.pose(t).R
 
     def energy(self, x, t) -> float:
-        """Σ κ gap A b(s) [J]."""
-        return self.sets.energy(self.place(x, t))
+        """Σ κ gap A b(s) [J], over a step with what is held back."""
+        y = self.place(x, t)
+        return self.sets.energy(y) + (self.retreat.energy(y) if self.retreat else 0.0)
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
         """(n, 3) force on the nodes without friction [N]."""
-        return _turn(self.sets.force(self.place(x, t)), self.rotation(t))
+        y = self.place(x, t)
+        f = self.sets.force(y)
+        return _turn(f + self.retreat.force(y) if self.retreat else f, self.rotation(t))
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= ∂energy/∂x, and friction [N]."""
@@ -122,8 +145,11 @@ class BoundTriangleContact(BoundContact):
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
     def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
-        K = self.sets.tangent(self.place(x, t), definite)
-        parts = [None if K is None else _turn_matrix(wx * K, self.rotation(t))]
+        y = self.place(x, t)
+        stiff = [self.sets.tangent(y, definite)]
+        stiff += [self.retreat.tangent(y, definite)] if self.retreat else []
+        R = self.rotation(t)
+        parts = [None if K is None else _turn_matrix(wx * K, R) for K in stiff]
         parts += [each.damping(w, weight) for each, w in rubbing]
         coupled = [part for part in parts if part is not None]
         return sum(coupled[1:], start=coupled[0]) if coupled else None
@@ -131,8 +157,23 @@ class BoundTriangleContact(BoundContact):
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
         y = self.place(x, t)
         surface = 0.0 if self.body is None else self.body.mean_velocity(y, x, t, dt)
-        lagged = self.sets.lag(y, self.friction)
+        parts, moved = None, self.moved
+        if moved is not None:
+            begin = self.place(moved.start, moved.begin)
+            parts = Retreat.at(self.sets, y, begin, moved.dt).parts(y)
+        lagged = self.sets.lag(y, self.friction, parts)
         return [SlidingTriangles(self.sets, lagged, surface, self.rotation(t), self.creep)]
+
+    @property
+    def gap(self) -> float:
+        return self.sets.gap
+
+    def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
+        y, begin = self.place(x, t), self.place(old.x, old.t)
+        normals, d, _ = self.sets.pairs(y)
+        was_outside = d - normals @ (y - begin).ravel() >= self.gap + self.sets.thickness
+        nearer = -normals @ self.slip(old.x, old.v, old.t).ravel()
+        return float(np.max(nearer[was_outside], initial=0.0))
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no triangle passes through another on the way to x + α s."""
@@ -204,6 +245,10 @@ class SelfContact:
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
+    With the restitution 0 an impact dissipates: over a step pairs that move apart push less, by
+    max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little more than v
+    (`retreat`).
+
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`, from a
     start free of intersections.
 
@@ -220,6 +265,8 @@ class SelfContact:
         Least distance of two layers, between their middle surfaces [m].
     stiffness
         κ [Pa], or "auto": as for `Obstacle`.
+    restitution
+        0 (no bounce) or 1 (an elastic barrier).
 
     Examples
     --------
@@ -231,12 +278,14 @@ class SelfContact:
     friction: float = 0.0
     thickness: Annotated[float, LENGTH] = 0.0
     stiffness: Annotated[barrier.Stiffness, PRESSURE] = "auto"
+    restitution: float = 0.0
 
     traits = replace(CONTACT, several_places=False)
 
     def __post_init__(self):
         validation.positive("thickness", self.thickness, "m", "SelfContact", or_zero=True)
         barrier.check_numbers("SelfContact", self.gap, self.friction, self.stiffness)
+        barrier.check_restitution("SelfContact", self.restitution, of_pairs=True)
 
     stencil = uncoupled
 
@@ -251,4 +300,5 @@ class SelfContact:
             allowed = f"must be at most {largest:.4g} m, a third of the shortest edge"
             remedy = "Take a smaller gap, or a coarser mesh: neighbours would push each other."
             raise InputError(what, allowed, "SelfContact", remedy)
-        return BoundTriangleContact("SelfContact", sets, self.friction, CREEP * cloth.extent)
+        friction = self.friction, CREEP * cloth.extent
+        return BoundTriangleContact("SelfContact", sets, *friction, restitution=self.restitution)

@@ -34,11 +34,11 @@ def against(kind, folder):
         path = folder / "table.stl"
         path.write_text(TABLE + "endsolid table\n")
         x = flat(sheet) + [0.3, -0.5, GAP]  # off the diagonal
-        return fc.MeshObstacle(path, GAP, 0.2, KAPPA), sheet, x
+        return fc.MeshObstacle(path, GAP, 0.2, KAPPA, restitution=1.0), sheet, x
     cloth = fc.Cloth.join([sheet, fc.Cloth.rectangle(0.3, 0.2, 0.1, "right")], ["upper", "lower"])
     upper = np.isin(np.arange(len(cloth.X)), cloth.nodes("upper"))[:, None]
     x = flat(cloth) + np.where(upper, [0.053, 0.031, GAP], [0, 0, 0])
-    return fc.SelfContact(GAP, friction=0.2, stiffness=KAPPA), cloth, x
+    return fc.SelfContact(GAP, friction=0.2, stiffness=KAPPA, restitution=1.0), cloth, x
 
 
 @pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")

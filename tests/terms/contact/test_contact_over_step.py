@@ -37,13 +37,15 @@ def system_on(kind, folder, friction=0.3):
         meshio.write_points_cells(
             folder / "table.ply", corners, [("triangle", np.int32([[0, 1, 2]]))]
         )
-        contact = fc.MeshObstacle(folder / "table.ply", GAP, friction, KAPPA, rotate=turn)
+        contact = fc.MeshObstacle(
+            folder / "table.ply", GAP, friction, KAPPA, rotate=turn, restitution=1.0
+        )
     else:
         pytest.importorskip("ipctk")
         lower = fc.Cloth.rectangle(0.3, 0.2, 0.1)
         sheet = fc.Cloth.join([sheet, lower], ["upper", "lower"])
         x = np.vstack([x + [0.083, 0.051, 0], flat(lower)])
-        contact, pins = fc.SelfContact(GAP, friction, stiffness=KAPPA), ["lower"]
+        contact, pins = fc.SelfContact(GAP, friction, stiffness=KAPPA, restitution=1.0), ["lower"]
     terms = [fc.StVK(), fc.PlateBending(), fc.Gravity(), contact]
     system = fc.System(sheet, FABRIC, terms, pins)
     v = np.tile([0.2, 0.1, 0.0], (len(x), 1))

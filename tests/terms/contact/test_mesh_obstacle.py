@@ -120,7 +120,9 @@ def test_the_force_of_a_mesh_that_moves_is_the_derivative_of_its_energy(table, r
     cloth = fc.Cloth.rectangle(0.3, 0.2, 0.1)
     turn = fc.Rotation((0.1, 0.2, 0), (0.2, 0.1, 1), "0.7*t")
     lift = ("0.1*t", 0, "0.05*t")
-    term = fc.MeshObstacle(table, gap=0.02, stiffness=200.0, scale=0.01, motion=lift, rotate=turn)
+    term = fc.MeshObstacle(
+        table, gap=0.02, stiffness=200.0, scale=0.01, motion=lift, rotate=turn, restitution=1.0
+    )
     system, t = fc.System(cloth, FABRIC, [term]), 0.3
     bound = system.bound[-1]
     height = 0.01 + 0.005 * np.sin(20 * cloth.X[:, 0] + 7 * cloth.X[:, 1])

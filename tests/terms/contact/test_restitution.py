@@ -110,6 +110,22 @@ def test_a_bounce_that_steps_resolve_leaves_its_part_of_the_speed(e, v):
     assert run.energies["total"].max() <= run.energies["total"][0] * (1 + 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("e", "part", "warns"),
+    [(1.0, 0.8, False), (1.0, 1.25, True), (0.5, 1.25, True), (0.0, 9, False)],
+)
+def test_a_bounce_that_steps_do_not_resolve_is_a_warning(e, part, warns):
+    """Resolved are steps up to gap/(50 v), with the speed v of the first touch."""
+    v = 1.0
+    _, run = bounce(fc.BDF2(), v, part * GAP / (50 * v), 0.3, e)
+    said = [words for words in run.warnings if "are not resolved" in words]
+    assert len(said) == warns
+    if warns:
+        assert "bounces off Obstacle" in said[0]
+        assert "with 1 m/s" in said[0]
+        assert "dt = 2e-05 s resolves them" in said[0]
+
+
 @pytest.mark.parametrize("e", [0.0, 1.0])
 def test_the_automatic_tolerance_solves_an_impact(e):
     """Judged by its corrections alone, Newton's iteration ended deep in the gap: the remainder was

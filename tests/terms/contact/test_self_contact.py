@@ -144,7 +144,7 @@ def test_a_patch_slides_on_a_held_layer_as_coulomb_says(friction):
     x[over] = np.column_stack([upper.X @ [[0.97, 0.24], [-0.24, 0.97]] + [0.1, 0.04], 0 * over])
     x[over, 2] += 0.97 * gap
     gravity = fc.Gravity((g * np.sin(phi), 0.0, -g * np.cos(phi)))
-    terms = [fc.StVK(), gravity, fc.SelfContact(gap, friction=friction)]
+    terms = [fc.StVK(), gravity, fc.SelfContact(gap, friction=friction, restitution=1.0)]
     system = fc.System(cloth, FABRIC, terms, pins=["lower"])
     result = fc.run(system, fc.BackwardEuler(), system.state(x), dt, count * dt)
     mass = system.nodal_mass[over]

@@ -151,8 +151,10 @@ def test_without_the_toolkit_what_fits_between_the_points_is_refused(part, refus
         assert isinstance(bind(rod)[1], BoundObstacle)
 
 
-def test_a_restitution_of_a_skeleton_is_refused():
-    with pytest.raises(InputError, match="restitution = 0.5: must be 1 where the shape is thin"):
+def test_a_restitution_of_a_skeleton_is_0_or_1():
+    with pytest.raises(
+        InputError, match="thin against the edges of the triangles: restitution = 0.5: must be 0"
+    ):
         bind(THIN["needle"], restitution=0.5)
 
 

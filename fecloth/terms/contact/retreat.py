@@ -1,0 +1,111 @@
+"""How pairs of triangles dissipate: over a step they push less while they move apart.
+
+The pairs at the begin of a step, with the distance d₀, move apart by z = ∇d(x₀) · (x − x₀). Of the
+energy E(d) of such a pair a retreat z > 0 releases only
+
+    E(d₀) − E(d₀ + r),   r = z − z²/(2ρ) for z < ρ, else ρ/2
+
+with ρ = dt/c, or half of the way out of the gap if that is less. So its push p(d₀ + r)
+max(0, 1 − z/ρ) is that of `restitution` for e = 0, with c = 400 s/m: it vanishes above the speed
+1/c = 2.5 mm/s, and nothing sticks. What is held back is added as the
+potential E(d₀ + r) − E(d₀ + z) to the energy of the pairs at x: its force never does work on the
+cloth, also where other pairs have taken the place of these. An approach is elastic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth.terms.contact import barrier
+from fecloth.terms.contact.restitution import MOST
+from fecloth.terms.contact.toolkit import ContactSets
+
+LEAST = 1e-300
+NEAREST = 1e-3  # of the distance now: the least that it is taken to have been
+ROUND = 1e-6  # below the gap: b(s) is 1e-18 there
+
+
+@dataclass(frozen=True, eq=False)
+class Retreat:
+    """Pairs (m,) at the begin of a step, and how far they may move apart over it."""
+
+    start: np.ndarray  # (n, 3) positions there, as the fixed mesh sees them [m]
+    normals: sparse.csr_matrix  # (m, 3n) ∇d
+    d0: np.ndarray  # (m,) distances of middle surfaces [m]
+    scale: np.ndarray  # (m,) E(d) is this times b(s) [J]
+    rho: np.ndarray  # (m,) [m]
+    # s = (d² − thickness²)/span, 1 at the gap [m²].
+    thickness: float
+    span: float
+
+    @classmethod
+    def at(cls, sets: ContactSets, x: np.ndarray, start: np.ndarray, dt: float) -> Retreat:
+        """The pairs at x (n, 3), over a step of dt [s] from `start` (n, 3)."""
+        normals, d, energies = sets.pairs(x)
+        span = (sets.gap + sets.thickness) ** 2 - sets.thickness**2
+        s = (d**2 - sets.thickness**2) / span
+        acts = (energies > 0) & (s < 1 - ROUND)
+        scale = np.where(acts, energies / barrier.value(np.where(acts, s, 0.5)), 0.0)
+        z = np.minimum(normals @ (x - start).ravel(), (1 - NEAREST) * (d - sets.thickness))
+        d0 = d - np.maximum(z, 0.0)
+        rho = np.minimum(dt / MOST, np.maximum(0.5 * (sets.gap + sets.thickness - d0), LEAST))
+        return cls(start, normals, d0, scale, rho, sets.thickness, span)
+
+    def apart(self, y: np.ndarray) -> np.ndarray:
+        """z (m,) > 0 at positions y (n, 3), else 0 [m]."""
+        z: np.ndarray = np.maximum(self.normals @ (y - self.start).ravel(), 0.0)
+        return z
+
+    def energy(self, y: np.ndarray) -> float:
+        """Σ E(d₀ + r) − E(d₀ + z) [J]."""
+        z = self.apart(y)
+        return float((self._energies(self._released(z)) - self._energies(z)).sum())
+
+    def held(self, z: np.ndarray) -> np.ndarray:
+        """(m,) p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ) ≥ 0 [N], what each pair pushes less."""
+        r = self._released(z)
+        return self._pushes(z)[0] - self._pushes(r)[0] * np.maximum(1 - z / self.rho, 0.0)
+
+    def force(self, y: np.ndarray) -> np.ndarray:
+        """(n, 3) −∂energy/∂y [N]."""
+        return np.reshape(-self.normals.T @ self.held(self.apart(y)), y.shape)
+
+    def parts(self, y: np.ndarray) -> np.ndarray:
+        """The part (m,) of their elastic force with which the pairs push at y (n, 3)."""
+        z = self.apart(y)
+        elastic = self._pushes(z)[0]
+        return 1 - self.held(z) / np.maximum(elastic, LEAST)
+
+    def lost(self, y: np.ndarray) -> float:
+        """Energy [J] that a step to y dissipates."""
+        z = self.apart(y)
+        return float(self.held(z) @ z)
+
+    def tangent(self, y: np.ndarray, definite: bool) -> sparse.csr_matrix:
+        """(3n, 3n) ∂²energy/∂y² [N/m]; without its negative part if `definite`."""
+        z = self.apart(y)
+        (_, steep), (push, eased) = self._pushes(z), self._pushes(self._released(z))
+        part = np.maximum(1 - z / self.rho, 0.0)
+        curvature = np.where(z > 0, steep - eased * part**2 + push / self.rho * (part > 0), 0.0)
+        curvature = np.maximum(curvature, 0.0) if definite else curvature
+        return (self.normals.T @ sparse.diags(curvature) @ self.normals).tocsr()
+
+    def _released(self, z: np.ndarray) -> np.ndarray:
+        z = np.minimum(z, self.rho)
+        return z - z**2 / (2 * self.rho)
+
+    def _s(self, z: np.ndarray) -> np.ndarray:
+        return np.minimum(((self.d0 + z) ** 2 - self.thickness**2) / self.span, 1.0)
+
+    def _energies(self, z: np.ndarray) -> np.ndarray:
+        """E(d₀ + z) (m,) [J]."""
+        return self.scale * barrier.value(self._s(z))
+
+    def _pushes(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """p = −E′ (m,) [N] at d₀ + z, and p′ [N/m]."""
+        s, slope = self._s(z), 2 * (self.d0 + z) / self.span
+        push = self.scale * barrier.pressure(s)
+        return push * slope, 2 * push / self.span - self.scale * barrier.curvature(s) * slope**2
