@@ -2,6 +2,7 @@
 
     python -m studies.tune [--quick] [--names NAME …]
     python -m studies.tune --unseen SEED            on scenes that the seed draws
+    python -m studies.tune --contact SEED           on ten scenes with contact that it draws
 
 On each of twelve scenes `tune` chooses a setting. The study runs it, compares it with a reference
 whose error is below a tenth of the tolerance, and with the cheapest setting of an exhaustive grid.
@@ -32,7 +33,7 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.run_problems import Runs
 from fecloth.study.status import OK
-from studies.tune import grid, references, unseen
+from studies.tune import contact, grid, references, unseen
 from studies.tune.scenes import TWELVE, Tried
 
 QUICK = ("strip", "taut")
@@ -45,9 +46,9 @@ LONGEST = 2.0  # s, of a run of the grid of a scene that a seed draws
 TITLE = "Tuning of twelve scenes to a tolerance"
 
 
-def judge(name: str, seed: int | None, out: str, fresh: bool) -> dict:
+def judge(name: str, kind: str, seed: int | None, out: str, fresh: bool) -> dict:
     """Tune a scene and return its row."""
-    tried = next(one for one in tried_scenes(seed) if one.name == name)
+    tried = next(one for one in tried_scenes(kind, seed) if one.name == name)
     runs = Runs(out, most_seconds=None, fresh=fresh)
     folder = Path(out) / "tuned" / name
     begin = time.process_time()
@@ -65,16 +66,21 @@ def judge(name: str, seed: int | None, out: str, fresh: bool) -> dict:
     }
     if not tried.has_limit:
         return row | {"tuned s": tuned.seconds}
-    return row | compare(tried, tuned, runs, seed)
+    return row | compare(tried, tuned, runs, kind)
 
 
-def tried_scenes(seed: int | None) -> list[Tried]:
-    return list(TWELVE) if seed is None else unseen.draw(seed)
+def tried_scenes(kind: str, seed: int | None) -> list[Tried]:
+    """Return the scenes of a kind: "twelve", or "unseen" or "contact" of a seed."""
+    drawn = {"unseen": unseen.draw, "contact": contact.draw}
+    return drawn[kind](seed) if seed is not None else list(TWELVE)
 
 
-def compare(tried: Tried, tuned, runs: Runs, seed: int | None) -> dict:
-    """Return the true error and the seconds of the tuned run, and the best of the grid."""
-    if seed is None:
+def compare(tried: Tried, tuned, runs: Runs, kind: str) -> dict:
+    """Return the true error and the seconds of the tuned run, and the best of the grid.
+
+    The grid has the gaps of the scene, and does not count with contact.
+    """
+    if kind == "twelve":
         reference, nodes = references.read(tried), grid.read_best(tried)
     else:
         reference = references.reference_of(tried, references.make(tried, runs))
@@ -89,7 +95,9 @@ def compare(tried: Tried, tuned, runs: Runs, seed: int | None) -> dict:
     if uncertainty > UNSETTLED * tried.tolerance:
         return row | {"best": "not settled"}
     row["true error %"] = 100 * own_run.error
-    if seed is not None:
+    if kind == "contact":
+        return row
+    if kind == "unseen":
         nodes = grid.best_of(tried, grid.search(tried, reference, runs, LONGEST))
     best = grid.measure_best(tried, reference, again, nodes)
     if best is None or best.problem is None:
@@ -98,7 +106,7 @@ def compare(tried: Tried, tuned, runs: Runs, seed: int | None) -> dict:
     return (
         row
         | {"best s": best.seconds, "best": describe(best.problem.scene)}
-        | ({"cost ratio": ratio} if tuned.proved or seed is None else {})
+        | ({"cost ratio": ratio} if tuned.proved or kind == "twelve" else {})
     )
 
 
@@ -149,18 +157,30 @@ def collect_drawn_findings(rows: list[Mapping]) -> list[study.Finding]:
     settled = [row for row in rows if limit_of(row)]
     false = [row for row in settled if row["proved"] and row["true error %"] > allowed_error(row)]
     possible = [row for row in settled if "best s" in row]
-    ratios = [row["cost ratio"] for row in possible if row["proved"]] or [math.nan]
-    cheap = _mean([ratio <= COST for ratio in ratios])
-    proved = _mean([bool(row["proved"]) for row in possible])
     open_ = [row for row in rows if not limit_of(row)]
     return [
         study.Finding(f"falsely proved, of {len(settled)} settled scenes", len(false), high=0.0),
         study.Finding("scenes that are not settled and proved", _proved(open_), high=0.0),
-        study.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
-        study.Finding(f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9),
-        study.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
         study.Finding("longest search [CPU s]", max(row["search s"] for row in rows), high=60.0),
-    ]
+    ] + _compare_with_grid(possible)
+
+
+def _compare_with_grid(possible: list[Mapping]) -> list[study.Finding]:
+    """Return what the grid says of the rows that it can meet; nothing where there is no grid."""
+    ratios = [row["cost ratio"] for row in possible if row["proved"]] or [math.nan]
+    cheap = _mean([ratio <= COST for ratio in ratios])
+    proved = _mean([bool(row["proved"]) for row in possible])
+    return (
+        []
+        if not possible
+        else [
+            study.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
+            study.Finding(
+                f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9
+            ),
+            study.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
+        ]
+    )
 
 
 def allowed_error(row: Mapping) -> float:
@@ -201,28 +221,38 @@ def verdict_of(findings: list[study.Finding]) -> str:
 def main() -> int:
     names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
     seed = {"type": int, "default": None, "metavar": "SEED", "help": "scenes that it draws"}
-    options = study.parse_arguments(__doc__, names=names, unseen=seed)
-    listed = [one.name for one in tried_scenes(options.unseen)]
-    chosen = options.names or (QUICK if options.quick and options.unseen is None else listed)
-    settings = {"seed": options.unseen, "out": str(options.out), "fresh": options.fresh}
+    options = study.parse_arguments(__doc__, names=names, unseen=seed, contact=seed)
+    kind, seed = kind_of(options)
+    listed = [one.name for one in tried_scenes(kind, seed)]
+    chosen = options.names or (QUICK if options.quick and kind == "twelve" else listed)
+    settings = {"kind": kind, "seed": seed, "out": str(options.out), "fresh": options.fresh}
     cases = [{"name": name, **settings} for name in listed if name in chosen]
     rows = study.run_cases(cases, judge, **study.run_options(options, alone=True))
-    study.require_results(options, title_of(options.unseen), rows)
+    study.require_results(options, title_of(kind, seed), rows)
     good = [row for row in rows if row["status"] == OK]
     table = [{"scene": row["name"], **_shown(row)} for row in good]
-    if options.unseen is None:
+    if kind == "twelve":
         findings = collect_findings(good, QUICK_COST if options.quick else COST)
     else:
         findings = collect_drawn_findings(good)
-    verdict, title = verdict_of(findings), title_of(options.unseen)
+    verdict, title = verdict_of(findings), title_of(kind, seed)
     write_table(options, table, findings, verdict)
     return study.write_report(
         options, title, rows, tables={"Scenes": table}, findings=findings, conclusion=verdict
     )
 
 
-def title_of(seed: int | None) -> str:
-    return TITLE if seed is None else f"Tuning of the scenes that the seed {seed} draws"
+def kind_of(options) -> tuple[str, int | None]:
+    """Return the kind of the scenes, and the seed that draws them."""
+    if options.contact is not None:
+        return "contact", options.contact
+    return ("twelve", None) if options.unseen is None else ("unseen", options.unseen)
+
+
+def title_of(kind: str, seed: int | None) -> str:
+    if kind == "twelve":
+        return TITLE
+    return f"Tuning of the scenes{' with contact' * (kind == 'contact')} that the seed {seed} draws"
 
 
 def _shown(row: Mapping) -> dict:
@@ -234,11 +264,12 @@ def _shown(row: Mapping) -> dict:
 
 def write_table(options, table: list[dict], findings: list[study.Finding], verdict: str) -> None:
     """Write tune.md and tune.csv into the folder of the results."""
-    more = "" if options.unseen is None else f" --unseen {options.unseen}"
+    kind, seed = kind_of(options)
+    more = "" if kind == "twelve" else f" --{kind} {seed}"
     words = "\n".join(f"- {finding}" for finding in findings)
     short = [{key: value for key, value in row.items() if key != "verdict"} for row in table]
     said = "\n".join(f"- {row['scene']}: {row['verdict']}" for row in table)
-    parts = [f"# {title_of(options.unseen)}", f"`python -m studies.tune{more}`", verdict, words]
+    parts = [f"# {title_of(kind, seed)}", f"`python -m studies.tune{more}`", verdict, words]
     parts += [markdown_table(short), "What `tune` says:", said]
     replace_file(options.out / "tune.md", ("\n\n".join(parts) + "\n").encode())
     write_csv(table, options.out / "tune.csv")
