@@ -167,20 +167,16 @@ def collect_drawn_findings(rows: list[Mapping]) -> list[study.Finding]:
 
 def _compare_with_grid(possible: list[Mapping]) -> list[study.Finding]:
     """Return what the grid says of the rows that it can meet; nothing where there is no grid."""
+    if not possible:
+        return []
     ratios = [row["cost ratio"] for row in possible if row["proved"]] or [math.nan]
     cheap = _mean([ratio <= COST for ratio in ratios])
     proved = _mean([bool(row["proved"]) for row in possible])
-    return (
-        []
-        if not possible
-        else [
-            study.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
-            study.Finding(
-                f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9
-            ),
-            study.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
-        ]
-    )
+    return [
+        study.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
+        study.Finding(f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9),
+        study.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
+    ]
 
 
 def allowed_error(row: Mapping) -> float:

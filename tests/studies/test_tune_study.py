@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from studies.tune import grid, references, unseen
+from studies.tune import contact, grid, references, unseen
 from studies.tune.grid import Combination, Found, Node
 from studies.tune.scenes import TWELVE
 
@@ -57,9 +57,16 @@ def test_search_stops_at_the_longest_time():
     assert not grid.best_of(tried, done)
 
 
-def test_a_seed_draws_the_same_scenes_and_another_draws_others():
-    first, again, other = (unseen.draw(seed) for seed in (1, 1, 2))
+@pytest.mark.parametrize("drawn", [unseen, contact], ids=["unseen", "contact"])
+def test_a_seed_draws_the_same_scenes_and_another_draws_others(drawn):
+    first, again, other = (drawn.draw(seed) for seed in (1, 1, 2))
     assert first == again
     assert first != other
     for tried in (*first, *other):
         assert tried.scene().build().system.cloth.area > 0
+
+
+def test_the_reference_of_a_scene_with_contact_has_a_finer_gap():
+    for tried in contact.draw(3):
+        scene, fine = tried.scene(), tried.scene(tried.fine)
+        assert fine.terms[-1].gap == pytest.approx(scene.terms[-1].gap / contact.FINER, rel=1e-2)
