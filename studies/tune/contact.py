@@ -60,7 +60,7 @@ def drum_on_plate(rng, name) -> Tried:
     plate = _short(free * _draw(rng, 0.4, 0.7))
     shape = {"type": "Plane", "point": [0, 0, plate], "normal": [0, 0, -1]}
     gap = plate * _draw(rng, 0.01, 0.1)
-    fine = {"cloth.h": _short(height / 16)}
+    fine = {"cloth.h": _short(height / 32)}
     quantities = ("mean_displacement.z", "reaction:Obstacle.z")
     return _with_contact(rng, name, STATIC | changes, shape, gap, quantities, fine)
 
@@ -73,7 +73,7 @@ def drum_on_ball(rng, name) -> Tried:
     center = [_short(width / 2), _short(height / 2), _short(lowest + radius)]
     shape = {"type": "Sphere", "center": center, "radius": radius}
     gap = lowest * _draw(rng, 0.02, 0.1)
-    fine = {"cloth.h": _short(height / 20)}
+    fine = {"cloth.h": _short(height / 40)}
     quantities = ("mean_displacement.z", "reaction:Obstacle.z")
     return _with_contact(rng, name, STATIC | changes, shape, gap, quantities, fine)
 
@@ -93,7 +93,7 @@ def over_rod(rng, name) -> Tried:
         "pins": [{"where": "left"}, {"where": "right"}],
     }
     shape = {"type": "Cylinder", **rod, "radius": radius}
-    gap, fine = -top * _draw(rng, 0.02, 0.1), {"cloth.h": _short(height / 24)}
+    gap, fine = -top * _draw(rng, 0.02, 0.1), {"cloth.h": _short(height / 40)}
     quantities = ("mean_displacement.z", "reaction:Obstacle.z")
     return _with_contact(rng, name, STATIC | changes, shape, gap, quantities, fine)
 
