@@ -6,10 +6,10 @@ weighted by mass, the largest over the frames, over the largest rms displacement
 states. A run is good below 2 % and wrong above 10 %. Where a run warns of wrinkles as fine as the
 mesh, it runs with halved edges too; the warning is right if that moves the cloth by more than 10 %.
 Thresholds were chosen on seeds 1 and 2; random_setups.md and random_setups.csv are the table of
-seed 3, which no threshold has seen. Three promises are missed there: one wrong run is silent, 12 %
-of the good ones warn, and stated errors.
+seed 5, which no threshold has seen. Three promises are missed there: one wrong run of 14 is silent,
+14 % of the good ones warn, and 79 % instead of 80 % of the compared set-ups state an error in time.
 
-    python -m studies.trust.random_setups [--quick] [--seed 3] [--count 200] [--jobs N] [--out DIR]
+    python -m studies.trust.random_setups [--quick] [--seed 5] [--count 200] [--jobs N] [--out DIR]
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def table_line(row: dict) -> dict:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the set-ups, write their table and the report, and return the exit status."""
-    more = {"seed": {"type": int, "default": 3}, "count": {"type": int, "default": 200}}
+    more = {"seed": {"type": int, "default": 5}, "count": {"type": int, "default": 200}}
     options = study.parse_arguments(__doc__ or "", argv, **more)
     seed, numbers = QUICK if options.quick else (options.seed, range(options.count))
     most = QUICK_MOST if options.quick else MOST
