@@ -394,3 +394,36 @@ def test_the_plan_of_a_scene_loads_no_library(scene, monkeypatch):
     (line,) = (line for line in plan(load_scene(scene).build(), "") if "a factor" in line)
     assert "thread" in line
     assert "in factorisations" not in line
+
+
+DRAGGED = """
+cloth = { shape = "rectangle", width = 0.4, height = 0.02, h = 0.02, pattern = "right" }
+fabric = { areal_density = 0.2, tensile_stiffness = 50.0 }
+start = { plane = "xy", shift = [0, 0, 0.00099] }
+pins = [{ where = "right" }]
+equilibrium = { load_steps = 2 }
+
+[[terms]]
+type = "StVK"
+
+[[terms]]
+type = "Gravity"
+
+[[terms]]
+type = "Obstacle"
+friction = 0.5
+shape = { type = "Plane", point = [0, 0, 0], normal = [0, 0, 1], motion = ["-0.05*t", "0", "0"] }
+"""
+
+
+def test_a_table_that_moves_drags_a_strip_in_a_static_scene(tmp_path):
+    """By its friction; the obstacle follows the part of the loads, and summary.json says so."""
+    file = tmp_path / "dragged.toml"
+    file.write_text(DRAGGED)
+    assert main(["run", str(file), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    observed = rows(tmp_path / "out" / "observed.csv")
+    weight = 0.2 * 0.4 * 0.02 * 9.81 * (1 - 1 / 40)  # without what the pin carries
+    for row in observed[1:]:
+        assert row["reaction:right.x"] == pytest.approx(0.5 * weight * row["t"], rel=0.02)
+    summary = (tmp_path / "out" / "summary.json").read_text()
+    assert "on the number of load steps, here 2" in summary
