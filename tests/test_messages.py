@@ -169,7 +169,7 @@ TERMS = [
     (lambda: fc.Wind("x", 1.0), "velocity = .*'x'.*: must be three"),
     (lambda: fc.Wind((1.0, NAN, 0.0), 1.0), "velocity = .*nan.*: must be three"),
     (lambda: fc.Wind((1.0, "q", 0.0), 1.0), "formula 'q', unknown name 'q'"),
-    (lambda: fc.Wind((1, 0, 0), 1.0, gusts=-0.1), "gusts = -0.1: must be finite and >= 0"),
+    (lambda: fc.Wind((1, 0, 0), 1.0, gusts=-0.1), "gusts = -0.1: must be in 0 … 2"),
     (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, gust_length=0.0), "gust_length = 0.0"),
     (lambda: fc.Wind((1, 0, 0), 1.0, gusts=0.1, seed=-1), "seed = -1: must be in"),
     (lambda: fc.Wind((1, "t", 0), 1.0, gusts=0.1), "gusts of a wind that is not uniform"),

@@ -298,7 +298,7 @@ def take_step(
     """One step of a method; raises `NewtonFailed` where the cloth has passed through something."""
     records = () if history is None else (history,)
     step: Step = method.step(system, state, dt, solver, memory, *records)
-    if not takes_steps(method):
+    if is_method(method):  # a choice of steps has taken them by this function
         refuse_crossed(system, step.state)
     return step
 

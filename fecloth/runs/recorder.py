@@ -28,7 +28,6 @@ from fecloth.runs.stopwatch import Watch
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Account, Accounts, End, Run
-from fecloth.simulation.contact import Contact
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
@@ -40,7 +39,7 @@ from fecloth.view.html_report import write_report
 
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
-LAST = (Solves, Contact, Shapes)  # in this order in the log and among the warnings
+LAST = (Solves, Shapes)  # in this order in the log and among the warnings
 ORDER = (  # of the keys of summary.json; keys of other accounts follow
     *("status", "error", "warnings", "warning", "t", "t_end", "unit"),
     *("time_error", "time_error_in_words", "least_eigenvalue"),
@@ -316,7 +315,7 @@ class Recorder:
 
 
 def list_scene_accounts(is_static: bool) -> tuple[type[Account], ...]:
-    """Return the accounts of a scene: the accounts of `run`, three of them last."""
+    """Return the accounts of a scene: the accounts of `run`, two of them last."""
     return (*(kind for kind in list_accounts(is_static) if kind not in LAST), *LAST)
 
 

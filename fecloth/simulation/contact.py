@@ -32,7 +32,7 @@ class Contact(Account):
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> Contact:
         after, new = self, info.result.state
         for name, term in zip(run.system.names, run.system.bound, strict=True):
-            if not getattr(term, "restitution", 0.0) or Growth.name not in others.records:
+            if not term.restitution or Growth.name not in others.records:
                 continue  # an equilibrium has no speeds
             v = term.touch_speed(info.old, new.x, new.t)
             ratio = RESOLVED * v * info.dt / term.gap

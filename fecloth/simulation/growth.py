@@ -71,9 +71,12 @@ def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
     `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
-    `UNSOLVED` of all energies, as an impact may have taken nearly all of the rigid motion's.
+    `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an impact
+    may have taken nearly all of the rigid motion's. Other energies may be made by the method.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    unsolved = UNSOLVED * sum(abs(amount) for amount in ledger.amounts())
+    loads = [n for n, term in zip(system.names, system.bound, strict=True) if term.load]
+    moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]
+    unsolved = UNSOLVED * sum(abs(energy or 0.0) for energy in moved)
     rounded = 0.5 * system.total_mass * speed**2 + unsolved
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

@@ -116,6 +116,8 @@ class BoundTerm:
         True where no rigid motion of the cloth changes the energy.
     steady_air
         (3,) the velocity [m/s] of the air where it is constant, of a drag in moving air.
+    restitution
+        Part of the speed that an impact leaves, of contact.
     """
 
     __slots__ = ()
@@ -128,6 +130,7 @@ class BoundTerm:
     load: Any = False
     stores_strain: Any = True
     needs_path: Any = False
+    restitution: Any = 0.0
     needs_end: Any = ""
     needs_difference: Any = False
     conserves: Any = False

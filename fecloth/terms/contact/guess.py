@@ -61,11 +61,12 @@ def find_guess(
         places = np.where((own < parts)[:, None], there, places) if (own < parts).any() else places
         parts = np.minimum(own, parts)
     part = min(way.free_part(places) for way in ways)
-    bases = [way.carried for way in ways if way.contact.supplies] + [ways[0].start]
-    for base in bases if part < 1.0 or places is not x else ():
+    moving = [way.carried for way in ways if way.contact.supplies]
+    for base in [*moving, ways[0].start] if part < 1.0 or places is not x else ():
         moved = places if part == 1.0 else base + part * (places - base)
-        guess = hold(moved)
-        alone = len(ways) == 1 and bool((guess == moved).all())
-        if alone or all(way.allows(guess) for way in ways):
+        guess, starts = hold(moved), base is ways[0].start
+        # `part` is the free part of the way from where a body that moves has taken the cloth.
+        is_free = len(ways) == 1 and not (moving and starts) and bool((guess == moved).all())
+        if is_free or all(way.allows(guess) for way in ways):
             return guess
     return x if part == 1.0 and places is x else None
