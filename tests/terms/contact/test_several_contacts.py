@@ -1,6 +1,6 @@
 """Several contacts: one first guess, steps that are repeated, what cannot be met is named."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -148,6 +148,21 @@ def test_a_state_that_has_crossed_is_refused_by_name():
     through[-3:, 2] += 0.004
     with pytest.raises(NewtonFailed, match="SelfContact: the cloth has passed through"):
         refuse_crossed(system, system.state(through))
+
+
+@dataclass(frozen=True)
+class Crossing(fc.BackwardEuler):
+    """A method whose steps end below the floor."""
+
+    def step(self, system, state, dt, solver, memory=None, history=None):
+        new = system.state(state.x - [0, 0, 0.01], t=state.t + dt)
+        return Step(new, new, None, Counts())
+
+
+def test_a_step_of_a_march_that_crosses_ends_it():
+    system, start = two_layers([FLOOR], 1.0)
+    with pytest.raises(fc.StepFailed, match="Obstacle: the cloth has passed through"):
+        list(fc.march(system, Crossing(), start, dt=0.01, t_end=0.02))
 
 
 def test_the_error_in_space_of_a_state_that_has_crossed_is_no_error():

@@ -165,3 +165,17 @@ def test_a_start_inside_is_refused_with_the_nodes():
     system, _, x = bind(S.Capsule((0.1, 0.107, -0.1), (0.1, 0.107, 0.1), 1e-3))
     with pytest.raises(InputError, match="the insides of some triangles start inside the Capsule"):
         next(fc.march(system, fc.BackwardEuler(), system.state(x), 0.01, 0.1))
+
+
+@pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")  # its steps are coarse
+@pytest.mark.parametrize("beside", [0.005, 0.02])
+def test_a_needle_lifts_a_triangle_with_nodes_that_are_held(beside):
+    """Its tip rises by 2.5 mm a step, where the triangles keep nodes of the border."""
+    cloth = fc.Cloth.rectangle(0.2, 0.2, 0.03)
+    axis = (0.107, beside, -0.2), (0.107, beside, -0.001)
+    needle = fc.Obstacle(S.Capsule(*axis, 5e-4, motion=(0, 0, "0.5 * t")), gap=2e-4)
+    system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), [fc.StVK(), needle], ["boundary"])
+    tip, t_end = -0.001 + 5e-4, 0.01
+    result = fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.005, t_end=t_end)
+    assert result.state.x[:, 2].max() > tip + 0.5 * t_end
+    assert system.bound[-1].allows(result.state.x, t_end)
