@@ -37,6 +37,8 @@ def describe_time_error(
     """
     if unknown:
         return f"error in time: not known, because {unknown}"
+    if math.isnan(error):
+        return name_time_error(error)
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"

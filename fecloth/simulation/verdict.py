@@ -48,7 +48,8 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     solves = run.method.traits.solves and not has_kind(run.system.terms, "contact")
     is_slight = error < SLIGHT and solves
     if estimate and not (is_slight and not balance.is_far):
-        least = max(SMALL * run.system.cloth.extent, SHARE * estimate.moved)
+        hits = has_kind(run.system.terms, "contact")  # an obstacle that jumps throws the cloth
+        least = max(SMALL * run.system.cloth.extent, 0.0 if hits else SHARE * estimate.moved)
         jump = next((words for size, words in estimate.jumps if size > least), "")
         if jump:
             yield jump if estimate.is_large or not solves else ""

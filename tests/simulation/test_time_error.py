@@ -292,6 +292,10 @@ def test_a_load_that_jumps_within_a_step_is_in_the_error(method):
     assert result.state.x[:, 2].mean() == pytest.approx(exact, rel=0.02)
 
 
+def test_no_step_is_proposed_without_an_estimate():
+    assert describe_time_error(math.nan, fc.BDF2(), math.nan) == "error in time: no estimate"
+
+
 def test_no_step_is_proposed_that_a_jump_of_a_load_may_make_worse():
     """A longer step may have the jump inside; a shorter one divides its error by their ratio."""
     bdf2 = fc.BDF2()

@@ -76,6 +76,15 @@ def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, is_cause, monk
     assert (DISTRUST in words) != is_cause
 
 
+@pytest.mark.parametrize(("part", "is_cause"), [(0.8, False), (1.25, True)])
+def test_with_contact_a_jump_is_the_cause_however_far_the_cloth_went(part, is_cause, monkeypatch):
+    """An obstacle that jumps throws the cloth, in short steps far."""
+    ball = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
+    jump = part * verdict.SMALL * CLOTH.extent
+    assert jump < 0.05 * MOVED
+    assert ("jumps by" in doubt(monkeypatch, 0.001, jump=jump, terms=ball)) == is_cause
+
+
 @pytest.mark.parametrize(("error", "doubted"), [(0.08, False), (0.125, True)])
 def test_a_jump_matters_where_the_error_does(error, doubted, monkeypatch):
     assert ("jumps by" in doubt(monkeypatch, error, jump=0.1)) == doubted

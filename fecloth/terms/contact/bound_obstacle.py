@@ -295,7 +295,7 @@ class BoundObstacle(BoundContact):
         """Raise `InputError` for a cloth that starts inside the obstacle; it names the nodes."""
         pose = self.shape.pose(t)
         for points in self.points:
-            which = points.candidates(self.shape.distance(pose.to_body(x), t), 0.0)
+            which = points.candidates(self.shape.distance(pose.to_body(x), t), self.gap)
             d = self.shape.distance(pose.to_body(points.values(x, which)), t)
             inside = which[d <= 0.0]
             if len(inside):

@@ -337,6 +337,12 @@ def test_a_start_inside_is_refused_with_the_nodes(small):
             call()
 
 
+def test_a_cloth_that_lies_exactly_on_a_plane_starts_inside(small):
+    system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(S.Plane((0, 0, 0), UP))])
+    with pytest.raises(InputError, match=r"nodes, the deepest .*start inside the Plane.*1 mm"):
+        fc.run(system, fc.BDF2(), system.rest(), dt=0.01, t_end=0.1)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
