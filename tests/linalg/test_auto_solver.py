@@ -65,12 +65,12 @@ def test_auto_counts_what_a_pattern_costs_that_changes(changes):
 def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
     solver, b, made, open_ = select.create(kind), load(HARD), [], []
 
-    def count(make, *args):
+    def count(make, *args, **options):
         """Count the calls, but not the calls that a call makes for its coarser grids."""
         if not open_:
             made.append(1)
         open_.append(1)
-        result = make(*args)
+        result = make(*args, **options)
         open_.pop()
         return result
 
