@@ -31,6 +31,7 @@ def load(where: str) -> Any:
     except ImportError as error:
         remedy = "In the clone, pip install '.[contact]'."
         raise InputError(where, "needs the package ipctk", remedy=remedy) from error
+    ipctk.set_logger_level(ipctk.LoggerLevel.error)  # its doubts are tested after each step
     ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
     return ipctk
 
