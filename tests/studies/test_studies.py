@@ -102,6 +102,7 @@ def test_quick(study, says, run_here):
         "trust",
         "trust.random_setups",
         "contact.catalogue",
+        "contact.catalogue_words",
         "drape.support",
         "distributed.references",
     ],
