@@ -49,7 +49,7 @@ def space_cases(quick: bool) -> Rows:
     at["dynamic", "P1"] = (16, 32, 64) if quick else (8, 16, 32, 64)
     at["dynamic", "P2"] = (4, 8, 16) if quick else (4, 8, 16, 32)
     at["strip", "P1"] = at["strip", "P2"] = (16, 32, 64) if quick else (8, 16, 32, 64, 128)
-    patterns = dict.fromkeys(PROBLEMS, ("unstructured",) if quick else PATTERNS)
+    patterns = dict.fromkeys(PROBLEMS, ("right", "unstructured") if quick else PATTERNS)
     patterns["disk"] = ("unstructured",)
     if quick:
         patterns["dynamic"] = patterns["disk"]
