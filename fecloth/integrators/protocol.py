@@ -298,7 +298,8 @@ def take_step(
     """One step of a method; raises `NewtonFailed` where the cloth has passed through something."""
     records = () if history is None else (history,)
     step: Step = method.step(system, state, dt, solver, memory, *records)
-    if is_method(method):  # a choice of steps has taken them by this function
+    # A choice of steps has taken them by this function; `check_step` refuses what is no `Step`.
+    if is_method(method) and isinstance(step, Step):
         refuse_crossed(system, step.state)
     return step
 
