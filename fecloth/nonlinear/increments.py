@@ -29,7 +29,7 @@ FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that n
 QUICK = 8  # iterations after which a load increment may grow again
 SMALLEST = 1 / 64  # of the first load increment
 NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
-LAGGED = 1e-6  # of the forces, by which friction may differ from that of its normal forces
+LAGGED = 1e-6  # of the forces: the error of friction whose normal forces belong to the pass before
 FIRST_PASS = 4  # iterations with the first normal forces; twice as many with each of the next ones
 PASSES = 40  # of an increment: how often the normal forces of friction are taken anew
 MANY = 4  # times `max_iterations`: the most iterations of all passes of an increment
@@ -91,7 +91,7 @@ class Solved(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LoadIncrement:
-    """An increment of the loads from the equilibrium `start`, whose time is that of the loads."""
+    """An increment of the loads from the equilibrium `start`; its t is the time of the loads."""
 
     system: System
     start: State

@@ -104,10 +104,10 @@ def equilibrium(
         is also the time t at which motions of pins and obstacles are evaluated, so that a specimen
         is drawn from t = 0 to 1, with n = 1 at once. Where that fails the increment of λ is halved,
         down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
-        1/n. With friction the result depends on this path, and `reason` says so: over an increment
-        its potential is that of the way along the surface since the solution before. For loads
-        that turn the cloth far, and for the states between: a strip that a follower pressure turned
-        by 237° took 205 iterations at once and 246 in ten steps.
+        1/n. With friction the result depends on this path, and `reason` says so: in each
+        increment friction acts against the way along the surface since the solution before. Load
+        steps serve loads that turn the cloth far, and give the states between: a strip that a
+        follower pressure turned by 237° took 205 iterations at once and 246 in ten steps.
     tolerance
         A number: on ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same
         positions; the forces on what the pins hold are the reactions. "auto": the iteration ends
@@ -126,8 +126,8 @@ def equilibrium(
     -------
     Equilibrium
         A `State` with v = 0, and the residual, iterations, factorisations, reason, and the
-        estimated `solver_error` [m] that is left in x. Its t is that of `state`, or 1 where load
-        steps have moved pins or obstacles: a run from there goes on with their motion at t = 1. An
+        estimated `solver_error` [m] that is left in x. It has the t of `state`, or t = 1 where
+        load steps have moved pins or obstacles: a run then goes on with their motion at t = 1. An
         unstable equilibrium has a sentence in `warnings`, as doubts about units, terms and pins
         have, which `run` has too; each comes as a `FeclothWarning`.
 

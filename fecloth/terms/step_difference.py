@@ -9,8 +9,8 @@ import numpy as np
 class Increment(NamedTuple):
     """An increment of the loads in place of a step in time; `StepDifference.dt` is its size.
 
-    Nothing depends on speeds then but friction, whose potential is that of the way over the
-    increment.
+    Nothing depends on speeds then but friction: the way over the increment takes the place of the
+    speed in its potential.
     """
 
     t: float  # at its end, of what moves with t

@@ -37,7 +37,7 @@ def cases(only: list[str], seed: int, each: int, quick: bool) -> list[dict]:
         for number in range(each)
         for kind in only or KINDS
     ]
-    return [one | {"most": MOST} for one in settings[:QUICK]] if quick else settings
+    return [scene | {"most": MOST} for scene in settings[:QUICK]] if quick else settings
 
 
 def line(kind: str, group: list[dict]) -> dict:

@@ -48,7 +48,7 @@ TITLE = "Tuning of twelve scenes to a tolerance"
 
 def judge(name: str, kind: str, seed: int | None, out: str, fresh: bool) -> dict:
     """Tune a scene and return its row."""
-    tried = next(one for one in tried_scenes(kind, seed) if one.name == name)
+    tried = next(each for each in tried_scenes(kind, seed) if each.name == name)
     runs = Runs(out, most_seconds=None, fresh=fresh)
     folder = Path(out) / "tuned" / name
     begin = time.process_time()
@@ -219,7 +219,7 @@ def main() -> int:
     seed = {"type": int, "default": None, "metavar": "SEED", "help": "scenes that it draws"}
     options = study.parse_arguments(__doc__, names=names, unseen=seed, contact=seed)
     kind, seed = kind_of(options)
-    listed = [one.name for one in tried_scenes(kind, seed)]
+    listed = [each.name for each in tried_scenes(kind, seed)]
     chosen = options.names or (QUICK if options.quick and kind == "twelve" else listed)
     settings = {"kind": kind, "seed": seed, "out": str(options.out), "fresh": options.fresh}
     cases = [{"name": name, **settings} for name in listed if name in chosen]

@@ -34,7 +34,7 @@ def test_a_triangle_that_passes_over_a_point_is_seen(begin, end, swept):
 
 
 def test_bodies_are_where_their_terms_are():
-    """The frame of a body is that of the shape, moved and turned by formulas of its own."""
+    """A body has the frame of its shape, and moves and turns it by formulas of its own."""
     motion = Motion(np.array([0.1, 0.2, -0.3]), 4.0, np.array([1.0, 2.0, 0.5]), 7.0)
     centre, x, t = np.array([0.3, -0.1, 0.2]), np.eye(3), 0.21
     shape = fc.shapes.Sphere(tuple(centre), 0.1, **motion.keys(centre))

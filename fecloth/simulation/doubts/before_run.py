@@ -26,17 +26,14 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     unseen.find_missed,
     unseen.find_short_pulses,
 )
-OF_EQUILIBRIA: tuple[Doubt, ...] = (
-    units.find_values_in_other_units,
-    terms.find_no_membrane,
-    terms.find_counted_twice,
-    terms.find_springs_of_another_fabric,
-    terms.find_ignored_poisson_ratio,
-    terms.find_bending_unknown_to_hinges,
-    terms.find_gas_without_pressure,
-    terms.find_cutting_edges,
-    pins.find_idle_pins,
+OF_MOTION = (  # alone
+    terms.find_damping_of_other_bending,
+    pins.find_uneven_start,
+    course.find_step_beyond_end,
+    unseen.find_missed,
+    unseen.find_short_pulses,
 )
+OF_EQUILIBRIA = tuple(doubt for doubt in DOUBTS if doubt not in OF_MOTION)
 OF_MARCH: tuple[Doubt, ...] = (jumps.find_motion_jumps,)
 OF_SCENES: tuple[Doubt, ...] = (
     *DOUBTS,
