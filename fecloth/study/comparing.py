@@ -114,7 +114,7 @@ def compare(
 
 
 def _open(problems: Sequence[Problem], variants: Over | None) -> tuple[Problem, dict[str, Any]]:
-    """Return a problem that stands for all, and the variants by name; for a refused variant a row."""
+    """Return a problem that stands for all, and the variants by name, a row where it is refused."""
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
