@@ -21,13 +21,19 @@ def lay_down(system: System, state: State) -> State:
         n · (Σ p + Σ f) = 0
 
     over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s of
-    the gap with the pressure κ p(s) = ρ g cos φ. A run that starts there neither hops nor falls. A
-    cloth that bends as it is laid down, and a held one, find their rest by `equilibrium`.
+    the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece, a run from
+    there neither hops nor falls. A piece that tilts, hangs over or bends as it is laid down, and a
+    held one, find their rest by `equilibrium`. Moments are not balanced here.
 
     Parameters
     ----------
     system, state
-        The cloth and where it is, in the direction of its load from what is to carry it.
+        The cloth and where it is, so that its load pulls it to what is to carry it.
+
+    Returns
+    -------
+    State
+        Positions x (n, 3) [m] at the same t, with v = 0: velocities of `state` do not count.
 
     Raises
     ------
