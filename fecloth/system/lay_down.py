@@ -21,9 +21,9 @@ def lay_down(system: System, state: State) -> State:
         n · (Σ p + Σ f) = 0
 
     over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s of
-    the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece, a run from
-    there neither hops nor falls. A piece that tilts, hangs over or bends as it is laid down, and a
-    held one, find their rest by `equilibrium`. Moments are not balanced here.
+    the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece, a run
+    from there neither hops nor falls. Moments are not balanced here: a piece that tilts, hangs over
+    or bends as it is laid down, and a held piece, find their rest by `equilibrium`.
 
     Parameters
     ----------
