@@ -61,16 +61,6 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     ------
     InputError
         For an unknown pattern.
-
-    Examples
-    --------
-    An equilateral lattice of springs k has ν = 1/3 and Y = 2 k/√3:
-
-    >>> import fecloth as fc
-    >>> fabric = Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> C = plane_moduli(fc.Springs(stiffness=100.0), fabric, "equilateral")
-    >>> bool(np.isclose(C[0, 1] / C[0, 0], 1 / 3)), round(float(C[0, 0]) * 8 / 9, 6)
-    (True, 115.470054)
     """
     if pattern not in ("right", "cross", "equilateral"):
         allowed = "must be right, cross or equilateral"

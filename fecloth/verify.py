@@ -111,21 +111,6 @@ def check_term(
     ------
     VerificationFailed
         If a slope is not 2, or if a force is zero and therefore cannot be checked.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> check_term(fc.StVK())  # doctest: +ELLIPSIS
-    StVK(strain='interpolated') in states random, compressed, nearly degenerate: passed
-      27 derivatives: force, x-tangent, v-tangent
-      slopes 2.00 to 2.00, smallest relative error of each at most ...
-
-    A floor acts below z = 0 only: all nodes of these states are there.
-
-    >>> floor = fc.UserForce((0, 0, "where(z < 0, -1e4 * z, 0)"))
-    >>> cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
-    >>> states = [(name, x - [0, 0, 3], v) for name, x, v in trial_states(cloth)]
-    >>> sweeps = check_term(floor, cloth, states=states)
     """
     cloth = cloth or Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
@@ -229,13 +214,7 @@ def _sweep(
 
 
 def observed_order(h: ArrayLike, errors: ArrayLike) -> np.ndarray:
-    """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions.
-
-    Examples
-    --------
-    >>> observed_order([0.1, 0.05, 0.025], [4e-2, 1e-2, 2.5e-3]).round(12)
-    array([2., 2.])
-    """
+    """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions."""
     h, errors = np.asarray(h, dtype=float), np.asarray(errors, dtype=float)
     return np.diff(np.log(errors)) / np.diff(np.log(h))
 

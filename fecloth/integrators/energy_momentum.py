@@ -62,23 +62,6 @@ class EnergyMomentum(StageMethod):
         "exact": not symmetric, needs a direct solver. "symmetric": for any solver, but not for
         steps that turn the cloth by half a radian. "auto": symmetric, and exact in a step that does
         not converge in 120 iterations.
-
-    Examples
-    --------
-    A free sheet that turns and swings, at four times the largest explicit step; the midpoint rule
-    changes its energy by a fifth:
-
-    >>> import numpy as np
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()])
-    >>> x = 1.1 * system.rest().x
-    >>> start = system.state(x, np.cross([0, 0, 5.0], x))
-    >>> exact = fc.Newton(tolerance=1e-10)
-    >>> steps = fc.march(system, fc.EnergyMomentum(), start, dt=0.01, t_end=0.5, newton=exact)
-    >>> totals = [sum(system.energies(state).values()) for state, _ in steps]
-    >>> bool(max(totals) - min(totals) < 1e-8 * totals[0])
-    True
     """
 
     tangent: str = "auto"

@@ -52,17 +52,6 @@ def many_steps(
     StepFailed
         If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
         the start, the only state stored.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
-    >>> end = many_steps(system, system.rest(), dt=1e-4, steps=100)
-    >>> slow = list(fc.march(system, fc.CentralDifference(), system.rest(), 1e-4, 0.01))[-1][0]
-    >>> bool(abs(end.x - slow.x).max() < 1e-14)
-    True
     """
     check_system(system, state, "many_steps")
     if not (isinstance(steps, int) and steps >= 1):

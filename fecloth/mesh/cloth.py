@@ -81,15 +81,6 @@ class Cloth:
         "cross" (each cell cut along both diagonals) or "equilateral". The node sets are left,
         right, bottom, top, corners and boundary. `element` is "P1" or "P2". Towards the places of
         a `grading` the triangles of an unstructured mesh become smaller, see `Grading`.
-
-        Examples
-        --------
-        >>> from fecloth import Grading
-        >>> corners = Grading("corners", distance=0.2, power=0.6)
-        >>> cloth = Cloth.rectangle(1.0, 1.0, 0.1, grading=[corners])
-        >>> edges = np.diff(cloth.X[cloth.edge_sets["boundary"]], axis=1)
-        >>> round(float(np.linalg.norm(edges, axis=2).min()), 3)  # 0.2 (0.1/0.2)^(1 / (1 − 0.6))
-        0.034
         """
         mesh = generate.rectangle(width, height, h, pattern, grading)
         return cls._from_mesh(mesh, element, corner_sets=["corners"])

@@ -181,13 +181,6 @@ def h1_error(cloth, values: np.ndarray, exact_gradient: Callable, order: int = 8
 
     `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or
     (p, d, 2).
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right", element="P2")
-    >>> cloth.h1_error(cloth.X[:, 0] ** 2, lambda X: 2 * X * (1, 0)) < 1e-14
-    True
     """
     basis, values = cloth.basis(order), nodal_values(cloth, values)
     slopes = [basis.interpolate(c).grad.transpose(1, 2, 0) for c in _columns(values)]
@@ -206,13 +199,6 @@ def load(cloth, density=1.0, order: int = 6) -> np.ndarray:
         ρ: a number, or a function of material points (p, 2) [m] that returns (p,) or (p, d).
     order
         Polynomial degree to which ρ N_a is integrated exactly.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(2.0, 1.0, h=1.0, pattern="right", element="P2")
-    >>> float(cloth.load(lambda X: X[:, 0] ** 3).sum().round(12))  # ∫ X³ dA, X < 2, Y < 1
-    4.0
     """
     if not callable(density):
         return density * weighted_load(cloth, np.ones(len(cloth.triangles)))

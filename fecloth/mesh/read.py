@@ -63,14 +63,6 @@ def read(
     exactly the same position are merged in ``.stl`` files only, because this format has no shared
     nodes. In ``.msh`` 2.2 a triangle occurs several times if its surface is in several groups; it
     is read once.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> file = pathlib.Path(tempfile.mkdtemp(), "sheet.obj")
-    >>> _ = file.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n")
-    >>> read(file).triangles.tolist()
-    [[0, 1, 2]]
     """
     path = Path(path)
     if not path.is_file():

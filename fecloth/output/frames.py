@@ -139,20 +139,6 @@ def write_vtk(
     ------
     InputError
         If there is no state, one is not of this cloth, or a file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
-    >>> steps = fc.march(system, fc.BackwardEuler(), system.rest(), dt=0.01, t_end=0.03)
-    >>> states = (state for state, info in steps)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pvd = write_vtk(f"{folder}/swing", cloth, states, system)
-    ...     print(pvd.name, len(list(pvd.parent.glob("*.vtu"))))
-    swing.pvd 3
     """
     validation.instance("cloth", cloth, Cloth, "system.cloth", "write_vtk")
     path = Path(path)

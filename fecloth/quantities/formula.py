@@ -37,13 +37,6 @@ class Formula:
         Names that it may use.
     condition
         Whether the value must be true or false instead of a number.
-
-    Examples
-    --------
-    >>> Formula("0.1*sin(2*pi*t)", variables=("t",))(t=0.25)
-    0.1
-    >>> Formula("where(X < 1, X**2, 0)", variables=("X", "Y"))(X=np.array([0.5, 2.0]), Y=0.0)
-    array([0.25, 0.  ])
     """
 
     text: str

@@ -96,17 +96,6 @@ class Adaptive(ChosenSteps):
     InputError
         For tolerances below 0 or both 0, for a longest step that is not > 0, and for a method
         without an estimate.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 0.5, h=0.25, pattern="right")
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["left"])
-    >>> method = fc.Adaptive(fc.ImplicitMidpoint(), rtol=1e-2)
-    >>> result = fc.run(system, method, system.rest(), t_end=0.2)
-    >>> float(result.times[-1]), bool(np.ptp(np.diff(result.times)) > 0)
-    (0.2, True)
     """
 
     method: protocol.Integrator

@@ -39,16 +39,6 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
         ω dt > 0, a number or an array.
     zeta
         ζ ≥ 0, a number or an array; the two are broadcast.
-
-    Examples
-    --------
-    Backward Euler takes an undamped mode down by 1/√(1 + ω²dt²); central differences break at 2:
-
-    >>> import fecloth as fc
-    >>> round(fc.stability.amplification(fc.BackwardEuler(), 1.0), 9)
-    0.707106781
-    >>> fc.stability.amplification(fc.CentralDifference(), [1.9, 2.1]).round(3)
-    array([1.   , 1.877])
     """
     method = resolve_method(method)
     omega_dt, zeta = _numbers("omega_dt", omega_dt, 0.0), _numbers("zeta", zeta)

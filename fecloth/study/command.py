@@ -53,12 +53,7 @@ def exit_status(main: Callable[[], int | None]) -> int:
 
 
 def require_packages(*names: str) -> None:
-    """Raise `InputError` if a package that a study needs later is not installed.
-
-    Examples
-    --------
-    >>> require_packages("numpy")
-    """
+    """Raise `InputError` if a package that a study needs later is not installed."""
     for name in names:
         try:
             importlib.import_module(name)
@@ -91,13 +86,6 @@ def parse_arguments(
     ------
     InputError
         For an invalid option, or a package that is not installed.
-
-    Examples
-    --------
-    >>> tolerance = {"type": float, "default": 0.01}
-    >>> options = parse_arguments("A study.", ["--quick"], tolerance=tolerance)
-    >>> options.quick, options.jobs, options.tolerance
-    (True, 1, 0.01)
     """
     options = _make_parser(description, more).parse_args(argv)
     if options.jobs < 1:

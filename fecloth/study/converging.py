@@ -73,19 +73,6 @@ def converge(
     InputError
         For a problem that cannot be refined so, an unknown quantity, or too long a time; with
         `grade` for meshes that cannot be graded, or without an estimate of the error in space.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"])
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> found = fc.study.converge(strip, "tip.x", h=0.25, levels=4, probes=tip)
-    >>> print(f"{found.value:.4f}", found.verdict.splitlines()[0][:22])
-    1.0450 converges as it should
     """
     study = open_study(problem, shared)
     opened, runs = study.problem, study.runs()

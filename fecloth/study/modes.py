@@ -126,19 +126,6 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     -----
     FeclothWarning
         If the state is unstable or no equilibrium, or a tangent is not symmetric.
-
-    Examples
-    --------
-    A square drum of side 1 m under the tension T = 143.6 N/m has f₁ = √(T/(2 ρ))/a = 18.9 Hz:
-
-    >>> import numpy as np
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="cross")
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=10000.0, poisson_ratio=0.3)
-    >>> system = fc.System(cloth, fabric, [fc.StVK()], pins=["boundary"])
-    >>> tight = system.state(np.column_stack([1.01 * cloth.X, np.zeros(len(cloth.X))]))
-    >>> fc.modes(system, tight, count=3)
-    <3 modes: 18.85, 29.65, 29.65 Hz; stable: the lowest frequency is 18.85 Hz>
     """
     check_system(system, state, "modes")
     free = system.admissible.shape[1]

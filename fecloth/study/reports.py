@@ -24,15 +24,7 @@ Row = Mapping[str, object]
 
 @dataclass(frozen=True)
 class Finding:
-    """A number of the conclusion and its expected range.
-
-    Examples
-    --------
-    >>> print(Finding("order of StVK in L2", 2.03, 1.9, 2.1))
-    order of StVK in L2: 2.03 in [1.9, 2.1]: met
-    >>> Finding("error", float("nan"), high=0.1).is_met
-    False
-    """
+    """A number of the conclusion and its expected range."""
 
     what: str
     value: float

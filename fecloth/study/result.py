@@ -30,17 +30,6 @@ class Table(Sequence[Mapping[str, Cell]]):
     """Rows of named cells; numbers are shown to four digits and stored in full.
 
     A number beside its error is shown with as many digits as the error has.
-
-    Examples
-    --------
-    >>> table = Table(({"h": 0.1, "sag": 0.012344}, {"h": 0.05}))
-    >>> table.columns, table["h"], len(table)
-    (['h', 'sag'], [0.1, 0.05], 2)
-    >>> print(table)
-    | h [m] | sag |
-    |---|---|
-    | 0.1 | 0.01234 |
-    | 0.05 |  |
     """
 
     rows: tuple[Mapping[str, Cell], ...]

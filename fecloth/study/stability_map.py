@@ -118,19 +118,6 @@ def stability(
     InputError
         For an unknown method or key, an equilibrium, and if the problem refuses every value. One
         of several that is refused gives rows with the reason.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def sheet(h, stiffness):
-    ...     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
-    ...     fabric = fc.Fabric(0.2, stiffness)
-    ...     system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    ...     return cloth, system, fc.BDF2(), system.state(1.05 * system.rest().x)
-    >>> over = {"stiffness": [100.0, 400.0]}
-    >>> found = fc.study.stability(sheet, over, ["central_difference"], h=0.25, t_end=0.5)
-    >>> found.table["predicted limit"], found.table["measured over predicted"]
-    (['8.11 ms', '4.05 ms'], ['0.92–1.1', '0.94–1.1'])
     """
     names = studied_by("stability") if methods is None else methods
     allowed = f"must be names of {', '.join(ALL_METHODS)}"

@@ -30,12 +30,6 @@ def check_time_limit(*_: object) -> None:
     """Raise `TimeLimit` if the current case is over its limit; fits as a `report` callback.
 
     The limit is CPU time: a busy machine changes no result.
-
-    Examples
-    --------
-    >>> from fecloth.study.status import attempt
-    >>> attempt(lambda: check_time_limit() or {}, {}, time_limit=-1.0)
-    {'status': 'time limit', 'cause': 'cut off: more than -1 CPU s'}
     """
     limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
     if end is not None and limit is not None and time.process_time() > end:
@@ -91,15 +85,7 @@ class Seconds:
 
 
 def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds:
-    """Call a function once to warm up, then `repeats` times, and return the shortest times.
-
-    Examples
-    --------
-    >>> calls = []
-    >>> seconds = measure_seconds(lambda: calls.append(1), repeats=3)
-    >>> len(calls), seconds.wall <= seconds.first + seconds.wall
-    (4, True)
-    """
+    """Call a function once to warm up, then `repeats` times, and return the shortest times."""
     first, _, _ = _measure_one_call(function)
     calls = [_measure_one_call(function) for _ in range(repeats)]
     wall = min(call[0] for call in calls)

@@ -60,12 +60,6 @@ def estimate_uncertainty(
     ------
     InputError
         For less than three levels, or sizes that are equal.
-
-    Examples
-    --------
-    >>> found = estimate_uncertainty([0.4, 0.2, 0.1], [1.16, 1.04, 1.01], theory=2)
-    >>> print(f"{found.limit:.3f}, order {found.order:.2f}, U = {found.uncertainty:.4f}")
-    1.000, order 2.00, U = 0.0125
     """
     order = np.argsort(sizes)
     h, fine_first = np.asarray(sizes, float)[order], np.asarray(values, float)[order]

@@ -39,17 +39,6 @@ def lay_down(system: System, state: State) -> State:
     ------
     InputError
         If no piece is free, if no load acts on one, or if nothing lies in the direction of a load.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(0.2, 0.1, h=0.05)
-    >>> table = fc.Obstacle(fc.shapes.Plane((0, 0, 0), (0, 0, 1)), gap=1e-3, friction=0.3)
-    >>> terms = [fc.StVK(), fc.Gravity(), table]
-    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), terms)
-    >>> above = system.state(system.rest().x + [0, 0, 0.05])
-    >>> bool(0.9e-3 < fc.lay_down(system, above).x[:, 2].max() < 1e-3)
-    True
     """
     check_system(system, state, "lay_down")
     free = [piece.nodes for piece in system.movable_pieces if not len(piece.held)]

@@ -20,14 +20,7 @@ from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotien
 
 @dataclass(frozen=True)
 class Motion:
-    """Displacement by three formulas of t, or of t and of a node's material point (X, Y) [m].
-
-    Examples
-    --------
-    >>> lift = Motion.read(["0", 0, "0.1*t**2"])
-    >>> lift(2.0), lift.velocity(2.0)
-    (array([0. , 0. , 0.4]), array([0. , 0. , 0.4]))
-    """
+    """Displacement by three formulas of t, or of t and of a node's material point (X, Y) [m]."""
 
     # Formulas of t; all three of t, X and Y where one of them has X or Y in it
     formulas: tuple[Formula, ...]

@@ -89,17 +89,6 @@ def space_error(system: System, state: State) -> SpaceError:
     ------
     InputError
         For a state of another cloth.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> for h in (0.1, 0.05):
-    ...     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
-    ...     system = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity()], pins=["boundary"])
-    ...     print(fc.space_error(system, fc.equilibrium(system, system.rest())))
-    error in space about 17 % of stress and moment
-    error in space about 8.5 % of stress and moment
     """
     check_system(system, state, "space_error", starts=False)
     m = len(system.cloth.triangles)

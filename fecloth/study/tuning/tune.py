@@ -109,20 +109,6 @@ def tune(
         name.
     StudyFailed
         If no run on a coarse mesh reaches its end.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> def strip(h, element="P1"):
-    ...     cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="cross", element=element)
-    ...     terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
-    ...     mass = "lumped" if element == "P1" else "consistent"
-    ...     system = fc.System(cloth, fc.Fabric(0.2, 20.0), terms, pins=["left"], mass=mass)
-    ...     return cloth, system, None, system.rest()
-    >>> tip = [fc.Probe("tip", "right")]
-    >>> tuned = fc.tune(strip, "1%", "tip.x", h=0.1, probes=tip, elements=["P1", "P2"])
-    >>> print(tuned.proved, tuned.error < 0.01)
-    True True
     """
     study = open_study(problem, shared)
     opened, runs = study.problem, study.runs()

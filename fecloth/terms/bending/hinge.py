@@ -78,15 +78,6 @@ class HingeBending:
     rest
         θ₀ [rad] of all hinges, or of each in the order of ``cloth.hinges``; `hinge_angles`
         computes them for a shape. Left out: flat.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
-    >>> system = fc.System(cloth, fabric, [fc.HingeBending()])
-    >>> system.energies(system.rest())["HingeBending"]
-    0.0
     """
 
     rest: float | tuple[float, ...] | None = None
@@ -183,15 +174,6 @@ class QuadraticBending:
     positive semi-definite, there is no angle that could jump.
 
     Cost: a triangle costs 0.7 of `StVK`'s force and 0.3 of its tangent.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-    >>> fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
-    >>> system = fc.System(cloth, fabric, [fc.QuadraticBending()])
-    >>> system.energies(system.rest())["QuadraticBending"] < 1e-18
-    True
     """
 
     traits = HINGES

@@ -66,18 +66,6 @@ class PlateBending:
     ------
     InputError
         For an angle that is not between −π and π, or another number of angles than hinges.
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    >>> fabric = fc.Fabric(0.2, 1000.0, bending_rigidity=1e-5)
-    >>> system = fc.System(cloth, fabric, [fc.PlateBending()])
-    >>> x = system.rest().x
-    >>> x[:, 2] = 0.005 * x[:, 0] ** 2  # the curvature 0.01/m
-    >>> energy = system.energies(system.state(x))["PlateBending"]
-    >>> round(energy / (0.5 * 1e-5 * 0.01**2), 2)  # ½ B κ² over 1 m², less at the free edges
-    0.9
     """
 
     rest: str | float | tuple[float, ...] = "flat"

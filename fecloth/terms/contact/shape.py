@@ -208,11 +208,6 @@ class Sdf(Shape):
     radius
         Least radius of curvature where the shape curves outwards [m]. It decides how many points
         inside triangles are needed. None for a shape with edges.
-
-    Examples
-    --------
-    >>> Sdf("z - 0.02*sin(20*x)").distance(np.array([[0.0, 0.0, 0.1]]), 0.0)
-    array([0.1])
     """
 
     formula: str

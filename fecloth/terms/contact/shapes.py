@@ -51,11 +51,6 @@ class Plane(Shape):
         A point of the plane [m].
     normal
         Its normal n, of any length, towards the side on which the cloth is.
-
-    Examples
-    --------
-    >>> Plane((0, 0, 1), (0, 0, 2)).distance(np.array([[5.0, 0.0, 4.0]]), 0.0)
-    array([3.])
     """
 
     point: Place

@@ -67,24 +67,6 @@ class Condition:
     ------
     InputError
         From `System`: for shapes that do not fit, and for a derivative that is wrong.
-
-    Examples
-    --------
-    A cable runs through the nodes on the diagonal of a cloth as through rings: all its length is
-    one condition, so that its tension is the same everywhere.
-
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.25, pattern="right")
-    >>> diagonal = cloth.nodes(lambda X: abs(X[:, 0] - X[:, 1]) < 1e-9)
-    >>> diagonal = diagonal[np.argsort(cloth.X[diagonal, 0])]
-    >>> def longer(y):
-    ...     return np.linalg.norm(np.diff(y, axis=1), axis=2).sum(axis=1) - np.sqrt(2.0)
-    >>> cable = fc.Condition(longer, [diagonal], stiffness=500.0, convex=True)
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> system = fc.System(cloth, fabric, [fc.StVK(), cable, fc.Gravity()], pins=["top"])
-    >>> x = system.rest().x * 1.1  # 10 % longer: ½ · 500 · (0.1 √2)² J
-    >>> round(system.energies(system.state(x))["Condition"], 9)
-    5.0
     """
 
     value: Function

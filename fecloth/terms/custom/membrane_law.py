@@ -54,29 +54,6 @@ class MembraneLaw:
     InputError
         From `System`: for what is not (W, S, ℂ) or not finite at E = 0, for an entry of S or ℂ
         that is not the derivative, and for what Numba cannot compile.
-
-    Examples
-    --------
-    A fabric that stiffens with its strain, W = ½ E:ℂ₀:E (1 + (E:E)/ε²):
-
-    >>> import fecloth as fc
-    >>> from dataclasses import dataclass
-    >>> @dataclass(frozen=True)
-    ... class Stiffening(fc.MembraneLaw):
-    ...     scale: float
-    ...
-    ...     def constants(self, fabric):
-    ...         return [fabric.moduli()[0], self.scale**-2]
-    ...
-    ...     @staticmethod
-    ...     def law(E, c):
-    ...         I = E[0] ** 2 + E[1] ** 2 + 2 * E[2] ** 2
-    ...         W = c[0] * (I / 2 + c[1] * I**2 / 4)
-    ...         s, d = c[0] * (1 + c[1] * I), 2 * c[0] * c[1]
-    ...         C = (s + d * E[0] ** 2, s + d * E[1] ** 2, s / 2 + d * E[2] ** 2,
-    ...              d * E[0] * E[1], d * E[0] * E[2], d * E[1] * E[2])
-    ...         return W, (s * E[0], s * E[1], s * E[2]), C
-    >>> sweeps = fc.verify.check_term(Stiffening(0.1), scales=[1.0])
     """
 
     traits = MEMBRANE

@@ -61,15 +61,6 @@ class Pressure:
         formula of t as text, or a function of t.
     tangent
         "symmetric" or "exact".
-
-    Examples
-    --------
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(2.0, 1.0, h=0.5, pattern="right")
-    >>> fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0)
-    >>> system = fc.System(cloth, fabric, [fc.Pressure(30.0)])
-    >>> system.force(system.rest()).sum(axis=0).round(12)
-    array([ 0.,  0., 60.])
     """
 
     pressure: Annotated[OfTime, PRESSURE]

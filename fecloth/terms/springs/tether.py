@@ -39,16 +39,6 @@ class Tether:
         k > 0 of each node's spring [N/m].
     damping
         k_d ≥ 0 of each node's spring [N s/m].
-
-    Examples
-    --------
-    A hand takes a corner and lifts it by 0.1 m in each second:
-
-    >>> import fecloth as fc
-    >>> cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.1, pattern="right")
-    >>> corner = cloth.nodes(lambda X: X.sum(axis=1) < 1e-9)
-    >>> hand = fc.Tether(corner, (0, 0, "0.1 * t"), stiffness=200.0, damping=0.5)
-    >>> system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK(), hand], pins=["top"])
     """
 
     where: Where
