@@ -51,7 +51,7 @@ ELSEWHERE = (  # commands that continuous integration runs, and those that need 
     ".venv/bin/pre-commit install",
     ".venv/bin/python -m pytest -q",
     "pytest",
-    "python -m fecloth.scene.key_reference",  # see tests/scene/test_key_reference.py
+    "python tests/support/key_reference.py",  # see tests/scene/test_key_reference.py
 )
 SHORTER = {
     "studies/scenes/flag.toml": ["cloth.h=0.1", "time.t_end=0.48"],

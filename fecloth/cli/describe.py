@@ -18,12 +18,11 @@ from fecloth.output.frames import write_mesh
 from fecloth.runs.environment import versions
 from fecloth.runs.run_scene import resolve_scene
 from fecloth.scene.json_schema import json_schema
-from fecloth.scene.key_reference import fields
 from fecloth.scene.plan import memory_of_each, plan
 from fecloth.scene.scene import load_scene
 from fecloth.scene.table_model import Made
 from fecloth.scene.tables import TERM_TABLES
-from fecloth.scene.type_words import meaning, phrase
+from fecloth.scene.type_words import fields, meaning, phrase
 from fecloth.suggest import did_you_mean
 
 WIDTH = 100

@@ -12,6 +12,11 @@ from fecloth.quantities import units
 from fecloth.quantities.units import Dimension, Measured
 
 
+def fields(table: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the keys of a table but `type`, which names it."""
+    return {key: field for key, field in table.model_fields.items() if key != "type"}
+
+
 def writable(hint: Any) -> Any:
     """Return the part of a type that a file can hold, whose lists are read as tuples."""
     origin, args = get_origin(hint), get_args(hint)

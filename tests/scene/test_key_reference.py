@@ -5,11 +5,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from support import key_reference
 
 from fecloth.cli import main as cli
 from fecloth.cli.commands import FIELD_NAMES
 from fecloth.output.frame_reader import FIELDS
-from fecloth.scene import key_reference
 from fecloth.scene.cloth_tables import Disk
 from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.json_schema import json_schema, subclasses
@@ -17,7 +17,7 @@ from fecloth.scene.scene import Scene
 from fecloth.scene.schedule import METHOD_TABLES
 from fecloth.scene.table_model import Table
 from fecloth.scene.tables import SHAPE_TABLES, TERM_TABLES, SolverTable
-from fecloth.scene.type_words import meaning
+from fecloth.scene.type_words import fields, meaning
 from fecloth.view.checker_pattern import CHECKS
 
 SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").rglob("*.toml"))
@@ -26,7 +26,7 @@ SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").rglob("*.toml
 @pytest.mark.parametrize("file", sorted(key_reference.pages()), ids=lambda file: file.parent.name)
 def test_the_pages_are_up_to_date(file):
     expected = key_reference.pages()[file]
-    assert file.read_text(encoding="utf-8") == expected, "run python -m fecloth.scene.key_reference"
+    assert file.read_text(encoding="utf-8") == expected, "run python tests/support/key_reference.py"
 
 
 def test_every_table_is_in_the_reference():
@@ -52,7 +52,7 @@ def test_every_key_has_a_meaning():
         f"{table.__name__}.{key}"
         for table in subclasses(Table)
         if table.__module__.startswith("fecloth.scene") and not is_made_for_a_user(table)
-        for key, field in (key_reference.fields(table) | table.shorthands).items()
+        for key, field in (fields(table) | table.shorthands).items()
         if table is not FabricTable.__base__ and not meaning(field)
     }
     assert not without
@@ -139,7 +139,7 @@ def test_info_prints_the_parameters_of_a_term(name, capsys):
     assert cli.main(["info", "--terms", name]) == 0
     out = capsys.readouterr().out
     assert f'type = "{name}"' in out
-    for key in key_reference.fields(TERM_TABLES[name]):
+    for key in fields(TERM_TABLES[name]):
         assert f"\n{key}: " in out
 
 
