@@ -1,7 +1,5 @@
 """A sparse matrix of 3×3 blocks with a fixed pattern, one block per pair of coupled nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,7 +26,7 @@ class BlockPattern:
     indices: np.ndarray
 
     @classmethod
-    def union(cls, n: int, stencils: Sequence[np.ndarray]) -> BlockPattern:
+    def union(cls, n: int, stencils: Sequence[np.ndarray]) -> "BlockPattern":
         """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k).
 
         It is the pattern of EᵀE, where row e of E is 1 at the nodes of row e of the stencils.
@@ -46,7 +44,7 @@ class BlockPattern:
     def __len__(self) -> int:
         return len(self.indptr) - 1
 
-    def same_as(self, other: BlockPattern | None) -> bool:
+    def same_as(self, other: "BlockPattern | None") -> bool:
         """Whether the blocks are the same. Contact often repeats the pattern of a matrix before."""
         if other is None or other is self:
             return other is self
@@ -96,7 +94,7 @@ class BlockMatrix:
     team: Team = ALONE
 
     @classmethod
-    def zeros(cls, pattern: BlockPattern, team: Team = ALONE) -> BlockMatrix:
+    def zeros(cls, pattern: BlockPattern, team: Team = ALONE) -> "BlockMatrix":
         """The matrix of this pattern whose values are all zero; `team` shares the work with it."""
         return cls(pattern, np.zeros((len(pattern.indices), 3, 3)), team)
 
@@ -107,7 +105,7 @@ class BlockMatrix:
         multiply(self.pattern.indptr, self.pattern.indices, self.values, x, y)
         return y
 
-    def plus(self, other: sparse.spmatrix) -> BlockMatrix:
+    def plus(self, other: sparse.spmatrix) -> "BlockMatrix":
         """The sum with a SciPy matrix (3n, 3n), whose pattern is a new object."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr

@@ -1,7 +1,5 @@
 """The flat reference mesh and its finite-element discretisation, without material or time."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -74,7 +72,7 @@ class Cloth:
         pattern: str = "unstructured",
         element: str = "P1",
         grading: Sequence[Grading] = (),
-    ) -> Cloth:
+    ) -> "Cloth":
         """Mesh the rectangle [0, width] × [0, height] with edge length `h` [m].
 
         `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
@@ -93,7 +91,7 @@ class Cloth:
         h: Annotated[float, LENGTH],
         element: str = "P1",
         grading: Sequence[Grading] = (),
-    ) -> Cloth:
+    ) -> "Cloth":
         """Mesh a disk around the origin by Gmsh with edge length `h` [m]; node set: boundary."""
         return cls._from_mesh(generate.disk(radius, h, grading), element)
 
@@ -107,7 +105,7 @@ class Cloth:
         trust: bool = False,
         time_limit: Annotated[float, TIME] = TIME_LIMIT,
         grading: Sequence[Grading] = (),
-    ) -> Cloth:
+    ) -> "Cloth":
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
@@ -127,7 +125,7 @@ class Cloth:
         renumber: bool = True,
         regions: dict | None = None,
         element: str = "P1",
-    ) -> Cloth:
+    ) -> "Cloth":
         """Create a cloth from coordinates, triangles, named node sets and named regions.
 
         For P2 too the nodes are the corners only; the midpoints of the edges are added. A node set
@@ -159,7 +157,7 @@ class Cloth:
         return cls._from_mesh(mesh, element, renumber)
 
     @classmethod
-    def join(cls, pieces: Sequence[Cloth], names: Sequence[str]) -> Cloth:
+    def join(cls, pieces: "Sequence[Cloth]", names: Sequence[str]) -> "Cloth":
         """Make one cloth of several pieces that share no node, such as two layers that touch.
 
         Each piece keeps its coordinates, which may overlap, because each is flat by itself. The
@@ -186,7 +184,7 @@ class Cloth:
         return cls._of(mesh, numbers, pieces[0].element)
 
     @classmethod
-    def _of(cls, mesh: FlatMesh, sources: tuple[np.ndarray, np.ndarray], element: str) -> Cloth:
+    def _of(cls, mesh: FlatMesh, sources: tuple[np.ndarray, np.ndarray], element: str) -> "Cloth":
         """The cloth of a mesh; `sources` are the numbers of nodes and triangles in the input."""
         sets = mesh.node_sets, mesh.edge_sets
         return cls(mesh.X, mesh.triangles, *sets, *sources, element, mesh.triangle_sets)
@@ -199,7 +197,7 @@ class Cloth:
     @classmethod
     def _from_mesh(
         cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets: Collection[str] = ()
-    ) -> Cloth:
+    ) -> "Cloth":
         elements.find_element(element, "Cloth")
         nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         if renumber:

@@ -14,8 +14,6 @@ A clamped edge of the boundary is one more hinge, from its triangle to a plane t
 slope is its angle. Free edges have no moment, and a user of the slopes eliminates theirs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,12 +123,12 @@ class EdgeSlopes:
         return self._slopes(plate, self._weights(plate)), plate.hinge
 
     @property
-    def _plain(self) -> _Plate:
+    def _plain(self) -> "_Plate":
         m = len(self.edges.triangles)
         one = np.broadcast_to(np.eye(3), (m, 3, 3))
         return _Plate(self.edges, np.empty(0, int), one, np.zeros(m, int))
 
-    def _slopes(self, plate: _Plate, weights: sparse.csr_matrix) -> sparse.csr_matrix:
+    def _slopes(self, plate: "_Plate", weights: sparse.csr_matrix) -> sparse.csr_matrix:
         h, c, size = len(self.edges.of_hinge), len(plate.clamped), len(plate.hinge)
         half_edges, hinges = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
         rows = np.concatenate([half_edges, plate.clamped])
@@ -146,7 +144,7 @@ class EdgeSlopes:
         place = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
         return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
-    def _weights(self, plate: _Plate) -> sparse.csr_matrix:
+    def _weights(self, plate: "_Plate") -> sparse.csr_matrix:
         """(h, h + c) W with φ = W θ."""
         # With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
         patch = (self.patches @ plate.in_triangle).tocsr()

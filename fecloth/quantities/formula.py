@@ -1,7 +1,5 @@
 """Arithmetic written as text, e.g. "0.1*sin(2*pi*t)": parsed once, and never executed as code."""
 
-from __future__ import annotations
-
 import ast
 import math
 from collections.abc import Mapping, Sequence
@@ -47,7 +45,7 @@ class Formula:
         _ = self._value  # parsed and checked now, not at the first call
 
     @cached_property
-    def _value(self) -> _CompiledFormula:
+    def _value(self) -> "_CompiledFormula":
         return _compile(self.text, self.variables, self.condition)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -61,7 +59,7 @@ class Formula:
         """Value at one float for each variable, in their order: in a third of a call's time."""
         return self._value.at(numbers)
 
-    def derivative(self, variable: str) -> Derivative:
+    def derivative(self, variable: str) -> "Derivative":
         """The exact derivative by a variable, to be called as the formula itself.
 
         On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0.
@@ -87,14 +85,14 @@ class Derivative:
                 raise InputError(f"derivative by {variable!r}", allowed, "Formula")
 
     @cached_property
-    def _value(self) -> _CompiledFormula:
+    def _value(self) -> "_CompiledFormula":
         by = self.variable, *self.then
         return _compile(self.formula.text, self.formula.variables, False, by)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Derivative, (self.formula, self.variable, self.then)
 
-    def derivative(self, variable: str) -> Derivative:
+    def derivative(self, variable: str) -> "Derivative":
         """The next derivative, by a variable; of a kink or a jump it is taken on one side."""
         return Derivative(self.formula, self.variable, (*self.then, variable))
 

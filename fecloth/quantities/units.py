@@ -4,8 +4,6 @@ The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]
 `in_si` takes the units that a text may have, and error messages take the SI unit.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import types
@@ -38,7 +36,7 @@ class Dimension:
     def __repr__(self) -> str:
         return self.si
 
-    def where(self, **values: object) -> Dimension:
+    def where(self, **values: object) -> "Dimension":
         """The same dimension, for a quantity that has it only if other fields have these values."""
         return replace(self, only=tuple(values.items()))
 

@@ -1,7 +1,5 @@
 """The folder of one run: tables that grow row by row, a summary, a log; files written whole."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -72,7 +70,7 @@ class Table:
         with writing(self.path):
             self._stream.close()
 
-    def __enter__(self) -> Table:
+    def __enter__(self) -> "Table":
         return self
 
     def __exit__(self, *_) -> None:
@@ -116,7 +114,7 @@ class RunFolder:
             raise FolderMoved(f"{self.path} was moved or removed during the run", remedy=remedy)
 
     @classmethod
-    def create(cls, path: str | Path, overwrite: bool = False) -> RunFolder:
+    def create(cls, path: str | Path, overwrite: bool = False) -> "RunFolder":
         """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
 
         Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
@@ -130,7 +128,7 @@ class RunFolder:
             return cls(path, inode=path.stat().st_ino)
 
     @classmethod
-    def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> RunFolder:
+    def reopen(cls, path: str | Path, tables: Mapping[str, int]) -> "RunFolder":
         """Return the folder of a run to continue; each table is cut to its number of bytes."""
         folder = cls(Path(path), dict(tables))
         for name, size in tables.items():

@@ -1,7 +1,5 @@
 """What a run accounts for, beside its motion: a list of figures that follow its steps."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -62,15 +60,15 @@ class Account:
     due: int = NEVER  # number of the step that must have a row for it
 
     @classmethod
-    def begin(cls, run: Run, others: Accounts) -> Self:
+    def begin(cls, run: Run, others: "Accounts") -> Self:
         """Return the record before the first step; `others` are the accounts before it."""
         return cls()
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Self:
+    def follow(self, run: Run, info: StepInfo, others: "Accounts") -> Self:
         """Return the record after a step that has a row; `others` are accounts after this step."""
         return self
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Self:
+    def finish(self, run: Run, end: End, others: "Accounts") -> Self:
         """Return the record with what is found out at the end of the run only."""
         return self
 
@@ -109,20 +107,20 @@ class Accounts:
     records: Mapping[str, Account]
 
     @classmethod
-    def begin(cls, kinds: Sequence[type[Account]], run: Run, first: Account) -> Accounts:
+    def begin(cls, kinds: Sequence[type[Account]], run: Run, first: Account) -> "Accounts":
         """Return the accounts before the first step; `first` has begun already."""
         accounts = cls({first.name: first})
         for kind in kinds:
             accounts = accounts.with_record(kind.begin(run, accounts))
         return accounts
 
-    def follow(self, run: Run, info: StepInfo) -> Accounts:
+    def follow(self, run: Run, info: StepInfo) -> "Accounts":
         return self._replace_each(lambda record, others: record.follow(run, info, others))
 
-    def finish(self, run: Run, end: End) -> Accounts:
+    def finish(self, run: Run, end: End) -> "Accounts":
         return self._replace_each(lambda record, others: record.finish(run, end, others))
 
-    def _replace_each(self, new: Callable[[Account, Accounts], Account]) -> Accounts:
+    def _replace_each(self, new: "Callable[[Account, Accounts], Account]") -> "Accounts":
         """Return new records, made one after the other from the old one and the new ones before."""
         records: dict[str, Account] = {}
         after = Accounts(records)
@@ -130,7 +128,7 @@ class Accounts:
             records[name] = new(record, after)
         return after
 
-    def with_record(self, record: Account) -> Accounts:
+    def with_record(self, record: Account) -> "Accounts":
         """Return the accounts with a record in the place of the old one of its name."""
         return Accounts({**self.records, record.name: record})
 

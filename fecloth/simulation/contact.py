@@ -1,7 +1,5 @@
 """How far the gap and the barrier of obstacles keep a cloth from where it would touch them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,7 +27,7 @@ class Contact(Account):
     least: str = ""
     doubt: str = ""  # these words, at the end
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Contact:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
         after, new = self, info.result.state
         for name, term in zip(run.system.names, run.system.bound, strict=True):
             if not term.restitution or Growth.name not in others.records:
@@ -40,7 +38,7 @@ class Contact(Account):
                 after = after.changed(ratio=ratio, least=_unresolved(name, term, v, info.dt))
         return after
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Contact:
+    def finish(self, run: Run, end: End, others: Accounts) -> "Contact":
         sentence = describe_contact(run.system, run.start, end.state)
         return self.changed(sentence=sentence, doubt=self.least)
 

@@ -1,7 +1,5 @@
 """The energy of a cloth's deformation, and how much its start, loads and pins can have given it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,11 +38,11 @@ class Deformation(Account):
     last_inflow: float = 0.0
 
     @classmethod
-    def begin(cls, run: Run, others: Accounts) -> Deformation:
+    def begin(cls, run: Run, others: Accounts) -> "Deformation":
         return cls.open(run.system, run.start, others[Ledger])
 
     @classmethod
-    def open(cls, system: System, state: State, ledger: Ledger) -> Deformation:
+    def open(cls, system: System, state: State, ledger: Ledger) -> "Deformation":
         places = tuple(tuple(place.tolist()) for place in _places(system, state))
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
@@ -57,10 +55,10 @@ class Deformation(Account):
             inflow=find_inflow(ledger, kinetic, kinetic, in_place),
         )
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Deformation:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Deformation":
         return self.after(run.system, info.old, info.result.state, others[Ledger])
 
-    def after(self, system: System, old: State, new: State, ledger: Ledger) -> Deformation:
+    def after(self, system: System, old: State, new: State, ledger: Ledger) -> "Deformation":
         """Return the record after a step between two states, with the ledger after it."""
         pin_v = (new.x - old.x) / (new.t - old.t) if system.movable_pieces else new.v
         kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)

@@ -1,7 +1,5 @@
 """Whether the energy balance of a run closes, measured by the energy of its deformation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -52,11 +50,11 @@ class Balance(Account):
     is_far: bool = False  # whether it was off by more than FAR
 
     @classmethod
-    def begin(cls, run: Run, others: Accounts) -> Balance:
+    def begin(cls, run: Run, others: Accounts) -> "Balance":
         return cls.open(others[Ledger], others[Deformation])
 
     @classmethod
-    def open(cls, ledger: Ledger, deformation: Deformation) -> Balance:
+    def open(cls, ledger: Ledger, deformation: Deformation) -> "Balance":
         energy = deformation.energy(ledger)
         return cls(
             ledger.t,
@@ -68,12 +66,12 @@ class Balance(Account):
             kinetic_before=ledger.kinetic,
         )
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Balance:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Balance":
         return self.after(run.system, others[Ledger], others[Deformation], info.number)
 
     def after(
         self, system: System, ledger: Ledger, deformation: Deformation, number: int = 1
-    ) -> Balance:
+    ) -> "Balance":
         """Return the balance after a `number` of steps, with the ledger after the last of them."""
         now, remainder = deformation.energy(ledger), ledger.remainder
         new = self.changed(
@@ -96,11 +94,11 @@ class Balance(Account):
         new = new.changed(off=self.off + 1, least=min(self.least, remainder))
         return new._doubted(new.least) if new.off >= LASTING else new
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Balance:
+    def finish(self, run: Run, end: End, others: Accounts) -> "Balance":
         """At the end of a run one step whose balance is off is enough for a doubt."""
         return self._doubted(abs(self.remainder)) if self.off else self
 
-    def _doubted(self, off: float) -> Balance:
+    def _doubted(self, off: float) -> "Balance":
         """Return it with its doubt, where it is off by so much [J]."""
         # A balance must be off for ten steps in a row, all by more than is trusted at the last of
         # them: a load that sets in has moved little in its first steps.

@@ -1,7 +1,5 @@
 """The energy ledger of a run: energies, dissipation and work."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -65,7 +63,7 @@ class Ledger(Account):
     silent: bool = False
 
     @classmethod
-    def open(cls, system: System, state: State) -> Ledger:
+    def open(cls, system: System, state: State) -> "Ledger":
         """Return the ledger before the first step."""
         opening = system.energies(state)
         energies = dict(opening)
@@ -79,14 +77,16 @@ class Ledger(Account):
         flows = dissipated, work, 0.0, 0.0
         return cls(state.t, kinetic, energies, *flows, opening, resisting, silent)
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Ledger:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
         """Return the ledger after a step and the steps without a row before it."""
         skipped = info.skipped.flows if info.skipped else None
         whole = skipped if info.skipped and info.skipped.step else None
         after = self.after(run.system, run.method, info.old, info.result, whole)
         return after.with_flows(skipped) if skipped and not whole else after
 
-    def after(self, system: System, method, old: State, step, flows: Flows | None = None) -> Ledger:
+    def after(
+        self, system: System, method, old: State, step, flows: Flows | None = None
+    ) -> "Ledger":
         """Return the ledger after `step`, taken by `method` from the state `old`.
 
         `flows` are the flows since this ledger, where they are known; otherwise the flows of the
@@ -114,7 +114,7 @@ class Ledger(Account):
         pins += _clamp_work(system, method.traits.theta, old, step)
         return Flows(dissipated, work, pins, method.numerical(system, old, step))
 
-    def with_flows(self, flows: Flows) -> Ledger:
+    def with_flows(self, flows: Flows) -> "Ledger":
         """Return the ledger with the flows of steps without rows."""
         dissipated = {n: e + flows.dissipated.get(n, 0.0) for n, e in self.dissipated.items()}
         return self.changed(

@@ -1,7 +1,5 @@
 """The error in space at the end of a run."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -27,7 +25,7 @@ class ErrorInSpace(Account):
     reason: str = ""  # why there is no estimate
     may_lock: bool = False  # whether the elements are P1, and the cloth resists bending
 
-    def finish(self, run: Run, end: End, others: Accounts) -> ErrorInSpace:
+    def finish(self, run: Run, end: End, others: Accounts) -> "ErrorInSpace":
         error = space_error(run.system, end.state)
         may_lock = run.system.cloth.element == "P1" and has_kind(run.system.terms, "bending")
         return ErrorInSpace(error.relative, error.reason, may_lock)

@@ -1,7 +1,5 @@
 """How a small error of a motion moves on with the cloth: the linear equations about its state."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -26,7 +24,7 @@ class Error:
     v: np.ndarray
 
     @classmethod
-    def none(cls, x: np.ndarray) -> Error:
+    def none(cls, x: np.ndarray) -> "Error":
         return cls(np.zeros_like(x), np.zeros_like(x))
 
 
@@ -51,7 +49,7 @@ class Transport:
     solver: LinearSolver
 
     @classmethod
-    def at(cls, system: System, state: State, seconds: float) -> Transport:
+    def at(cls, system: System, state: State, seconds: float) -> "Transport":
         """Prepare a step of this length; raise `SolveFailed` for a matrix without a factor."""
         h = GAMMA * seconds
         zeros = BlockMatrix.zeros(system.pattern, system.team)

@@ -1,7 +1,5 @@
 """Which steps of a march go without Python between them, up to the next one that is asked for."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
@@ -68,7 +66,7 @@ class FusedMarch:
     most_stretch: float  # as for `march`
 
     @classmethod
-    def bind(cls, system: System, steps: StepChoice, most_stretch: float) -> FusedMarch | None:
+    def bind(cls, system: System, steps: StepChoice, most_stretch: float) -> "FusedMarch | None":
         """Return the fused march, or None where steps need Python: see `FusedSteps.bind`."""
         if not isinstance(steps, FixedStep | StabilityLimited):
             return None

@@ -1,7 +1,5 @@
 """Whether a method makes energy: then the run fails, long before its numbers overflow."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -35,12 +33,12 @@ class Growth(Account):
     excess: str  # `describe_growth` there
 
     @classmethod
-    def begin(cls, run: Run, others: Accounts) -> Growth:
+    def begin(cls, run: Run, others: Accounts) -> "Growth":
         deformation = others[Deformation]
         excess = describe_growth(deformation, others[Ledger], run.most_growth)
         return cls(deformation.kinetic, excess)
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Growth:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Growth":
         after = self.begin(run, others)
         if self.excess and after.excess:
             noise = _noise(run.system, info, others[Ledger])

@@ -4,8 +4,6 @@ The "time" is the part of the loads that acts, from 0 at the start to 1. So fram
 files and probes serve a static scene as they serve a motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
@@ -77,7 +75,7 @@ class LoadSteps:
     )
 
     @property
-    def method(self) -> LoadSteps:
+    def method(self) -> "LoadSteps":
         return self
 
     @property

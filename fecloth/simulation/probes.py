@@ -1,7 +1,5 @@
 """Quantities observed at every step: probes, displacement, sag, area, reactions, contact."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -115,7 +113,7 @@ class Observer:
     shape: Enclosure | None = None
 
     @classmethod
-    def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> Observer:
+    def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> "Observer":
         probes, cloth = _distinct(probes), system.cloth
         rows = {p.name: p.weights(cloth) for p in probes}
         weights = {name: (row.indices, row.data) for name, row in rows.items()}

@@ -1,7 +1,5 @@
 """Values of quantities of interest in a run, and their differences between two runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -33,7 +31,7 @@ class RunRecord:
     values: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, result: Result, cloth: Cloth | None = None, **more) -> RunRecord:
+    def of(cls, result: Result, cloth: Cloth | None = None, **more) -> "RunRecord":
         return cls(result.times, {**result.energies, **result.observed}, cloth, **more)
 
     @cached_property

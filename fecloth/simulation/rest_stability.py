@@ -1,7 +1,5 @@
 """Whether an equilibrium is stable, by the least eigenvalue of its stiffness."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -25,13 +23,13 @@ class RestStability(Account):
     path: str = ""  # by `describe_path`
 
     @classmethod
-    def of(cls, system: System, state: State, load_steps: int = 1) -> RestStability:
+    def of(cls, system: System, state: State, load_steps: int = 1) -> "RestStability":
         """Find it; NaN for a cloth that is held whole, or a stiffness that is not finite."""
         about = resist_disturbances(system, state, 1 / load_steps)
         path = describe_path(system, load_steps)
         return cls(*least_stiffness(about, state), is_reached=True, path=path)
 
-    def finish(self, run: Run, end: End, others: Accounts) -> RestStability:
+    def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
         return self.of(run.system, end.state, run.method.load_steps) if end.is_whole else self
 
     def words(self) -> str:

@@ -1,7 +1,5 @@
 """What a run says of the shape of the cloth: stretches, triangles turned over, intersections."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -37,7 +35,7 @@ class Shape:
     intersecting: int | None
 
     @classmethod
-    def of(cls, run: Run, state: State, intersecting: int | None) -> Shape:
+    def of(cls, run: Run, state: State, intersecting: int | None) -> "Shape":
         """Return the shape of a cloth at a state, whose intersections were counted before."""
         stretches = extreme_stretches(run.system.cloth, state.x)
         return cls(*stretches, run.surface.count_inverted(state.x), intersecting)
@@ -64,7 +62,7 @@ class Shapes(Account):
 
     def at_frame(
         self, run: Run, state: State, cells: Mapping[str, np.ndarray], step: int, counts: bool
-    ) -> tuple[Shapes, dict[str, float]]:
+    ) -> "tuple[Shapes, dict[str, float]]":
         """Return the record after a frame with this cell data, and its row of strains.csv.
 
         The pairs of triangles that intersect are counted if `counts`; otherwise they are NaN.
@@ -88,7 +86,7 @@ class Shapes(Account):
         more = {"compressed": compressed, "inverted": inverted, "intersecting": intersecting}
         return after, row | more
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Shapes:
+    def finish(self, run: Run, end: End, others: Accounts) -> "Shapes":
         mass, estimate = run.system.diagonal_mass, others.get(TimeError)
         moved = max(rms(mass, end.state.x - run.start.x), estimate.moved if estimate else 0.0)
         wrinkles = find_wrinkles(run.system, end.state, moved)

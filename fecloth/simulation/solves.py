@@ -1,7 +1,5 @@
 """The iterations of a run, and how large the error of Newton's iteration is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -21,12 +19,12 @@ class Solves(Account):
     sums: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
     doubt: str = ""
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> Solves:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Solves":
         counts = info.counts
         sums = {name: value + getattr(counts, name) for name, value in self.sums.items()}
         return Solves(self.steps + info.number, sums)
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Solves:
+    def finish(self, run: Run, end: End, others: Accounts) -> "Solves":
         return self.changed(doubt=warn_of_round_off(int(self.sums["limited"])))
 
     def warnings(self) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """The error in time of the next step, estimated from the steps before it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -34,7 +32,7 @@ class StepHistory:
     times: tuple[float, ...] = ()  # of the middle of these steps [s]
     accelerations: tuple[np.ndarray, ...] = ()  # (n, 3) each [m/s²]
 
-    def after(self, system: System, traits: MethodTraits, old: State, new: State) -> StepHistory:
+    def after(self, system: System, traits: MethodTraits, old: State, new: State) -> "StepHistory":
         if (drift := drift_of(traits)) is None:
             return self
         keep = drift[0] + 1

@@ -1,7 +1,5 @@
 """The error in time of a run, estimated from its positions at a few times."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -131,20 +129,20 @@ class TimeError(Account):
     jumps: tuple[tuple[float, str], ...] = ()  # of motions: size [m], and what to say of it
 
     @classmethod
-    def begin(cls, run: Run, others: Accounts) -> TimeError:
+    def begin(cls, run: Run, others: Accounts) -> "TimeError":
         return cls.open(run.start, _sample(run.system, run.start, run.step, others))
 
     @classmethod
-    def open(cls, state: State, start: Sample) -> TimeError:
+    def open(cls, state: State, start: Sample) -> "TimeError":
         return cls(state.x, start, (start,), looked=start.t)
 
-    def follow(self, run: Run, info: StepInfo, others: Accounts) -> TimeError:
+    def follow(self, run: Run, info: StepInfo, others: Accounts) -> "TimeError":
         """Return the estimate after a step: nearly always the same object."""
         if info.step < self.due:
             return self
         return self._after(run, info.result.state, info.step, others)
 
-    def finish(self, run: Run, end: End, others: Accounts) -> TimeError:
+    def finish(self, run: Run, end: End, others: Accounts) -> "TimeError":
         after, system, t = self, run.system, end.state.t
         if t > self.recent[-1].t:
             after = self._after(run, end.state, end.step, others)
@@ -161,7 +159,7 @@ class TimeError(Account):
         sentence = describe_time_error(error, run.method, dt, after.kicked, is_cause, unknown)
         return after.changed(relative=error, sentence=sentence)
 
-    def _after(self, run: Run, state: State, step: int, others: Accounts) -> TimeError:
+    def _after(self, run: Run, state: State, step: int, others: Accounts) -> "TimeError":
         sample = _sample(run.system, state, step, others)
         kicked = self._kicked(run, state, sample)
         return kicked.sampled(run.system, run.method.traits, state, sample)
@@ -186,7 +184,7 @@ class TimeError(Account):
 
     def sampled(
         self, system: System, traits: MethodTraits, state: State, sample: Sample
-    ) -> TimeError:
+    ) -> "TimeError":
         if (drift := drift_of(traits)) is None:
             return self.changed(due=NEVER)
         q, constant = drift
@@ -209,7 +207,7 @@ class TimeError(Account):
         )
         return after if new.t < self._next_look else after._looked(system.diagonal_mass, state)
 
-    def _summed(self, system: System, state: State, recent, over: float) -> TimeError:
+    def _summed(self, system: System, state: State, recent, over: float) -> "TimeError":
         """Return the estimate with what κ ∫ dt^q dt = `over` adds to e, and what e forgets."""
         old, new = recent[-2:]
         mass, over = system.diagonal_mass, MEAN * over
@@ -223,7 +221,7 @@ class TimeError(Account):
         deforming, largest = max(self.deforming, inner), max(self.largest, math.hypot(inner, rigid))
         return self.changed(inner=inner, rigid=rigid, deforming=deforming, largest=largest)
 
-    def _moved_on(self, system: System, state: State, recent, begin, over: float) -> TimeError:
+    def _moved_on(self, system: System, state: State, recent, begin, over: float) -> "TimeError":
         """Return the estimate with the error moved on since the sample `begin` by `Transport`."""
         if self.unknown:
             return self
@@ -295,7 +293,7 @@ class TimeError(Account):
             return 0.0
         return self.kick * min(t - self.kicked, self.moved / max(self._speed(system), 1e-300))
 
-    def _kicked(self, run: Run, state: State, sample: Sample) -> TimeError:
+    def _kicked(self, run: Run, state: State, sample: Sample) -> "TimeError":
         """Return the estimate with the jumps of loads since the last sample."""
         # A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
         # velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
@@ -323,7 +321,7 @@ class TimeError(Account):
     def _next_look(self) -> float:
         return self.looked + OFTEN * (self.looked - self.start.t)
 
-    def _looked(self, mass: np.ndarray, state: State) -> TimeError:
+    def _looked(self, mass: np.ndarray, state: State) -> "TimeError":
         moved = rms(mass, state.x - self.opening)
         return self.changed(moved=max(self.moved, moved), looked=state.t)
 

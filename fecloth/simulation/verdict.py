@@ -1,7 +1,5 @@
 """The one doubt about a motion as a whole, at the end of a run: the cause, not what follows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class Verdict(Account):
     name = "verdict"
     doubt: str = ""
 
-    def finish(self, run: Run, end: End, others: Accounts) -> Verdict:
+    def finish(self, run: Run, end: End, others: Accounts) -> "Verdict":
         return Verdict(next(filter(None, _doubts(run, end, others)), ""))
 
     def warnings(self) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """Run the cases of a study, store each result on disk, and continue an interrupted study."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json
@@ -102,7 +100,7 @@ class Case:
     source: str = field(default="", repr=False)
 
     @classmethod
-    def of(cls, function: Callable[..., dict], settings: Mapping[str, object]) -> Case:
+    def of(cls, function: Callable[..., dict], settings: Mapping[str, object]) -> "Case":
         """Return the case of a module-level function."""
         file = inspect.getsourcefile(function) or ""
         if "<" in function.__qualname__ or "." in function.__qualname__:

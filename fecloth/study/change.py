@@ -1,7 +1,5 @@
 """How a problem is changed: other values, an edit of its tables, or a level of refinement."""
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Callable, Mapping
@@ -28,7 +26,7 @@ class Change:
     edits: tuple[Edit, ...] = ()
 
     @classmethod
-    def of(cls, values: Mapping[str, object]) -> Change:
+    def of(cls, values: Mapping[str, object]) -> "Change":
         """Return the change of some values, named "key = value, key = value"."""
         return cls(describe_values(values), values)
 

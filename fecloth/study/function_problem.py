@@ -1,7 +1,5 @@
 """A user's function of h and dt that a study changes and refines."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -108,7 +106,7 @@ class FunctionProblem(CommonProblem):
             return tables | {"time": {"dt": "auto", "method": "auto"}}
         return tables | {"time": {"dt": self.dt, "t_end": self.t_end, "method": "auto"}}
 
-    def changed(self, change: Change) -> FunctionProblem:
+    def changed(self, change: Change) -> "FunctionProblem":
         """Return the problem with a change: other arguments, or other terms, h and dt."""
         sizes: dict[str, Any] = {k: change.values[k] for k in ("h", "dt") if k in change.values}
         rest = {key: value for key, value in change.values.items() if key not in sizes}
@@ -119,7 +117,7 @@ class FunctionProblem(CommonProblem):
             sizes |= {"dt": tables["time"]["dt"]} if self.dt is not None else {}
         return replace(self, settings={**self.settings, **rest}, **sizes)
 
-    def refined(self, level: Level) -> FunctionProblem:
+    def refined(self, level: Level) -> "FunctionProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
         h, dt = self.h and self.h / level.h, self.dt
         if dt is not None and self.t_end is not None:
@@ -127,7 +125,7 @@ class FunctionProblem(CommonProblem):
         finer = replace(self, h=h, dt=dt, sharper=level.sharper)
         return finer.changed(Change(edits=level.edits)) if level.edits else finer
 
-    def graded(self, gradings: Sequence[Grading]) -> FunctionProblem:
+    def graded(self, gradings: Sequence[Grading]) -> "FunctionProblem":
         """Return the problem with the argument `grading`, as JSON's types."""
         if "grading" not in inspect.signature(self.function).parameters:
             remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."

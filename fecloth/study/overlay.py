@@ -1,7 +1,5 @@
 """Two results on one mesh, for ParaView: the positions of both, and their difference."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +24,7 @@ class Overlay:
     arrays: Arrays  # `other`, x_B(X), and `difference`, x_B(X) − x_A(X), (n, 3) at the nodes of A
 
     @classmethod
-    def of(cls, first: tuple[System, State], second: tuple[System, State]) -> Overlay:
+    def of(cls, first: tuple[System, State], second: tuple[System, State]) -> "Overlay":
         """Return the overlay; raise `MeshError` if a node of A does not lie on the cloth of B."""
         (a, at_a), (b, at_b) = first, second
         return cls(first, second, overlay_arrays(a.cloth, at_a.x, b.cloth, at_b.x))

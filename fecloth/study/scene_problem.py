@@ -1,7 +1,5 @@
 """A scene that a study changes and refines."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Sequence
@@ -119,7 +117,7 @@ class SceneProblem(CommonProblem):
             remedy = "Give time.dt; or refine h: the steps follow their tolerance."
             raise InputError('dt = "auto"', "cannot be refined", self.source, remedy)
 
-    def changed(self, change: Change) -> SceneProblem:
+    def changed(self, change: Change) -> "SceneProblem":
         """Return the problem with a change; raise `InputError` with its name if it is refused."""
         try:
             tables = change.apply(self._without_defaults(change))
@@ -140,7 +138,7 @@ class SceneProblem(CommonProblem):
         ]
         return self.tables | ({"terms": terms} if terms else {})
 
-    def refined(self, level: Level) -> SceneProblem:
+    def refined(self, level: Level) -> "SceneProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
         scene, values = self.scene, dict[str, object]()
         if level.h != 1 and self.h is not None:
@@ -158,7 +156,7 @@ class SceneProblem(CommonProblem):
         edits = level.edits
         return self.changed(Change(values=values, edits=edits)) if values or edits else self
 
-    def graded(self, gradings: Sequence[Grading]) -> SceneProblem:
+    def graded(self, gradings: Sequence[Grading]) -> "SceneProblem":
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
         if self.scene.cloth.grading:
             remedy = "Leave grade or the gradings out."

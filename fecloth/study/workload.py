@@ -1,7 +1,5 @@
 """The size of a study of a user's scene, before its first case: cases, triangles, steps, time."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Sequence
@@ -44,13 +42,13 @@ class Workload:
             step, least = EXPLICIT_STEP, EXPLICIT_LEAST
         return self.triangles * BINDING + self.steps * (least + self.triangles * step)
 
-    def coarser(self, k: float) -> Workload:
+    def coarser(self, k: float) -> "Workload":
         """Return the size with k h: explicit steps are k times as long."""
         steps = self.steps / k if self.is_explicit else self.steps
         return Workload(self.triangles / k**2, steps, self.is_explicit, self.unit)
 
     @classmethod
-    def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> Workload:
+    def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> "Workload":
         """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
         steps = count_steps(scene) if dt is None else _span(scene) / dt
         is_explicit = dt is None and not scene.equilibrium and scene.time.method.type in EXPLICIT
@@ -58,7 +56,7 @@ class Workload:
         return cls(refined**2 * count_triangles(scene), steps, is_explicit, unit)
 
     @classmethod
-    def explicit(cls, scene: Scene) -> Workload:
+    def explicit(cls, scene: Scene) -> "Workload":
         """Predict the size of a scene with central differences at their stable step."""
         return cls(count_triangles(scene), _explicit_steps(scene), True)
 

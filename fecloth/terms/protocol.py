@@ -16,8 +16,6 @@ Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] vel
 time. They must not be changed, but for the one named as the result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache
 from operator import attrgetter
@@ -51,7 +49,7 @@ class Term(Protocol):
         Their blocks become part of the pattern of the matrix. The diagonal always is.
         """
 
-    def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> BoundTerm:
+    def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> "BoundTerm":
         """Make the bound term for a mesh.
 
         Parameters
@@ -238,7 +236,7 @@ class BoundTerm:
 
     # --- over a step ------------------------------------------------------------------------------
 
-    def over_step(self, step: StepDifference) -> BoundTerm:
+    def over_step(self, step: StepDifference) -> "BoundTerm":
         """The term over this step, or the term itself where it does not depend on the step.
 
         `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term
@@ -285,7 +283,7 @@ class BoundTerm:
         """
         return None
 
-    def with_history(self, record: Any) -> BoundTerm:
+    def with_history(self, record: Any) -> "BoundTerm":
         """The term with its record, between two steps: its energy is what it stores then.
 
         Methods that need the force at the begin of a step, and the ledger, ask for it. The term
@@ -337,7 +335,7 @@ class BoundTerm:
 
     # --- where it is, and what it takes -----------------------------------------------------------
 
-    def here(self) -> BoundTerm:
+    def here(self) -> "BoundTerm":
         """The term as it is bound to the part of the cloth that this process has."""
         return self
 

@@ -14,8 +14,6 @@ of the loads at the start decide between three cases:
 - along: the loads act in its plane; it stretches by w L/(2 Y), ω = (π/2L) √(Y/ρ).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,7 +35,7 @@ class Numbers:
     built: Problem
 
     @classmethod
-    def of(cls, scene: Scene) -> Numbers:
+    def of(cls, scene: Scene) -> "Numbers":
         return cls(scene, scene.build())
 
     @property

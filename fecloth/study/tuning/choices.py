@@ -1,7 +1,5 @@
 """The settings among which `tune` chooses, their runs, and the distances between these."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -241,7 +239,7 @@ class Bench:
             return failure(REFUSED, cause)
         return Point(problem, Level(sharper=choice.sharper), str(choice), size)
 
-    def within(self, seconds: float) -> Bench:
+    def within(self, seconds: float) -> "Bench":
         """Return it with a time limit of its runs, in place of a longer one [s]."""
         limit = min(seconds, self.runs.time_limit or math.inf)
         return replace(self, runs=replace(self.runs, time_limit=limit))

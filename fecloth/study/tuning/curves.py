@@ -1,7 +1,5 @@
 """Errors and seconds between and beyond measured runs: powers of a size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +33,7 @@ class Curve:
         before = np.minimum(s - t[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
-    def scaled(self, factor: float | np.ndarray) -> Curve:
+    def scaled(self, factor: float | np.ndarray) -> "Curve":
         """Return the curve of `factor`, one or (q,), times the values."""
         return replace(self, y=factor * self.y)
 

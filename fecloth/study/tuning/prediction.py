@@ -1,7 +1,5 @@
 """The cheapest setting that should meet a tolerance, from measured errors and seconds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -85,12 +83,12 @@ class Prediction:
 
         return sorted(allowed, key=order)
 
-    def with_seconds(self, candidate: Candidate, seconds: float) -> Prediction:
+    def with_seconds(self, candidate: Candidate, seconds: float) -> "Prediction":
         """Return the prediction with the measured seconds of a candidate."""
         factor = self.factors.get(candidate.key, 1.0) * seconds / candidate.seconds
         return replace(self, factors={**self.factors, candidate.key: factor})
 
-    def without(self, candidate: Candidate, on_all_meshes: bool = False) -> Prediction:
+    def without(self, candidate: Candidate, on_all_meshes: bool = False) -> "Prediction":
         """Return the prediction without the rule of a candidate on its mesh, or on all meshes."""
         rule = candidate.rule
         meshes = self.meshes if on_all_meshes else [candidate.mesh]

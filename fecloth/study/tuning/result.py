@@ -1,7 +1,5 @@
 """The result of `tune`: the tuned setting, its error, its cost, its proof, and all runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -103,7 +101,7 @@ class Tuned(StudyResult):
         """Exit status of the command: 0 if the setting is proved, else 1."""
         return 0 if self.proved else errors.MISSED
 
-    def figure(self) -> Figure:
+    def figure(self) -> "Figure":
         """Return the estimated errors of all runs over their CPU seconds."""
         drawing, ax = new_figure(size=(10.0, 6.0))
         rows = [row for row in self.table if _is_shown(row)]
