@@ -25,7 +25,7 @@ def __getattr__(name: str) -> object:
     try:
         return _imported(name)
     except AttributeError:
-        from fecloth.suggest import did_you_mean
+        from fecloth.errors import did_you_mean
 
         usual = OTHER_WORDS.get(name)
         remedy = f"Did you mean {usual!r}?" if usual else did_you_mean(name, __all__)

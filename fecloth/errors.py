@@ -1,11 +1,13 @@
-"""Exceptions and warnings of fecloth, and checks of plain values.
+"""Exceptions and warnings of fecloth, checks of plain values, and "Did you mean ...?".
 
 A message states the quantity with its value, the limit, the place, and the remedy.
 """
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 # exit statuses of commands and studies, beside 0
 MISSED, BAD_INPUT, FAILED, STOPPED = 1, 2, 3, 4
+LIKENESS = 0.6  # least likeness of a name that is suggested; 0: one name is always suggested
 
 
 class FeclothError(Exception):
@@ -194,3 +197,28 @@ def brief(value: object) -> str:
     text = repr(value)
     short = len(text) <= 60 and "\n" not in text and not text.startswith("<")
     return text if short else with_article(type(value).__name__)
+
+
+def closest(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
+    """Return the name that is most like `name`; empty if none is alike.
+
+    Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
+    """
+    plain = {_plain(each): each for each in names}
+    word = _plain(name)
+    begins = sorted((key for key in plain if len(key) > 2 and word.startswith(key)), key=len)
+    close = difflib.get_close_matches(word, list(plain), n=1, cutoff=cutoff)
+    both = [*begins[-1:], *close]  # as "cosine" with "cos", but "tipp.z" with "tip.z"
+    likeness = [difflib.SequenceMatcher(None, each, word).ratio() for each in both]
+    return plain[both[likeness.index(max(likeness))]] if both else ""
+
+
+def did_you_mean(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
+    """Return the remedy "Did you mean ...?" with the closest name; empty if none is alike."""
+    close = closest(name, names, cutoff)
+    return f"Did you mean {close!r}?" if close else ""
+
+
+def _plain(name: object) -> str:
+    """Return the name without capitals and underscores."""
+    return str(name).lower().replace("_", "")

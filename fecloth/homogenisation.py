@@ -4,11 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.hinges import Hinges
-from fecloth.suggest import did_you_mean
 from fecloth.system.system import System
 from fecloth.terms import TRAITS
 

@@ -5,8 +5,8 @@ import pickle
 import pytest
 
 import fecloth as fc
+from fecloth.errors import closest
 from fecloth.nonlinear.newton import NewtonFailed
-from fecloth.suggest import closest
 
 
 @pytest.mark.parametrize(

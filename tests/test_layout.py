@@ -11,11 +11,11 @@ import pytest
 import fecloth
 
 PACKAGE = Path(fecloth.__file__).parent
-PACKAGES = """errors validation suggest compiled quantities linalg mesh fabric terms system
+PACKAGES = """errors validation compiled quantities linalg mesh fabric terms system
 nonlinear integrators stability output view simulation homogenisation verify scene runs distributed
 study cli"""
 ORDER = PACKAGES.split()
-ROOT_FILES = {"__init__", "__main__", "errors", "validation", "suggest", "homogenisation", "verify"}
+ROOT_FILES = {"__init__", "__main__", "errors", "validation", "homogenisation", "verify"}
 
 
 def imports_of(source: Path) -> set[str]:

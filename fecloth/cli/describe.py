@@ -10,7 +10,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.cli.options import reading
-from fecloth.errors import InputError, amount
+from fecloth.errors import InputError, amount, did_you_mean
 from fecloth.fabric.fabric import Fabric
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
@@ -23,7 +23,6 @@ from fecloth.scene.scene import load_scene
 from fecloth.scene.table_model import Made
 from fecloth.scene.tables import TERM_TABLES
 from fecloth.scene.type_words import fields, meaning, phrase
-from fecloth.suggest import did_you_mean
 
 WIDTH = 100
 

@@ -12,9 +12,8 @@ from typing import NoReturn, TextIO
 
 from fecloth import __version__
 from fecloth.cli.commands import COMMANDS
-from fecloth.errors import FAILED, STOPPED, FeclothError
+from fecloth.errors import FAILED, STOPPED, FeclothError, did_you_mean
 from fecloth.runs.interruption import set_handler, stop_at_once
-from fecloth.suggest import did_you_mean
 
 
 class Tolerant:

@@ -20,9 +20,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.quantities.units import GF
-from fecloth.suggest import did_you_mean
 
 Pair = tuple[float, float]
 

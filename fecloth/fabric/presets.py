@@ -8,8 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 
-from fecloth.errors import InputError
-from fecloth.suggest import did_you_mean
+from fecloth.errors import InputError, did_you_mean
 
 
 def constants(name: str) -> dict:

@@ -7,12 +7,11 @@ from functools import partial
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import DRAWINGS, gmsh_plane, refuse_coarse
 from fecloth.mesh.grading import Grading, check_gradings
-from fecloth.suggest import did_you_mean
 
 AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
 MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h

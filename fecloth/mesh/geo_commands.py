@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from fecloth.errors import MeshError
-from fecloth.suggest import did_you_mean
+from fecloth.errors import MeshError, did_you_mean
 
 MOST_STATEMENTS = 1_000_000  # with all repetitions of loops
 MOST_CHARACTERS = 20_000_000

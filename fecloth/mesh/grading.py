@@ -7,11 +7,10 @@ from typing import Annotated
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError, MeshError, is_number
+from fecloth.errors import InputError, MeshError, did_you_mean, is_number
 from fecloth.mesh.gmsh_session import set_options
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH
-from fecloth.suggest import did_you_mean
 
 SMALLEST = 1e-3  # of h, at a set: along a curve smaller edges make too many triangles
 SMALLEST_AT_POINT = 1e-5  # of h; smaller edges change no result

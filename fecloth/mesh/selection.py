@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fecloth.errors import InputError, brief
-from fecloth.suggest import did_you_mean
+from fecloth.errors import InputError, brief, did_you_mean
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 

@@ -13,10 +13,9 @@ from typing import Self
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.elements import QUARTERS
 from fecloth.output.vtu_writer import Arrays
-from fecloth.suggest import did_you_mean
 
 LARGEST = 1e300  # differences of larger values overflow
 

@@ -5,9 +5,8 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast, get_type_hints
 
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, brief, did_you_mean
 from fecloth.quantities.units import Dimension, Measured, in_si
-from fecloth.suggest import did_you_mean
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 

@@ -9,7 +9,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from fecloth.errors import InputError, amount
+from fecloth.errors import InputError, amount, did_you_mean
 from fecloth.quantities.formula_functions import (
     ARRAYS,
     BINARY,
@@ -19,7 +19,6 @@ from fecloth.quantities.formula_functions import (
     UNARY,
     compile_tree,
 )
-from fecloth.suggest import did_you_mean
 
 NUMBER_AND_UNIT = r"[-+0-9.]+(e[-+]?\d+)?\s*[A-Za-z%][A-Za-z0-9/*^]*"
 LONGEST, DEEPEST, LARGEST_POWER = 500, 100, 100  # characters, nested operations, exponent

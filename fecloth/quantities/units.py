@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from fecloth.errors import InputError, is_number
-from fecloth.suggest import did_you_mean
+from fecloth.errors import InputError, did_you_mean, is_number
 
 GF = 9.80665e-3
 """Gram-force [N], by the standard acceleration of gravity, 9.80665 m/s² (CGPM 1901)."""

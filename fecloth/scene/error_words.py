@@ -8,8 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fecloth.errors import InputError, MeshError, SceneError
-from fecloth.suggest import did_you_mean
+from fecloth.errors import InputError, MeshError, SceneError, did_you_mean
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth")
 _ITEM = re.compile(r"(terms|pins|probes)\.(\d+)")

@@ -7,13 +7,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from fecloth.errors import InputError, SceneError
+from fecloth.errors import InputError, SceneError, did_you_mean
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
 from fecloth.simulation.probes import TAKEN, Probe
 from fecloth.simulation.quantity import FIELDS, Quantity, parse_quantity
-from fecloth.suggest import did_you_mean
 
 _TAKEN = (*TAKEN, *FIELDS, "reaction", "energy")  # names in the grammar of quantities
 

@@ -26,11 +26,10 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.quantities.arguments import by_new_names
 from fecloth.scene.error_words import shorten
 from fecloth.scene.type_words import holds_tables, in_si, meaning, options, phrase, writable
-from fecloth.suggest import did_you_mean
 
 
 class Table(BaseModel):

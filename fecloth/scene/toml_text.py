@@ -6,8 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from fecloth.errors import SceneError
-from fecloth.suggest import closest
+from fecloth.errors import SceneError, closest
 
 LARGEST = 1_000_000  # bytes; larger files are no scenes
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from fecloth.errors import InputError
-from fecloth.suggest import did_you_mean
+from fecloth.errors import InputError, did_you_mean
 
 FIELDS = ("displacement", "velocity")
 SHAPES = ("sag", "area", "volume", "largest_stretch", "least_stretch")

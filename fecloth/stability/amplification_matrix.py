@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
-from fecloth.errors import InputError, floats
+from fecloth.errors import InputError, did_you_mean, floats
 from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import is_method
@@ -14,7 +14,6 @@ from fecloth.linalg.direct import SuperLU
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.suggest import did_you_mean
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import Tether

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.scene.overrides import override
-from fecloth.suggest import did_you_mean
 
 Edit = Callable[[dict], dict]
 REFINED = ("h", "dt", "both")

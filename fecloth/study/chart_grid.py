@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, closest, did_you_mean
 from fecloth.integrators import EXPLICIT, METHODS, studied_by
 from fecloth.integrators.protocol import method_of
 from fecloth.scene.scene import Scene
@@ -13,7 +13,6 @@ from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.run_problems import Point
 from fecloth.study.status import REFUSED, failure
-from fecloth.suggest import closest, did_you_mean
 from fecloth.terms import TRAITS
 from fecloth.terms.traits import traits_of
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fecloth import terms as all_terms
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.nonlinear.options import Newton
@@ -15,7 +15,6 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.resolve import choose_steps
-from fecloth.suggest import did_you_mean
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.traits import parameters_of, traits_of

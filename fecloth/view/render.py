@@ -18,11 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, did_you_mean
 from fecloth.output import frame_reader
 from fecloth.output.atomic_files import DiskFull, replace_file, replacing
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
-from fecloth.suggest import did_you_mean
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
 from fecloth.view.web_page import PERCENT, View, ground_of, unit_of, view_of
