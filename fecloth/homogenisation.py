@@ -34,9 +34,10 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     move relative to the affine displacement. The minimum of the energy is then A/2 ε·ℂ ε.
 
     The energy of one period is computed from patches of nx × ny periods at rest. The energy of a
-    patch is ½ u·K u, where u is the affine displacement εX plus a displacement that is equal in
-    all periods. The differences of this energy with respect to nx and to ny give the energy of one
-    period. The contribution of a border is proportional to its length and cancels.
+    patch is ½ u·K u, where u is the affine displacement εX plus a displacement that is equal in all
+    periods. The differences of this energy with respect to nx and to ny give the energy of one
+    period. The contribution of a border is proportional to its length and cancels. Raises
+    `InputError` for an unknown pattern.
 
     Parameters
     ----------
@@ -55,11 +56,6 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
         ℂ [N/m] in the order 11, 22, 12: C11, C22, C12 and the shear modulus C33 = ``[2, 2]``. C13
         and C23 couple stretch and shear. ℂ is isotropic if C11 = C22 = C12 + 2 C33 and
         C13 = C23 = 0. Then ν = C12/C11 and Y = C11 (1 − ν²).
-
-    Raises
-    ------
-    InputError
-        For an unknown pattern.
     """
     if pattern not in ("right", "cross", "equilateral"):
         allowed = "must be right, cross or equilateral"
@@ -103,7 +99,8 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
     k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection. The energy is that
     of `HingeBending`, to second order about the flat state, per area of a cell. D is the minimum
     over the periodic deflection. D does not depend on the size of the cell. Therefore refinement
-    does not make the model converge to the plate energy B (κ11² + κ22² + …).
+    does not make the model converge to the plate energy B (κ11² + κ22² + …). Raises `InputError`
+    for an unknown pattern.
 
     Parameters
     ----------
@@ -111,11 +108,6 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
         "right", "cross" or "equilateral", as `Cloth.rectangle` takes it.
     rigidity
         B [N m], one number or (warp, weft) with the warp along X.
-
-    Raises
-    ------
-    InputError
-        For an unknown pattern.
 
     Examples
     --------
@@ -140,7 +132,8 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
     B_eff is the moment per width and curvature in pure bending. It is computed as in
     `bending_tensor`, but as the minimum over all deflections that are periodic along X, and over
     the twist. For many cells it tends to 1/(D⁻¹)₁₁. The relative difference is about 1/`across`,
-    because the edges have no hinges.
+    because the edges have no hinges. Raises `InputError` for an unknown pattern, or `across` less
+    than 1.
 
     Parameters
     ----------
@@ -150,11 +143,6 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
         Width of the strip in cells, at least 1.
     rigidity
         B [N m], one number or (warp, weft) with the warp along X.
-
-    Raises
-    ------
-    InputError
-        For an unknown pattern, or `across` less than 1.
     """
     if across < 1:
         raise InputError(f"across = {across!r}", "must be at least 1", "strip_rigidity")

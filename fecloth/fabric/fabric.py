@@ -22,7 +22,8 @@ MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its i
 class Fabric:
     """Constants of a woven, knitted or coated sheet; SI, all stiffness per width.
 
-    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes.
+    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes. Raises `InputError`
+    for a constant that is not finite or not positive, or an inadmissible Poisson ratio.
 
     Parameters
     ----------
@@ -52,11 +53,6 @@ class Fabric:
         only; no term uses it.
     source
         Who measured the constants, and how.
-
-    Raises
-    ------
-    InputError
-        For a constant that is not finite or not positive, or an inadmissible Poisson ratio.
 
     Examples
     --------
@@ -125,12 +121,8 @@ class Fabric:
     def preset(cls, name: str) -> Self:
         """Create a published fabric; `presets` returns the names.
 
-        The sources of the numbers are in the file fecloth/fabric/fabrics.toml.
-
-        Raises
-        ------
-        InputError
-            For an unknown name.
+        The sources of the numbers are in the file fecloth/fabric/fabrics.toml. Raises `InputError`
+        for an unknown name.
 
         Examples
         --------
@@ -156,6 +148,9 @@ class Fabric:
     ) -> Self:
         """Create a fabric from the results of Kawabata's instruments (KES-F), in their units.
 
+        Raises `InputError` for a field that is missing, unknown or not positive, or if LT and WT
+        disagree, or for a B45 below what B₁ and B₂ allow (see `bias_rigidity`).
+
         Parameters
         ----------
         fields
@@ -175,12 +170,6 @@ class Fabric:
             Text that is stored in the fabric.
         bending_poisson_ratio
             ν_b, which KES-F does not measure: 0 unless another source has it.
-
-        Raises
-        ------
-        InputError
-            For a field that is missing, unknown or not positive, or if LT and WT disagree, or for
-            a B45 below what B₁ and B₂ allow (see `bias_rigidity`).
 
         Notes
         -----
@@ -216,6 +205,9 @@ class Fabric:
     ) -> Self:
         """Create a fabric from the results of the FAST instruments, in their units.
 
+        Raises `InputError` for a field that is missing, unknown or not positive, or for a C45 too
+        short for C (see `bias_rigidity`).
+
         Parameters
         ----------
         fields
@@ -227,12 +219,6 @@ class Fabric:
         load
             5, 20 or 100 [gf/cm]. Y gives this load at the extension E5, E20 or E100, by the secant
             formula of `from_kes`.
-
-        Raises
-        ------
-        InputError
-            For a field that is missing, unknown or not positive, or for a C45 too short for C (see
-            `bias_rigidity`).
 
         Notes
         -----
@@ -260,16 +246,12 @@ class Fabric:
         """Create the fabric of a homogeneous isotropic sheet of thickness h.
 
         Its constants are Y = E h, B = E h³ / (12 (1 − ν²)), ν_b = ν and the areal density ρ h.
+        Raises `InputError` for E, thickness or density not positive, or nu outside (-1, 0.5].
 
         Parameters
         ----------
         E, nu, thickness, rho
             Young's modulus [Pa], Poisson's ratio [-], thickness h [m], density [kg/m³].
-
-        Raises
-        ------
-        InputError
-            For E, thickness or density not positive, or nu outside (-1, 0.5].
 
         Examples
         --------
@@ -326,15 +308,12 @@ class Fabric:
     def isotropic(self, where: str) -> tuple[float, float]:
         """(Y [N/m], ν) for an isotropic law.
 
+        Raises `InputError` if the stiffness depends on the direction.
+
         Parameters
         ----------
         where
             Name of the law, for the error message.
-
-        Raises
-        ------
-        InputError
-            If the stiffness depends on the direction.
         """
         (warp, weft), nu = self.tensile, self.poisson_ratio
         shear, remedy = warp / (2 * (1 + nu)), "StVK supports orthotropic fabrics."

@@ -130,7 +130,8 @@ class Cloth:
 
         For P2 too the nodes are the corners only; the midpoints of the edges are added. A node set
         gets the midpoints of the edges that have both ends in the set. A node set with the name of
-        a region gets the midpoints of the edges of the region's triangles.
+        a region gets the midpoints of the edges of the region's triangles. Raises `MeshError` for
+        arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
 
         Parameters
         ----------
@@ -146,11 +147,6 @@ class Cloth:
             Named triangles.
         element : str
             "P1" or "P2".
-
-        Raises
-        ------
-        MeshError
-            For arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
         """
         where = "from_arrays"
         mesh = FlatMesh.from_arrays(X, triangles, sets, where=where, triangle_sets=regions)
@@ -162,12 +158,8 @@ class Cloth:
 
         Each piece keeps its coordinates, which may overlap, because each is flat by itself. The
         sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its nodes and the
-        region of its triangles.
-
-        Raises
-        ------
-        InputError
-            For fewer than two pieces, names that are not as many and different, or other elements.
+        region of its triangles. Raises `InputError` for fewer than two pieces, names that are not
+        as many and different, or other elements.
 
         Examples
         --------

@@ -33,6 +33,9 @@ class Grading:
     Source: Babuška, Kellogg and Pitkäranta (1979), Direct and inverse error estimates for finite
     elements with mesh refinements, Numer. Math. 33, 447–471.
 
+    Raises `InputError` for both or neither of `where` and `point`, a distance or power out of
+    range.
+
     Parameters
     ----------
     where
@@ -44,11 +47,6 @@ class Grading:
         d, beyond which the edge length is h [m].
     power
         How fast the edges become shorter: above 0, at most 0.9.
-
-    Raises
-    ------
-    InputError
-        For both or neither of `where` and `point`, a distance or power out of range.
 
     Examples
     --------

@@ -25,14 +25,9 @@ def nodal_values(cloth, values) -> np.ndarray:
 def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
     """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
 
-    At a point outside the mesh by less than an edge length the polynomial of the nearest
-    triangle is evaluated. This is needed because two meshes of one disk are polygons that do
-    not cover each other completely.
-
-    Raises
-    ------
-    MeshError
-        If a point lies farther outside.
+    At a point outside the mesh by less than an edge length the polynomial of the nearest triangle
+    is evaluated. This is needed because two meshes of one disk are polygons that do not cover each
+    other completely. Raises `MeshError` if a point lies farther outside.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = locate(cloth.X, cloth.triangles, points)
@@ -254,17 +249,14 @@ def mass(cloth, kind: str | None = None, density: np.ndarray | None = None) -> s
     Source: Hinton, Rock and Zienkiewicz (1976), A note on mass lumping and related processes
     in the finite element method, Earthquake Engng Struct. Dyn. 4, 245–249.
 
+    Raises `InputError` for another kind.
+
     Parameters
     ----------
     kind : str, optional
         "lumped" or "consistent". Default: "lumped" for P1, "consistent" for P2.
     density : (m,) array, optional
         ρ of each triangle [kg/m²]. Default: 1.
-
-    Raises
-    ------
-    InputError
-        For another kind.
     """
     density = np.ones(len(cloth.triangles)) if density is None else density
     kind = cloth.usual_mass if kind is None else kind

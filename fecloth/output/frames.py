@@ -125,6 +125,8 @@ def write_vtk(
 ) -> Path:
     """Write states as a series for ParaView; return the .pvd file.
 
+    Raises `InputError` if there is no state, one is not of this cloth, or a file cannot be written.
+
     Parameters
     ----------
     path
@@ -134,11 +136,6 @@ def write_vtk(
         One state or any iterable; a generator is written state by state.
     system
         Adds stress resultants and energy density.
-
-    Raises
-    ------
-    InputError
-        If there is no state, one is not of this cloth, or a file cannot be written.
     """
     validation.instance("cloth", cloth, Cloth, "system.cloth", "write_vtk")
     path = Path(path)
@@ -155,10 +152,8 @@ def write_vtk(
 def read_frame(path: str | Path, cloth: Cloth) -> State:
     """Read the state of a .vtu that fecloth wrote for the same cloth: t, x and v bit for bit.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, has another mesh, or lacks the velocity or the time.
+    Raises `InputError` if the file cannot be read, has another mesh, or lacks the velocity or the
+    time.
     """
     from meshio import vtu
 

@@ -17,6 +17,9 @@ from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 class Rotation:
     """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.
 
+    Raises `InputError` for a point or an axis that are not three finite numbers, an axis of no
+    length, and an angle that is neither a formula of t nor a function.
+
     Parameters
     ----------
     point
@@ -27,12 +30,6 @@ class Rotation:
     angle
         Angle [rad], a formula of t [s] such as ``"2*pi*t"``; in Python also a function
         ``angle(t)``. Only its changes count. The turn is right-handed about the axis.
-
-    Raises
-    ------
-    InputError
-        For a point or an axis that are not three finite numbers, an axis of no length, and an angle
-        that is neither a formula of t nor a function.
 
     Examples
     --------

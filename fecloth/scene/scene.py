@@ -199,6 +199,9 @@ def load_scene(
 ) -> Scene:
     """Read and check a scene file.
 
+    Raises `SceneError` for any mistake, with the file, the key, its value, what is allowed, and the
+    nearest valid key or name.
+
     Parameters
     ----------
     path
@@ -214,12 +217,6 @@ def load_scene(
         run programs and write files.
     mesh_time
         Seconds after which reading or meshing that file is stopped.
-
-    Raises
-    ------
-    SceneError
-        For any mistake, with the file, the key, its value, what is allowed, and the nearest
-        valid key or name.
     """
     path, overrides = Path(path), tuple(overrides)
     data = override(toml_text.read(path), overrides)

@@ -75,10 +75,11 @@ class Adaptive(ChosenSteps):
 
     Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate includes
     fast waves in the plane of the cloth. A method that does not damp them then takes short steps:
-    on the undamped trampoline, 2,500 nodes, 0.2 s, rtol 1e-2, the
-    midpoint rule took 1,631 steps where generalised-α took 93, BDF2 103 and energy–momentum 97.
-    Take one of these, or damp the cloth: with damping the midpoint rule takes no more steps than
-    they do. The first step is chosen by the acceleration and its change over a short flight.
+    on the undamped trampoline, 2,500 nodes, 0.2 s, rtol 1e-2, the midpoint rule took 1,631 steps
+    where generalised-α took 93, BDF2 103 and energy–momentum 97. Take one of these, or damp the
+    cloth: with damping the midpoint rule takes no more steps than they do. The first step is chosen
+    by the acceleration and its change over a short flight. Raises `InputError` for tolerances below
+    0 or both 0, for a longest step that is not > 0, and for a method without an estimate.
 
     Parameters
     ----------
@@ -90,12 +91,6 @@ class Adaptive(ChosenSteps):
         The same as a velocity [m/s], added.
     longest
         Longest step [s], for motions and loads shorter than the samples see; None for any.
-
-    Raises
-    ------
-    InputError
-        For tolerances below 0 or both 0, for a longest step that is not > 0, and for a method
-        without an estimate.
     """
 
     method: protocol.Integrator

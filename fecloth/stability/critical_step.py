@@ -67,7 +67,8 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     none.
 
     That holds for small motions about `state`. A cloth that stretches in the run becomes stiffer,
-    so that the limit falls: compute it again there (`estimate` does so cheaply).
+    so that the limit falls: compute it again there (`estimate` does so cheaply). Raises
+    `SolveFailed` if K or D is not finite at the state, or the eigenvalue is not found.
 
     Parameters
     ----------
@@ -80,11 +81,6 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     -------
     float
         dt [s]; infinite for an A-stable method, and where nothing is stiff or damped.
-
-    Raises
-    ------
-    SolveFailed
-        If K or D is not finite at the state, or the eigenvalue is not found.
     """
     check_system(system, state, "critical_dt")
     method = resolve_method(method)

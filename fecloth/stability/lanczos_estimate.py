@@ -31,7 +31,8 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     On 8,658 triangles of StVK it took 9 force evaluations, and 13 at tol = 0.01. The time was that
     of 28 and of 55 force evaluations; `critical_dt` takes the time of 190. Every call starts from a
     random vector. A start from the last eigenvector took 4 evaluations, but it did not find that
-    another end of the cloth had become the stiffest.
+    another end of the cloth had become the stiffest. Raises `SolveFailed` if a force is not finite
+    at the state or close to it; the message names the term.
 
     Parameters
     ----------
@@ -46,11 +47,6 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     -------
     float
         dt [s]; infinite where nothing is stiff.
-
-    Raises
-    ------
-    SolveFailed
-        If a force is not finite at the state or close to it; the message names the term.
     """
     check_system(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")

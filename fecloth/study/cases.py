@@ -145,10 +145,11 @@ def run_cases(
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
     A row holds the settings, the returned numbers and strings, `status` and `cause`. The function
-    may also return lists of numbers, for figures; results.csv omits them. The row of a failed
-    case has no results. Each result is written to OUT/cache at once, and is read from there the
-    next time, unless the settings, fecloth, the study's file, its imports or its scenes have
-    changed. If a case reads any other file, put the contents of the file into its settings.
+    may also return lists of numbers, for figures; results.csv omits them. The row of a failed case
+    has no results. Each result is written to OUT/cache at once, and is read from there the next
+    time, unless the settings, fecloth, the study's file, its imports or its scenes have changed. If
+    a case reads any other file, put the contents of the file into its settings. Raises `InputError`
+    if the function is not at the top level of a file, or the settings are not JSON-able.
 
     Parameters
     ----------
@@ -170,11 +171,6 @@ def run_cases(
         Predicted CPU seconds of each case, for the predicted time left; equal by default.
     quiet
         Print no progress lines.
-
-    Raises
-    ------
-    InputError
-        If the function is not at the top level of a file, or the settings are not JSON-able.
     """
     all_cases = [Case.of(function, settings) for settings in cases]
     cost_of = dict(

@@ -69,6 +69,8 @@ def chart(
     Each combination runs with h, h/2, … and dt, dt/2, dt/4. Explicit methods take 0.9 of their
     stable step; methods that choose their steps take three tolerances rtol. A combination that the
     problem refuses, a run that fails and a case above `time_limit` are rows with that status.
+    Raises `InputError` for an unknown name, a quantity that no run in time has, or a problem
+    without h and dt.
 
     Parameters
     ----------
@@ -85,11 +87,6 @@ def chart(
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
         A case whose predicted or measured time is above time_limit is left out.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, a quantity that no run in time has, or a problem without h and dt.
     """
     study = open_study(problem, shared)
     if not (isinstance(meshes, int) and 1 <= meshes <= 4):

@@ -73,6 +73,8 @@ def parse_arguments(
 ) -> argparse.Namespace:
     """Parse --out, --quick, --jobs, --scheduler, --fresh.
 
+    Raises `InputError` for an invalid option, or a package that is not installed.
+
     Parameters
     ----------
     description
@@ -81,11 +83,6 @@ def parse_arguments(
         Packages without which the study cannot end, such as "matplotlib".
     more
         Further options of the study: name, and keywords of `add_argument`.
-
-    Raises
-    ------
-    InputError
-        For an invalid option, or a package that is not installed.
     """
     options = _make_parser(description, more).parse_args(argv)
     if options.jobs < 1:

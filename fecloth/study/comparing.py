@@ -71,7 +71,8 @@ def compare(
     refined as by `converge`, and so is the difference, whose uncertainty is less than the
     uncertainties of both, added: most of their errors is the same. It contains what was not
     refined, too: with "h" the error of the time step, with "dt" the error of the mesh; "both"
-    leaves less. A variant that fails or is refused has a row with its cause.
+    leaves less. A variant that fails or is refused has a row with its cause. Raises `InputError`
+    for less than two variants that are not refused, or too long a time: before any run.
 
     Parameters
     ----------
@@ -87,11 +88,6 @@ def compare(
         As for `converge`.
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
-
-    Raises
-    ------
-    InputError
-        For less than two variants that are not refused, or too long a time: before any run.
     """
     study = open_study(problem, shared)
     (first, listed), runs = _open(study.problems, variants), study.runs()

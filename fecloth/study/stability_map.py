@@ -99,7 +99,9 @@ def stability(
     growth less), else a factor of two at most.
 
     A run is "ok"; "failed" if a step failed, with the cause; or "wrong": it reached the end, but
-    made more than 5 % of the energy that moved, or warned, as of a large error in time.
+    made more than 5 % of the energy that moved, or warned, as of a large error in time. Raises
+    `InputError` for an unknown method or key, an equilibrium, and if the problem refuses every
+    value. One of several that is refused gives rows with the reason.
 
     Parameters
     ----------
@@ -112,12 +114,6 @@ def stability(
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
         A function may take dt, but the steps are the steps of the map.
-
-    Raises
-    ------
-    InputError
-        For an unknown method or key, an equilibrium, and if the problem refuses every value. One
-        of several that is refused gives rows with the reason.
     """
     names = studied_by("stability") if methods is None else methods
     allowed = f"must be names of {', '.join(ALL_METHODS)}"

@@ -68,6 +68,10 @@ def sweep(
 ) -> Sweep:
     """Run a problem for every combination of values and return quantities of each run.
 
+    Raises `InputError` for a quantity or a key that the problem refuses, or if it refuses every
+    value. One value of several that is refused gives a row with the status "refused" and the
+    reason.
+
     Parameters
     ----------
     problem
@@ -80,12 +84,6 @@ def sweep(
         One or more; by default all of [interest], or of all probes, or the displacement.
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
-
-    Raises
-    ------
-    InputError
-        For a quantity or a key that the problem refuses, or if it refuses every value. One value
-        of several that is refused gives a row with the status "refused" and the reason.
     """
     ranges = read_ranges(over)
     combinations = combine(ranges)

@@ -56,10 +56,7 @@ def estimate_uncertainty(
 ) -> Estimate:
     """Return the estimate from three or more levels, in any order of their sizes.
 
-    Raises
-    ------
-    InputError
-        For less than three levels, or sizes that are equal.
+    Raises `InputError` for less than three levels, or sizes that are equal.
     """
     order = np.argsort(sizes)
     h, fine_first = np.asarray(sizes, float)[order], np.asarray(values, float)[order]

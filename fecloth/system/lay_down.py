@@ -23,7 +23,9 @@ def lay_down(system: System, state: State) -> State:
     over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s of
     the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece, a run
     from there neither hops nor falls. Moments are not balanced here: a piece that tilts, hangs over
-    or bends as it is laid down, and a held piece, find their rest by `equilibrium`.
+    or bends as it is laid down, and a held piece, find their rest by `equilibrium`. Raises
+    `InputError` if no piece is free, if no load acts on one, or if nothing lies in the direction of
+    a load.
 
     Parameters
     ----------
@@ -34,11 +36,6 @@ def lay_down(system: System, state: State) -> State:
     -------
     State
         Positions x (n, 3) [m] at the same t, with v = 0: velocities of `state` do not count.
-
-    Raises
-    ------
-    InputError
-        If no piece is free, if no load acts on one, or if nothing lies in the direction of a load.
     """
     check_system(system, state, "lay_down")
     free = [piece.nodes for piece in system.movable_pieces if not len(piece.held)]

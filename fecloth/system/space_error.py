@@ -80,15 +80,12 @@ def space_error(system: System, state: State) -> SpaceError:
     Source: Zienkiewicz and Zhu (1987), A simple error estimator and adaptive procedure for
     practical engineering analysis, for stress; here for stress and moment together.
 
+    Raises `InputError` for a state of another cloth.
+
     Parameters
     ----------
     system, state
         The state must be one of the system's cloth.
-
-    Raises
-    ------
-    InputError
-        For a state of another cloth.
     """
     check_system(system, state, "space_error", starts=False)
     m = len(system.cloth.triangles)

@@ -52,6 +52,8 @@ class Term(Protocol):
     def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> "BoundTerm":
         """Make the bound term for a mesh.
 
+        Raises `InputError` for parameters that do not fit the mesh.
+
         Parameters
         ----------
         panel
@@ -61,11 +63,6 @@ class Term(Protocol):
             ``slots(stencil)`` (m, k, k): the block of the matrix for each pair of nodes of a
             stencil, an index into ``J.values``. Call it once, here or at the first tangent: runs
             of explicit methods then make no matrix.
-
-        Raises
-        ------
-        InputError
-            For parameters that do not fit the mesh.
         """
 
 

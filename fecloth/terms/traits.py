@@ -20,6 +20,8 @@ PLAIN = {  # traits that a description may state as plain attributes, and their 
 class TermTraits:
     """What a term is, for warnings, studies, error estimates and several processes.
 
+    Raises `InputError` for another kind or element, and for what else a damping cannot damp.
+
     Parameters
     ----------
     kind
@@ -49,11 +51,6 @@ class TermTraits:
         other: studies do not predict what it does.
     space_error
         Why `space_error` has no estimate with it, after its name; "" if it has one.
-
-    Raises
-    ------
-    InputError
-        For another kind or element, and for what else a damping cannot damp.
     """
 
     kind: str = ""
