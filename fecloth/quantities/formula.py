@@ -1,9 +1,8 @@
 """Arithmetic written as text, e.g. "0.1*sin(2*pi*t)": parsed once, and never executed as code."""
 
-import ast
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NoReturn
 
@@ -40,16 +39,25 @@ class Formula:
     text: str
     variables: tuple[str, ...] = ()
     condition: bool = False
+    by: tuple[str, ...] = ()  # what is meant is the derivative by one of these after the other
 
     def __post_init__(self) -> None:
-        _ = self._value  # parsed and checked now, not at the first call
+        if not self.by:
+            _ = self._value  # parsed and checked now, not at the first call
+        elif self.condition:
+            what = f"the derivative of the condition {self.text!r}"
+            raise InputError(what, "only numbers have one", "Formula")
+        for variable in self.by:
+            if variable not in self.variables:
+                allowed = f"must be one of {', '.join(self.variables) or '(none)'}"
+                raise InputError(f"derivative by {variable!r}", allowed, "Formula")
 
     @cached_property
     def _value(self) -> "_CompiledFormula":
-        return _compile(self.text, self.variables, self.condition)
+        return _compile(self.text, self.variables, self.condition, self.by)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Formula, (self.text, self.variables, self.condition)
+        return Formula, (self.text, self.variables, self.condition, self.by)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
         """Value at the variables, broadcast against each other; a float if all are scalars."""
@@ -59,50 +67,13 @@ class Formula:
         """Value at one float for each variable, in their order: in a third of a call's time."""
         return self._value.at(numbers)
 
-    def derivative(self, variable: str) -> "Derivative":
+    def derivative(self, variable: str) -> "Formula":
         """The exact derivative by a variable, to be called as the formula itself.
 
-        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0.
+        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value that
+        is not finite is refused.
         """
-        return Derivative(self, variable)
-
-
-@dataclass(frozen=True)
-class Derivative:
-    """The derivative of a formula by a variable, and `then` by others; see `Formula.derivative`."""
-
-    formula: Formula
-    variable: str
-    then: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.formula.condition:
-            what = f"the derivative of the condition {self.formula.text!r}"
-            raise InputError(what, "only numbers have one", "Formula")
-        for variable in (self.variable, *self.then):
-            if variable not in self.formula.variables:
-                allowed = f"must be one of {', '.join(self.formula.variables) or '(none)'}"
-                raise InputError(f"derivative by {variable!r}", allowed, "Formula")
-
-    @cached_property
-    def _value(self) -> "_CompiledFormula":
-        by = self.variable, *self.then
-        return _compile(self.formula.text, self.formula.variables, False, by)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Derivative, (self.formula, self.variable, self.then)
-
-    def derivative(self, variable: str) -> "Derivative":
-        """The next derivative, by a variable; of a kink or a jump it is taken on one side."""
-        return Derivative(self.formula, self.variable, (*self.then, variable))
-
-    def __call__(self, **values: ArrayLike) -> float | np.ndarray:
-        """Value at the variables, as of a `Formula`; refused if it is not finite."""
-        return self._value(values)
-
-    def at(self, *numbers: float) -> float:
-        """Value at one float for each variable, in their order; refused if not finite."""
-        return self._value.at(numbers)
+        return replace(self, by=(*self.by, variable))
 
 
 @dataclass(frozen=True)
@@ -152,9 +123,12 @@ class _CompiledFormula:
         raise InputError(what, "must be finite", "Formula")
 
 
+_parse = lru_cache(maxsize=256)(parse)
+
+
 @lru_cache(maxsize=256)
 def _compile(
-    text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...] = ()
+    text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...]
 ) -> _CompiledFormula:
     """The formula, or its derivative by one variable after the other."""
     tree, name = _parse(text, variables, condition), f"formula {text!r}"
@@ -168,8 +142,3 @@ def _compile(
         compile_tree(tree, variables, NUMBERS),
         compile_tree(tree, variables, ARRAYS),
     )
-
-
-@lru_cache(maxsize=256)
-def _parse(text: str, variables: tuple[str, ...], condition: bool) -> ast.expr:
-    return parse(text, variables, condition)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula import Derivative, Formula
+from fecloth.quantities.formula import Formula
 
 OfTime = float | str | Callable[[float], float]
 VectorOfTime = tuple[float | str, float | str, float | str] | Callable[[float], np.ndarray]
@@ -52,7 +52,7 @@ class TimeFunction:
         return difference_quotient(self, t)
 
     @cached_property
-    def _rates(self) -> list[float | Derivative]:
+    def _rates(self) -> list[float | Formula]:
         parts = () if callable(self.parts) else self.parts
         return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
 
@@ -99,5 +99,5 @@ def _part(value: object, name: str, where: str) -> float | Formula:
     return float(value)  # type: ignore[arg-type]  # NumPy's scalars contain text and complex
 
 
-def _at(part: float | Formula | Derivative, t: float) -> float:
+def _at(part: float | Formula, t: float) -> float:
     return part if isinstance(part, float) else part.at(float(t))

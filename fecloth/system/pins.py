@@ -13,7 +13,7 @@ import numpy as np
 from fecloth.errors import FeclothError, InputError, brief, is_number
 from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.formula import Derivative, Formula
+from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotient
 
@@ -63,10 +63,10 @@ class Motion:
             self(later + DIFFERENCE_STEP)
 
     @cached_property
-    def _derivatives(self) -> tuple[Derivative, ...]:
+    def _derivatives(self) -> tuple[Formula, ...]:
         return tuple(formula.derivative("t") for formula in self.formulas)
 
-    def _stack(self, parts: Sequence[Formula | Derivative], t) -> np.ndarray:
+    def _stack(self, parts: Sequence[Formula], t) -> np.ndarray:
         if self.by_place and self.X is None:
             raise InputError("a motion of X and Y", "has values at the nodes of a System only")
         # a single time stands there twice: NumPy may round arrays of one number differently

@@ -11,7 +11,7 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.quantities.formula import Derivative, Formula
+from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import Rotation
 from fecloth.quantities.time_function import TimeFunction, VectorOfTime, vector
 from fecloth.quantities.units import LENGTH
@@ -241,7 +241,7 @@ class Sdf(Shape):
         return Formula(self.formula, VARIABLES)
 
     @cached_property
-    def _derivatives(self) -> tuple[list[Derivative], list[list[Derivative]]]:
+    def _derivatives(self) -> tuple[list[Formula], list[list[Formula]]]:
         first = [self._formula.derivative(variable) for variable in VARIABLES[:3]]
         return first, [[slope.derivative(by) for by in VARIABLES[:3]] for slope in first]
 
@@ -262,6 +262,6 @@ class Sdf(Shape):
         return _at(self._formula.derivative("t"), y, t)
 
 
-def _at(formula: Formula | Derivative, y: np.ndarray, t: float) -> np.ndarray:
+def _at(formula: Formula, y: np.ndarray, t: float) -> np.ndarray:
     named = dict(zip(VARIABLES, (*y.T, np.full(len(y), t)), strict=True))
     return np.asarray(formula(**named))
