@@ -1,7 +1,11 @@
-"""What a run runs on: versions of packages, and the memory of this process."""
+"""What a run runs on, the memory of this process, and the wall seconds of a run by phase."""
 
 import platform
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
@@ -32,3 +36,27 @@ def peak_memory() -> float | None:
         return None
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+@dataclass
+class Watch:
+    """Seconds by phase, each the time spent in its `phase` blocks."""
+
+    begin: float = field(default_factory=time.perf_counter)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.add({name: time.perf_counter() - begin})
+
+    def add(self, seconds: dict[str, float]) -> None:
+        for name, spent in seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
+
+    @property
+    def total(self) -> float:
+        return time.perf_counter() - self.begin

@@ -12,7 +12,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import SUMMED
 from fecloth.output.atomic_files import WriteError
 from fecloth.runs import restart as restarts
-from fecloth.runs.environment import peak_memory, versions
+from fecloth.runs.environment import Watch, peak_memory, versions
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.outcome import (
     FAILED,
@@ -24,7 +24,6 @@ from fecloth.runs.outcome import (
 )
 from fecloth.runs.restart import Progress, Restart
 from fecloth.runs.run_files import RunFiles, check_space
-from fecloth.runs.stopwatch import Watch
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Account, Accounts, End, Run

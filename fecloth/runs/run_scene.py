@@ -15,12 +15,12 @@ from fecloth.errors import InputError, amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.runs import restart as restarts
+from fecloth.runs.environment import Watch
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
 from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, count_sizes
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
-from fecloth.runs.stopwatch import Watch
 from fecloth.runs.warm_up import compile_kernels
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene

@@ -22,12 +22,12 @@ from fecloth.scene.build import build
 from fecloth.scene.cloth_tables import join_pieces
 from fecloth.scene.error_words import errors_at, scene_error
 from fecloth.scene.fabric_table import FabricTable
-from fecloth.scene.overrides import override
 from fecloth.scene.placement import PinTable, Start
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable, refuse_times
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Output, Time
 from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
+from fecloth.scene.toml_text import override
 from fecloth.system.system import System
 
 

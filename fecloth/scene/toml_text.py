@@ -1,12 +1,15 @@
 """Reading and writing of TOML files."""
 
+import copy
 import re
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import tomli_w
 
 from fecloth.errors import SceneError, closest
+from fecloth.quantities.units import is_quantity
 
 LARGEST = 1_000_000  # bytes; larger files are no scenes
 
@@ -89,3 +92,80 @@ def without_empty(value):
 
 def _is_empty(value) -> bool:
     return value is None or (isinstance(value, dict | list | tuple) and not value)
+
+
+# --- single values replaced -----------------------------------------------------------------------
+
+
+_WORD = re.compile(r"[A-Za-z_][\w./-]*")
+_NAMED = (  # where a name may replace a table, and the key of the table for that name
+    (re.compile(r"fabric|fabrics\.[^.]+"), "preset"),
+    (re.compile(r"time\.method"), "type"),
+)
+
+
+def override(data: dict, overrides: Iterable[str]) -> dict:
+    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
+
+    Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
+    plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
+    ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
+    an override of one key leaves the other keys to the name.
+    """
+    data = copy.deepcopy(data)
+    for text in overrides:
+        keys, value = _override(text)
+        _set(data, keys, value, text)
+    return data
+
+
+def _override(text: str) -> tuple[list[str], object]:
+    key, equals, value = text.partition("=")
+    value = value.strip()
+    where = f"override {text!r}"
+    if not (equals and key.strip() and value):
+        raise SceneError("no key=value", 'write it like "time.dt=0.005"', where)
+    try:
+        chain = tomllib.loads(f"{key} = 0")
+        keys = _keys(chain)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
+    try:
+        (value,) = tomllib.loads(f"value = {value}").values()
+    except (ValueError, RecursionError) as error:
+        if not (_WORD.fullmatch(value) or is_quantity(value)):
+            raise SceneError(f"value {value!r} is not TOML ({error})", where=where) from None
+    return keys, value
+
+
+def _keys(chain) -> list[str]:
+    """["a", "b"] of {"a": {"b": 0}}."""
+    if chain == 0:
+        return []
+    ((key, rest),) = chain.items()
+    return [key, *_keys(rest)]
+
+
+def _set(data: dict, keys: list[str], value, text: str) -> None:
+    place, where = data, f"override {text!r}"
+    for depth, key in enumerate(keys):
+        if isinstance(place, list):
+            if not (re.fullmatch("[0-9]{1,9}", key) and int(key) < len(place)):
+                what, last = f"item {key!r} of {'.'.join(keys[:depth])}", len(place) - 1
+                raise SceneError(what, f"must be 0 to {last}" if place else "is empty", where)
+            key = int(key)
+        elif not isinstance(place, dict):
+            raise SceneError(f"{'.'.join(keys[:depth])} = {place!r}", "is no table", where)
+        if depth == len(keys) - 1:
+            place[key] = value
+        else:
+            inner = place[key] if isinstance(key, int) else place.setdefault(key, {})
+            place[key] = place = _table(inner, ".".join(keys[: depth + 1]))
+
+
+def _table(value, key: str):
+    """Return the value, or the table that a name replaces."""
+    for keys, name in _NAMED if isinstance(value, str) else ():
+        if keys.fullmatch(key):
+            return {name: value}
+    return value

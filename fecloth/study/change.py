@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean
-from fecloth.scene.overrides import override
+from fecloth.scene.toml_text import override
 
 Edit = Callable[[dict], dict]
 REFINED = ("h", "dt", "both")

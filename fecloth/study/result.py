@@ -12,7 +12,7 @@ from fecloth.study.command import missing_package
 from fecloth.study.figures import Figure, can_draw
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
-from fecloth.view.templates import render
+from fecloth.view.web_page import render
 
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fecloth.output.frame_reader import drawable
-from fecloth.view.templates import render
+from fecloth.view.web_page import render
 
 WIDTH, HEIGHT = 460, 230
 LEFT, RIGHT, TOP, BOTTOM = 72, 22, 12, 36

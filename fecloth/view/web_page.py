@@ -11,8 +11,10 @@ import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,29 @@ from fecloth.output import frame_reader
 from fecloth.output.atomic_files import replace_file
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view import checker_pattern
-from fecloth.view.templates import render, unescaped
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # 50 ms, for pages alone
+
+    loader = PackageLoader("fecloth.view", "page")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+
+
+def render(template: str, values: Mapping[str, object]) -> str:
+    """Return a template with its values; texts are escaped, and what `render` returns is not."""
+    from markupsafe import Markup
+
+    return Markup(_environment().get_template(template).render(values))
+
+
+def unescaped(text: str) -> str:
+    """Return a text that templates insert as it is: style, script or numbers of a page."""
+    from markupsafe import Markup
+
+    return Markup(text)
+
 
 MOST_BYTES = 60e6
 SHOWN = (

@@ -18,9 +18,8 @@ import fecloth as fc
 from fecloth import terms
 from fecloth.integrators import METHODS
 from fecloth.output import frames
-from fecloth.scene.overrides import override
 from fecloth.scene.scene import Scene, load_scene
-from fecloth.scene.toml_text import read, to_toml
+from fecloth.scene.toml_text import override, read, to_toml
 from fecloth.simulation.stability_limited import StabilityLimited
 from studies.references.closed_forms import hanging_strip_mean, hanging_strip_tip
 from studies.references.falling_disk import trampoline
