@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from fecloth.errors import InputError, brief, is_number
 
 FARTHEST = 1e9  # m: no cloth; products of larger coordinates lose their meaning
@@ -72,3 +74,20 @@ def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
         what = f"h = {h:g} m would make about {count:.1e} triangles"
         allowed, remedy = f"h must be at least {least:.2g} m", "A number without unit is in metres."
         raise InputError(what, allowed, where, remedy)
+
+
+def point(name: str, value: object, where: str) -> np.ndarray:
+    """Return three finite numbers as an array; raise `InputError` for anything else."""
+    array = np.asarray(value)
+    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise InputError(f"{name} = {value!r}", "must be three finite numbers", where)
+    return array.astype(float)
+
+
+def direction(name: str, value: object, where: str) -> np.ndarray:
+    """Return a unit vector along three numbers; raise `InputError` if they are all zero."""
+    array = point(name, value, where)
+    if not array.any():
+        raise InputError(f"{name} = {value!r}", "must not be zero", where)
+    array /= abs(array).max()  # so that no square overflows
+    return array / np.linalg.norm(array)

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
@@ -45,13 +46,8 @@ class Rotation:
     angle: OfTime
 
     def __post_init__(self) -> None:
-        for name in ("point", "axis"):
-            value = np.asarray(getattr(self, name))
-            if value.shape != (3,) or value.dtype.kind not in "iuf" or not np.isfinite(value).all():
-                what = f"{name} = {getattr(self, name)!r}"
-                raise InputError(what, "must be three finite numbers", "Rotation")
-        if not np.any(self.axis):
-            raise InputError(f"axis = {self.axis!r}", "must not be zero", "Rotation")
+        validation.point("point", self.point, "Rotation")
+        _ = self._unit
         if not callable(self.angle) and not re.search(r"\bt\b", str(self.angle)):
             allowed = "must depend on t: only changes of the angle turn a pin"
             remedy = 'Write "0.5 * t", or start from positions that are turned.'
@@ -64,10 +60,7 @@ class Rotation:
 
     @cached_property
     def _unit(self) -> np.ndarray:
-        axis = np.array(self.axis, dtype=float)
-        axis /= abs(axis).max()  # so that no square overflows
-        axis /= np.linalg.norm(axis)
-        return axis
+        return validation.direction("axis", self.axis, "Rotation")
 
     def matrix(self, t: float, since: float | None = None) -> np.ndarray:
         """(3, 3) rotation by the angle, or by its change `since` a time."""

@@ -43,25 +43,16 @@ def can_draw() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def new_figure(rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0, 5.0)) -> tuple:
+def new_figure(
+    rows: int = 1, columns: int = 1, size: tuple[float, float] = (8.0, 5.0), **subplots: Any
+) -> tuple:
     """Return a figure and its axes in this style, without pyplot: the user's backend stays."""
     require_packages("matplotlib")
     from matplotlib import figure, rc_context
 
     with rc_context(STYLE):
         drawing = figure.Figure(figsize=size, layout="constrained")
-        return drawing, drawing.subplots(rows, columns)
-
-
-def pyplot():
-    """Import Matplotlib for drawing without a display."""
-    require_packages("matplotlib")
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
+        return drawing, drawing.subplots(rows, columns, **subplots)
 
 
 @contextmanager
@@ -74,7 +65,7 @@ def figure(
     log: bool = True,
     panels: tuple[int, int] = (1, 1),
     size: tuple[float, float] | None = None,
-    **subplots: object,
+    **subplots: Any,
 ) -> Iterator[tuple]:
     """Yield a figure and its axes; write OUT/NAME.png and .svg at the end of the block.
 
@@ -89,10 +80,11 @@ def figure(
     size
         Width and height [inch], by default 8 × 5 for one panel.
     """
-    plt = pyplot()
-    with plt.rc_context(STYLE):
-        size = size or (8.0, 5.0 if panels[0] == 1 else 3.6 * panels[0])
-        drawing, axes = plt.subplots(*panels, figsize=size, layout="constrained", **subplots)
+    size = size or (8.0, 5.0 if panels[0] == 1 else 3.6 * panels[0])
+    drawing, axes = new_figure(*panels, size, **subplots)
+    from matplotlib import rc_context
+
+    with rc_context(STYLE):
         for ax in np.ravel(axes):
             ax.set(xlabel=xlabel, ylabel=ylabel, title=title)
             if log:
@@ -103,7 +95,6 @@ def figure(
         Path(out).mkdir(parents=True, exist_ok=True)
         for kind in ("png", "svg"):
             drawing.savefig(Path(out) / f"{name}.{kind}")
-        plt.close(drawing)
 
 
 def use_plain_ticks(ax) -> None:

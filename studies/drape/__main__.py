@@ -52,12 +52,12 @@ def drape_fabric(fabric: str, h: float, folder: Path) -> Frame:
 def draw_fabrics(folders: dict[str, Path], words: dict[str, str], target: Path) -> None:
     """Draw the cloths side by side, each with its result below."""
     import imageio.v2 as imageio
+    from matplotlib.figure import Figure
 
-    from fecloth.study.figures import pyplot
     from fecloth.view.render import render
 
-    plt = pyplot()
-    figure, axes = plt.subplots(1, len(folders), figsize=(12, 2.95), dpi=100)
+    figure = Figure(figsize=(12, 2.95), dpi=100)
+    axes = figure.subplots(1, len(folders))
     for ax, (fabric, folder) in zip(axes, folders.items(), strict=True):
         picture = render(folder, folder / "end.png", field="checks", size=(800, 600))
         ax.imshow(imageio.imread(picture)[90:570])

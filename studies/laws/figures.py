@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth.study.figures import COLOURS, STYLE, pyplot
+from fecloth.study.figures import COLOURS, STYLE
 from studies.laws import curves as law_curves
 from studies.laws.curves import NU, SPEED, Y
 
@@ -48,15 +48,15 @@ def draw(out: Path, curves: dict, moments: dict) -> None:
 @contextmanager
 def picture(path: Path, panels: int, size=None):
     """Yield a figure and its axes; write the picture with 64 colours at the end of the block."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
     from PIL import Image  # comes with Matplotlib
 
-    plt = pyplot()
-    with plt.rc_context({**STYLE, "font.size": 13, "legend.fontsize": 12, "savefig.dpi": 100}):
+    with rc_context({**STYLE, "font.size": 13, "legend.fontsize": 12, "savefig.dpi": 100}):
         size = size or (8.0, 4.0)
-        figure, axes = plt.subplots(1, panels, figsize=size, layout="constrained")
-        yield figure, axes
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure, figure.subplots(1, panels)
         figure.savefig(image := io.BytesIO())
-        plt.close(figure)
     Image.open(image).convert("RGB").quantize(64).save(path, optimize=True)  # half the bytes
 
 

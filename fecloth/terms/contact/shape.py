@@ -165,29 +165,8 @@ class Shape:
         mean: np.ndarray = (self.pose(t + dt).to_space(y) - x) / dt
         return mean
 
-    def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
-        """(m,) ∂d/∂t [m/s] at points (m, 3) in the frame of the body, of one that deforms."""
-        return np.zeros(len(y))
-
 
 AT_REST = AtRest()
-
-
-def point(name: str, value: object, where: str) -> np.ndarray:
-    """Three finite numbers as an array; raises `InputError` for anything else."""
-    array = np.asarray(value)
-    if array.shape != (3,) or array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise InputError(f"{name} = {value!r}", "must be three finite numbers", where)
-    return array.astype(float)
-
-
-def direction(name: str, value: object, where: str) -> np.ndarray:
-    """A unit vector along three numbers; raises `InputError` if they are all zero."""
-    array = point(name, value, where)
-    if not array.any():
-        raise InputError(f"{name} = {value!r}", "must not be zero", where)
-    array /= abs(array).max()  # so that no square overflows
-    return array / np.linalg.norm(array)
 
 
 VARIABLES = ("x", "y", "z", "t")
@@ -256,10 +235,6 @@ class Sdf(Shape):
 
     def gradient(self, y: np.ndarray, t: float) -> np.ndarray:
         return np.stack([_at(part, y, t) for part in self._derivatives[0]], axis=-1)
-
-    def time_rate(self, y: np.ndarray, t: float) -> np.ndarray:
-        """(m,) ∂φ/∂t [m/s]."""
-        return _at(self._formula.derivative("t"), y, t)
 
 
 def _at(formula: Formula, y: np.ndarray, t: float) -> np.ndarray:

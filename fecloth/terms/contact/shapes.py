@@ -20,9 +20,8 @@ from fecloth.terms.contact.shape import (
     Sdf,
     Shape,
     Skeleton,
-    direction,
-    point,
 )
+from fecloth.validation import direction, point
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
 

@@ -67,8 +67,7 @@ class Gas:
             value = getattr(self, name)
             validation.positive(name, value, unit, "Gas")
         validation.positive("ambient", self.ambient, "Pa", "Gas", or_zero=True)
-        if np.shape(self.origin) != (3,) or not np.isfinite(self.origin).all():
-            raise InputError(f"origin = {self.origin!r}", "must be three finite numbers", "Gas")
+        validation.point("origin", self.origin, "Gas")
 
     stencil = element_nodes
 
