@@ -25,6 +25,8 @@ def __getattr__(name: str) -> object:
     try:
         return _imported(name)
     except AttributeError:
+        if name.startswith("_"):  # inspect and pytest look for such in every module
+            raise
         from fecloth.errors import did_you_mean
 
         usual = OTHER_WORDS.get(name)

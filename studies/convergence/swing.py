@@ -18,6 +18,7 @@ ORDERS["QuadraticBending"] = ORDERS["HingeBending"]
 # Without bending the solution has a moving kink, which limits P1 to h^3/2 and h^1/2.
 ORDERS["none"] = {"L2": (1.5, 0.2), "H1": (0.5, 0.15)}
 RUN = {"h": 1 / 16, "levels": 3, "dt": 0.003, "t_end": 0.3, "time_limit": 300}
+SHORT = {"dt": 0.006, "t_end": 0.12}  # for --quick
 
 
 def swing(h: float, bending: str, pattern: str):
@@ -34,12 +35,12 @@ def refine_swings(options) -> list[dict]:
     """Return a row for each bending model, pattern and quantity."""
     bendings = ("HingeBending", "none") if options.quick else tuple(ORDERS)
     patterns = ("right",) if options.quick else ("right", "cross")
-    how = study.run_options(options)
+    how = RUN | (SHORT if options.quick else {}) | study.run_options(options)
     cache = how.pop("out")
     rows = []
     for bending, pattern, name in product(bendings, patterns, QUANTITIES):
         found = study.converge(
-            swing, QUANTITIES[name], bending=bending, pattern=pattern, cache=cache, **RUN, **how
+            swing, QUANTITIES[name], bending=bending, pattern=pattern, cache=cache, **how
         )
         row = {"bending": bending, "pattern": pattern, "quantity": name, "order": found.order}
         row |= {"value": found.value, "uncertainty": found.uncertainty, "limit": found.limit}

@@ -79,7 +79,7 @@ def sheet_cases(quick: bool) -> Rows:
     stiff = (1000.0, 4000.0) if quick else (250.0, 1000.0, 4000.0, 16000.0)
     times = (0.02,) if quick else (1e-4, 1e-3, 1e-2, 0.02)
     listed = [{"method": "forward_euler", **SHEET}]
-    for method in EXPLICIT:
+    for method in ("forward_euler", "central_difference") if quick else EXPLICIT:
         base = {"method": method, **SHEET, "drag": DRAG if method == "forward_euler" else 0.0}
         listed += [{**base, "h": h} for h in sizes] + [{**base, "Y": Y} for Y in stiff]
         if method != "forward_euler":
@@ -101,7 +101,7 @@ def exponent_of(rows: Rows, method: str, over: str, **fixed: float) -> float:
 
 def conclude_sheets(rows: Rows, free: Rows) -> list[study.Finding]:
     F, findings = study.Finding, []
-    for method in EXPLICIT:
+    for method in dict.fromkeys(r["method"] for r in rows):
         own = [r for r in rows if r["method"] == method and "measured" in r]
         off = max((abs(r["measured"] / r["predicted"] - 1) for r in own), default=math.nan)
         findings.append(
