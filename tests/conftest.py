@@ -8,11 +8,18 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would wai
 
 import numpy as np
 import pytest
+from _pytest.doctest import DoctestModule
 from support.counted_work import counted_work as counted_work
 
 import fecloth as fc
 
 collect_ignore = ["support/sliders.py"]  # its record would be marked under two names
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file():
+    """Look for no doctests in the modules of tests, which have none: it takes seconds."""
+    return [each for each in (yield) if not isinstance(each, DoctestModule)]
 
 
 @pytest.fixture(scope="session")
