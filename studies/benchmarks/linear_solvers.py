@@ -65,7 +65,7 @@ def damped_sheet(h: float, t_end: float) -> Case:
 
 def cases(quick: bool) -> dict[str, Case]:
     """Return all runs; with `quick` they end early and the sheet is coarser."""
-    flag, swing, short, long = (0.2, 0.25, 0.03, 0.08) if quick else (0.6, 0.6, 0.1, 0.2)
+    flag, swing, short, long = (0.05, 0.1, 0.01, 0.02) if quick else (0.6, 0.6, 0.1, 0.2)
     return {
         "flag": scene("benchmark_flag", f"time.t_end={flag}"),
         "hanging strip": scene("hanging_strip"),
@@ -73,7 +73,7 @@ def cases(quick: bool) -> dict[str, Case]:
         "dome": scene("dome"),
         "trampoline, 1 ms": scene("trampoline", f"time.t_end={short}"),
         "trampoline, 4 ms": scene("trampoline", f"time.t_end={long}", "time.dt=0.004"),
-        "damped sheet": damped_sheet(0.02 if quick else 0.0145, 0.08 if quick else 0.2),
+        "damped sheet": damped_sheet(0.04 if quick else 0.0145, 0.04 if quick else 0.2),
     }
 
 

@@ -62,7 +62,7 @@ def test_ledger_remainder_on_a_nonlinear_problem(name, isotropic, record_propert
     taut = taut_start(system)
     start, left = system.state(taut.x, system.constraints.project(taut.v)), []
     for dt in (1e-4, 5e-5):
-        run = fc.run(system, method, start, dt, 0.01, solver="direct", newton=TIGHT)
+        run = fc.run(system, method, start, dt, 0.004, solver="direct", newton=TIGHT)
         remainder, kinetic = run.energies["remainder"], run.energies["kinetic"]
         left.append(float(abs(remainder).max() / kinetic.max()))
     record_property("remainder", left)

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
 SECOND = [m for m in (t() for t in (METHODS | EXPLICIT).values()) if m.traits.order == 2]
 TIGHT = fc.Newton(tolerance=1e-11)
-RATE, HIGH, T_END = 20.0, 0.05, 0.2
+RATE, HIGH, T_END = 20.0, 0.05, 0.1
 UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -90,11 +90,12 @@ def test_each_study_is_a_method(name, tmp_path):
     assert len(by_method.table)
 
 
-def test_stability_is_a_method():
-    study = fc.study.of(strip, h=0.25, t_end=0.1)
+def test_stability_is_a_method(tmp_path):
+    study = fc.study.of(strip, h=0.25, t_end=0.1, cache=tmp_path)
     found = study.stability("stiffness=20,40", ["bdf2"])
     assert found.table["stiffness"] == [20, 40]
-    again = fc.study.stability(strip, "stiffness=20,40", ["bdf2"], h=0.25, t_end=0.1)
+    shared = {"h": 0.25, "t_end": 0.1, "cache": tmp_path}
+    again = fc.study.stability(strip, "stiffness=20,40", ["bdf2"], **shared)
     assert found.table["longest step"] == again.table["longest step"]
 
 
