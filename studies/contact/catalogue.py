@@ -12,7 +12,7 @@ deeper in it than `Obstacle` announces, triangles that its axis, edges or faces 
 passed over the middle of a wide body. `fecloth.mesh.surface` finds triangles of the cloth that
 cross. Neither has anything from ipctk.
 
-The quick form leaves 40 scenes soon after their impact.
+The quick form leaves one scene of each kind soon after their impact.
 
     python -m studies.contact.catalogue [--quick] [--only KIND ...] [--seed 5] [--each 20]
 """
@@ -27,7 +27,7 @@ from studies.contact.catalogue_runs import watch
 from studies.contact.catalogue_scenes import KINDS
 
 SEED, EACH = 5, 20
-QUICK, MOST = 40, 45  # scenes of the quick form, and iterations after which it leaves a scene
+QUICK, MOST = 15, 45  # scenes of the quick form, and iterations after which it leaves a scene
 
 
 def cases(only: list[str], seed: int, each: int, quick: bool) -> list[dict]:
