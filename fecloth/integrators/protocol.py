@@ -300,15 +300,22 @@ def take_step(
     step: Step = method.step(system, state, dt, solver, memory, *records)
     # A choice of steps has taken them by this function; `check_step` refuses what is no `Step`.
     if is_method(method) and isinstance(step, Step):
-        refuse_crossed(system, step.state)
+        refuse_crossed(system, step.state, state)
     return step
 
 
-def refuse_crossed(system: System, state: State) -> None:
-    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact."""
+def refuse_crossed(system: System, state: State, old: State | None = None) -> None:
+    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact.
+
+    With the state `old` at the begin of the step also where the way through an obstacle is shorter.
+    """
     for name, term in zip(system.names, system.bound, strict=True):
+        reason = ""
         if not term.allows(state.x, state.t):
             reason = f"{name}: the cloth has passed through what it touches"
+        elif old is not None and term.leaps(old, state.x, state.t):
+            reason = f"{name}: the cloth is on the other side of it after one step"
+        if reason:
             raise NewtonFailed(reason, math.nan, "Take a smaller dt.")
 
 

@@ -263,6 +263,13 @@ class BoundTerm:
         """Whether a contact has nothing inside or crossed at the positions x (n, 3)."""
         return True
 
+    def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
+        """Whether a point went through an obstacle by its straight way from the `State` old to x.
+
+        Newton's iteration may find a way around it that no cloth takes in one step.
+        """
+        return False
+
     def way(self, t: float) -> Any:
         """What limits the first guess of the step that ends at t (`contact.guess.Way`), or None.
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import fecloth as fc
+from fecloth.mesh.surface import Surface
 from studies.contact import catalogue_bodies as bodies
 from studies.contact.catalogue_bodies import Body, Motion
 
@@ -94,9 +95,29 @@ def finish(sketch: Sketch, rng: np.random.Generator, number: int) -> Scene:
     method = (fc.BackwardEuler(), fc.BDF2())[number % 2]
     dt = float(rng.choice([2e-3, 5e-3, 5e-3, 5e-3, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2]))
     newton = fc.Newton(tolerance=1e-6) if restitution < 1 else None
-    return Scene(
-        system, system.state(x, v), method, dt, sketch.t_end, tuple(moved), sketch.names, newton
-    )
+    held = [sketch.cloth.nodes(where) for where, keys in sketch.pins if not keys]
+    edges = held_edges(x, sketch.cloth, np.concatenate([*held, []]))
+    names = sketch.names or (INTO if enters(moved, edges, sketch.t_end) else ())
+    given = system, system.state(x, v), method, dt, sketch.t_end, tuple(moved)
+    return Scene(*given, names, newton)
+
+
+INTO = "held node", "bstacle"  # named where a body is led into an edge that is held
+
+
+def held_edges(x: np.ndarray, cloth: fc.Cloth, held: np.ndarray) -> np.ndarray:
+    """(p, 3) points of the edges between two nodes that are held."""
+    triangles = Surface.from_cloth(cloth).triangles
+    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    a, b = np.moveaxis(x[sides[np.isin(sides, held).all(axis=1)]], 1, 0)
+    return np.concatenate([a + part * (b - a) for part in np.linspace(0.0, 1.0, 21)])
+
+
+def enters(obstacles: Sequence[Body], points: np.ndarray, t_end: float) -> bool:
+    """Whether a body that has a depth is moved over one of the points (p, 3) that stand still."""
+    solid = [body for body in obstacles if body.depth is not None and len(points)]
+    times = np.linspace(0.0, t_end, 501)
+    return any(body.deep(points, t).max() > 0.0 for body in solid for t in times)
 
 
 def is_wide(body: Body) -> bool:

@@ -14,6 +14,8 @@ from fecloth.terms.contact.shape import Shape
 LEFT = 0.2  # of the distance, or of the gap
 CLOSE = 0.05  # of what must be left: the search for the way ends here
 MOST = 40  # iterations; then the way so far is taken
+PARTS = 32  # of a way, at which it is looked whether it is inside of a shape
+HALVINGS = 6  # of these parts, to find the place where it enters
 ITERATIONS = 10  # out of the way of a shape that deforms
 RESERVE = 1.5  # on the slope of a distance that is not convex
 
@@ -63,3 +65,36 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
         part = (wanted - d)[close] / np.einsum("mi,mi->m", gradient, gradient)
         y[close] += part[:, None] * gradient
     return y
+
+
+def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
+    """Whether each straight way (m,) from a to b (m, 3) enters the shape and leaves it behind.
+
+    Behind means that the normals where it enters and leaves are more than a right angle apart.
+    """
+    through, way = np.zeros(len(a), bool), b - a
+    length = np.sqrt(np.einsum("mi,mi->m", way, way))
+    some = np.arange(len(a))
+    if shape.convex:
+        some = np.flatnonzero(shape.distance(a, t) + shape.distance(b, t) < length)
+    if not len(some):
+        return through
+    parts = np.linspace(0.0, 1.0, PARTS + 1)
+    spots = a[some, None] + parts[:, None] * way[some, None]
+    d = shape.distance(spots.reshape(-1, 3), t).reshape(len(some), -1)
+    enters, leaves = (d[:, :-1] > 0) & (d[:, 1:] <= 0), (d[:, :-1] <= 0) & (d[:, 1:] > 0)
+    rows = np.flatnonzero(enters.any(axis=1) & leaves.any(axis=1))
+    some, d = some[rows], d[rows]
+    first, last = enters[rows].argmax(axis=1), PARTS - 1 - leaves[rows, ::-1].argmax(axis=1)
+    normals = []
+    for part, outside in ((first, first), (last, last + 1)):
+        inside = part + part + 1 - outside
+        for _ in range(HALVINGS):
+            middle = 0.5 * (inside + outside)
+            at = a[some] + (middle / PARTS)[:, None] * way[some]
+            is_outside = shape.distance(at, t) > 0
+            inside = np.where(is_outside, inside, middle)
+            outside = np.where(is_outside, middle, outside)
+        normals.append(shape.gradient(a[some] + (outside / PARTS)[:, None] * way[some], t))
+    through[some] = np.einsum("mi,mi->m", *normals) < 0.0
+    return through

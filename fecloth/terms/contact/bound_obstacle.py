@@ -12,7 +12,7 @@ import numpy as np
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.advance import advance, move_out
+from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
 from fecloth.terms.contact.friction import SlidingPoints, along
 from fecloth.terms.contact.points import MOST, Contacts, Points, divisions, longest_edges
@@ -233,6 +233,17 @@ class BoundObstacle(BoundContact):
 
     def allows(self, x: np.ndarray, t: float) -> bool:
         return self.least_distance(x, t) > 0.0
+
+    def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
+        begin, end = self.shape.pose(old.t).to_body(old.x), self.shape.pose(t).to_body(x)
+        at_nodes, way = self.shape.distance(begin, t), end - begin
+        reach = np.sqrt(np.einsum("ni,ni->n", way, way))
+        for points in self.points:
+            which = points.candidates(at_nodes, reach)
+            places = (points.values(y, which) for y in (begin, end))
+            if len(which) and goes_through(self.shape, *places, t).any():
+                return True
+        return False
 
     def room(self, x: np.ndarray, t: float) -> np.ndarray:
         return self.shape.distance(self.shape.pose(t).to_body(x), t)

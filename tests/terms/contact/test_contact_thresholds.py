@@ -8,7 +8,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
-from fecloth.terms.contact.advance import advance, move_out
+from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.bound_obstacle import cutting_depth
 
 S = fc.shapes
@@ -115,6 +115,25 @@ def test_points_are_moved_out_of_a_shape_that_deforms_in_ten_iterations():
     plane = Twice((0, 0, 0), (0, 0, 1))
     (place,) = move_out(plane, np.array([[0.0, 0.0, -1.0]]), np.zeros(1), 0.0)
     assert place[2] == pytest.approx(-(0.5**10))
+
+
+@pytest.mark.parametrize(("part", "through"), [(0.8, False), (1.25, True)])
+@pytest.mark.parametrize("shape", [S.Sphere((0, 0, 0), 1.0), S.Sdf("x**2 + y**2 + z**2 - 1")])
+def test_a_way_goes_through_where_it_leaves_more_than_a_right_angle_from_where_it_enters(
+    shape, part, through
+):
+    """The normals of a chord at the distance cos a from the centre are 2 a apart."""
+    a = part * math.pi / 4
+    begin, end = np.array([[[-1.5, math.cos(a), 0.0]], [[4.0, math.cos(a), 0.0]]])
+    assert goes_through(shape, begin, end, 0.0) == through
+    assert not goes_through(shape, begin, 0.2 * end, 0.0)  # it ends inside
+    assert not goes_through(shape, begin, begin - [[1.0, 0.0, 0.0]], 0.0)
+
+
+@pytest.mark.parametrize(("end", "through"), [((3.0, 0.1, 0.5), True), ((0.5, 3.0, 0.0), False)])
+def test_a_way_past_the_edge_of_a_box_does_not_go_through(end, through):
+    box = S.Box((0, 0, 0), (2, 2, 2))
+    assert goes_through(box, np.array([[-3.0, 0.1, 0.5]]), np.array([end]), 0.0) == through
 
 
 # --- points of the cloth --------------------------------------------------------------------------

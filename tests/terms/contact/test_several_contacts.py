@@ -1,5 +1,6 @@
 """Several contacts: one first guess, steps that are repeated, what cannot be met is named."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,6 +149,33 @@ def test_a_state_that_has_crossed_is_refused_by_name():
     through[-3:, 2] += 0.004
     with pytest.raises(NewtonFailed, match="SelfContact: the cloth has passed through"):
         refuse_crossed(system, system.state(through))
+
+
+def thrown(speed):
+    """A free sheet above a ball, thrown at it: the centre of the ball is below a triangle."""
+    cloth = fc.Cloth.rectangle(0.15, 0.15, 0.05)
+    ball = fc.Obstacle(fc.shapes.Sphere((0.075, 0.075, 0), 0.05), GAP)
+    system = fc.System(cloth, FABRIC, [fc.StVK(), fc.PlateBending(), ball])
+    x = np.column_stack([cloth.X, np.full(len(cloth.X), 0.055)])
+    return system, system.state(x, np.zeros_like(x) - [0, 0, speed])
+
+
+@pytest.mark.parametrize(("way", "leaps"), [(0.0, False), (0.14, True)])
+def test_a_step_to_the_other_side_of_an_obstacle_is_refused_by_name(way, leaps):
+    system, old = thrown(20.0)
+    new = system.state(old.x - [0, 0, way], t=0.01)
+    refuse_crossed(system, new)
+    refusal = pytest.raises(NewtonFailed, match="Obstacle: .* on the other side of it")
+    with refusal if leaps else nullcontext():
+        refuse_crossed(system, new, old)
+
+
+@pytest.mark.slow
+def test_a_sheet_at_20_m_s_does_not_find_a_way_around_a_ball_within_a_step():
+    """Newton's iteration would find one: behind the ball the sheet keeps all its speed."""
+    system, start = thrown(20.0)
+    for state, _info in fc.march(system, fc.BackwardEuler(), start, 0.01, 0.01):
+        assert state.x[:, 2].mean() > 0.01
 
 
 @dataclass(frozen=True)
