@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sparse
 
+from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
@@ -138,9 +139,7 @@ class ContactSets:
         if self._crowded or self._pairs is None:
             return False
         start, way, _ = self._pairs
-        moved, squared = self._without_mean(x - start), float((way * way).sum())
-        part = min(max(float((moved * way).sum()) / squared, 0.0), 1.0) if squared else 0.0
-        return _longest(moved - part * way) < AROUND * self.gap
+        return bool(_stray(np.ascontiguousarray(x), start, way, not len(self.fixed)) < (AROUND * self.gap) ** 2)
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:
         """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
@@ -175,23 +174,39 @@ class ContactSets:
     def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
         """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J]."""
         contacts, nodes = self.at(x), self.nodes(x)
-        edges, faces = self.mesh.edges, self.mesh.faces
-        rows, columns, values, d, energies = [], [], [], [], []
-        for number in range(len(contacts)):
-            pair = contacts[number]
-            ids = [i for i in pair.vertex_ids(edges, faces) if i >= 0]
-            place = nodes[ids].ravel()
-            way, parts = pair.compute_distance_vector(place), pair.compute_coefficients(place)
-            d.append(math.sqrt(way @ way))
-            energies.append(self.potential(pair, place))
-            for i, part in zip(ids, parts, strict=True):
-                if i < len(x):
-                    rows += 3 * [number]
-                    columns += [3 * i, 3 * i + 1, 3 * i + 2]
-                    values += (part / d[-1] * way).tolist()
-        shape = len(contacts), x.size
-        normals = sparse.csr_matrix((values, (rows, columns)), shape=shape)
-        return normals, np.array(d), np.array(energies)
+        ids = self._ids(contacts)
+        places, lines = nodes[ids].reshape(len(ids), 12), []
+        for number, (place, size) in enumerate(zip(places, 3 * (ids >= 0).sum(axis=1), strict=True)):
+            pair, own = contacts[number], place[:size]
+            way, parts = pair.compute_distance_vector_with_coefficients(own)
+            lines.append((*way, *parts, *(4 - len(parts)) * (0.0,), self.potential(pair, own)))
+        numbers = np.array(lines).reshape(-1, 8)
+        way, parts, energies = numbers[:, :3], numbers[:, 3:7], numbers[:, 7]
+        d = np.sqrt(np.einsum("mi,mi->m", way, way))
+        values = parts[:, :, None] * (way / d[:, None])[:, None]
+        columns = 3 * ids[:, :, None] + np.arange(3)
+        rows = np.broadcast_to(np.arange(len(ids))[:, None, None], columns.shape)
+        own = np.broadcast_to((ids[:, :, None] >= 0) & (ids[:, :, None] < len(x)), columns.shape)
+        where, shape = (rows[own], columns[own]), (len(ids), x.size)
+        return sparse.csr_matrix((values[own], where), shape=shape), d, energies
+
+    def _ids(self, contacts: Any) -> np.ndarray:
+        """(m, 4) The nodes of the contacts, in their order; −1 where there are fewer than four."""
+        mesh = self.mesh
+        edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
+        vv = [(each.vertex0_id, each.vertex1_id, -1, -1) for each in contacts.vv_collisions]
+        ev = np.array([(each.vertex_id, each.edge_id) for each in contacts.ev_collisions], int)
+        ee = np.array([(each.edge0_id, each.edge1_id) for each in contacts.ee_collisions], int)
+        fv = np.array([(each.face_id, each.vertex_id) for each in contacts.fv_collisions], int)
+        ev, ee, fv = (each.reshape(-1, 2) for each in (ev, ee, fv))
+        none = np.full((len(ev), 1), -1)
+        parts = [
+            np.array(vv, int).reshape(-1, 4),
+            np.hstack([ev[:, :1], edges[ev[:, 1]], none]),
+            np.hstack([edges[ee[:, 0]], edges[ee[:, 1]]]),
+            np.hstack([fv[:, 1:], faces[fv[:, 0]]]),
+        ]
+        return np.vstack(parts)
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
         """The contacts at x with their normal forces and directions of sliding, for μ.
@@ -272,3 +287,30 @@ class ContactSets:
 def _longest(way: np.ndarray) -> float:
     """The longest way [m] of a node, of ways (n, 3)."""
     return math.sqrt(np.einsum("ni,ni->n", way, way).max())
+
+
+@kernel
+def _stray(x: Array, start: Array, way: Array, drifts: bool) -> float:
+    """The square of the longest way [m²] of a node at x (n, 3) from the straight way from `start`.
+
+    The point of this way is the nearest one for all nodes together. Where the cloth `drifts`, what
+    all nodes move alike does not count.
+    """
+    mean, count = np.zeros(3), len(x)
+    if drifts:
+        for n in range(count):
+            for i in range(3):
+                mean[i] += (x[n, i] - start[n, i]) / count
+    along = squared = 0.0
+    for n in range(count):
+        for i in range(3):
+            along += (x[n, i] - start[n, i] - mean[i]) * way[n, i]
+            squared += way[n, i] ** 2
+    part = min(max(along / squared, 0.0), 1.0) if squared > 0.0 else 0.0
+    most = 0.0
+    for n in range(count):
+        far = 0.0
+        for i in range(3):
+            far += (x[n, i] - start[n, i] - mean[i] - part * way[n, i]) ** 2
+        most = max(most, far)
+    return most

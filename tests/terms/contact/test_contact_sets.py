@@ -170,3 +170,15 @@ def test_a_march_goes_on_bit_for_bit(method):
     *_, (end, _) = fc.march(again, method, middle, memory=info.memory, **options)
     np.testing.assert_array_equal(end.x, steps[-1][0].x)
     np.testing.assert_array_equal(end.v, steps[-1][0].v)
+
+
+def test_the_nodes_of_all_kinds_of_pairs_are_those_of_the_toolkit(rng):
+    cloth, x, _ = layers(0.7 * GAP)
+    sets = bound(cloth).sets
+    contacts = sets.at(x + 0.05 * GAP * rng.standard_normal(x.shape))
+    kinds = (contacts.vv_collisions, contacts.ev_collisions)
+    kinds += contacts.ee_collisions, contacts.fv_collisions
+    assert all(len(kind) for kind in kinds)
+    edges, faces = sets.mesh.edges, sets.mesh.faces
+    expected = [contacts[i].vertex_ids(edges, faces) for i in range(len(contacts))]
+    np.testing.assert_array_equal(sets._ids(contacts), expected)
