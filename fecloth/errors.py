@@ -118,6 +118,8 @@ class StepFailed(FeclothError):
         The largest principal stretch of the state at the start of the step, and its triangle.
     state
         The state at the start of the step.
+    result
+        The `Result` of the steps before, with their tables, where `fc.run` failed; else None.
     remedy
         A sentence that says what to try.
     unit
@@ -141,6 +143,7 @@ class StepFailed(FeclothError):
         self.reason, self.step, self.t, self.dt, self.unit = reason, step, t, dt, unit
         self.residual, self.stretch, self.triangle = residual, stretch, triangle
         self.state, self.remedy = state, remedy
+        self.result: Any = None
         super().__init__(reason)
 
     def __str__(self) -> str:

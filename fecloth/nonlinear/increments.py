@@ -166,13 +166,15 @@ def increase_loads(
     """Increase the factor on the loads from the first to the second of `loads`.
 
     `start` is the state at the first factor: in equilibrium, or the start of all where the factor
-    is 0. No increment of the factor is larger than `largest`. `rate` is ∂x/∂(factor) at the start
-    [m] beyond where the pins carry the cloth, as far as it is known, and `history` what the terms
-    remember there. They remember each increment that is solved; an increment that is repeated in
-    smaller ones begins with what they remembered before it.
+    is 0. No increment of the factor is larger than `largest`, but where none of these is solved and
+    the path does not count: a small load may hold a cloth less than the whole. `rate` is
+    ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known, and
+    `history` what the terms remember there. They remember each increment that is solved; an
+    increment that is repeated in smaller ones begins with what they remembered before it.
     """
     x, (reached, end), size, total = start.x, loads, largest, Counts()
-    over = system
+    over, tries_all = system, False
+    may_try_all = largest < end - reached and not any(term.needs_path for term in system.bound)
     while reached < end:
         to = reached + size
         load = to if to < end - 1e-9 else end
@@ -182,7 +184,10 @@ def increase_loads(
             solved, over = solve_increment(increment, rate, context, report)
         except EquilibriumFailed as failure:
             size /= 2
-            if size < SMALLEST * largest:
+            if size < SMALLEST * largest or tries_all:
+                if may_try_all and reached == loads[0] and not tries_all:
+                    tries_all, size = True, end - reached
+                    continue
                 reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
                 args = failure.residual, here, failure.remedy, reached
                 raise EquilibriumFailed(reason, *args) from failure

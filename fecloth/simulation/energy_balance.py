@@ -16,7 +16,7 @@ DISTRUST = "do not trust this motion"  # what such a warning says; studies look 
 LASTING = 10  # steps in a row that a balance must be off, before the end
 FAR = 0.5  # of the energy of the motion: a remainder that no estimate of the error excuses
 UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
-SLIGHT = 1e-3  # of the kinetic energy, or 3 % of the speed
+SLIGHT = 1e-3  # of the kinetic energy, or 3 % of the speed; of the work of obstacles that move
 
 
 @remembered
@@ -45,6 +45,7 @@ class Balance(Account):
     kinetic: float = 0.0
     last_kinetic: float = 0.0
     kinetic_before: float = 0.0
+    worked: float = 0.0  # largest work that obstacles had done until then [J]
     gained: float = 0.0  # largest energy that the method had made in all until then [J]
     doubt: str = ""  # a sentence if the balance was off
     is_far: bool = False  # whether it was off by more than FAR
@@ -84,6 +85,7 @@ class Balance(Account):
             kinetic=max(self.kinetic, min(ledger.kinetic, self.last_kinetic, self.kinetic_before)),
             last_kinetic=ledger.kinetic,
             kinetic_before=self.last_kinetic,
+            worked=max(self.worked, _work_of_obstacles(system, ledger)),
             gained=max(self.gained, -ledger.numerical),
         )
         trusted, remainder = new.trusted(system, ledger), abs(remainder)
@@ -135,12 +137,19 @@ class Balance(Account):
 
         It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
         difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
-        direction, it is 3 % of the speed.
+        direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of their
+        work, too: Newton's tolerance "auto" is a part of their forces.
         """
         amounts = sum(abs(amount) for amount in ledger.amounts())
         unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
-        return unsolved + SLIGHT * self.kinetic
+        return unsolved + SLIGHT * (self.kinetic + self.worked)
 
     def row(self) -> dict[str, float]:
         """Return the remainder relative to the largest energy of deformation so far."""
         return {"drift": self.remainder / self.scale if self.scale else 0.0}
+
+
+def _work_of_obstacles(system: System, ledger: Ledger) -> float:
+    """Return the sum of what the contacts have done or taken [J]."""
+    names = zip(system.names, system.bound, strict=True)
+    return sum(abs(ledger.work.get(name, 0.0)) for name, term in names if term.limits_direction)

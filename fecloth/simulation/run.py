@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import FeclothWarning, amount
+from fecloth.errors import FeclothWarning, StepFailed, amount
 from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.arguments import checks_arguments
@@ -186,6 +186,7 @@ def run(
 
     The run also fails after two rows in a row that deform with more kinetic energy than
     `most_growth` times what the start, the loads and the pins can have supplied (see `Growth`).
+    The `StepFailed` of a run that fails has its `result` so far, without the accounts of its end.
     Reasons to doubt the result, such as an error in time above 10 % or an energy balance that does
     not close, are in its `warnings` and come as a `FeclothWarning` each.
 
@@ -270,25 +271,33 @@ def collect(
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
     accounts, state = Accounts.begin(kinds, of_run, ledger), observer.start
     rows, raised = [accounts.rows(observer.row(None, None))], list[str]()
-    for record in record_steps(steps, of_run, observer, accounts, next_row):
-        state, accounts, step = record.state, record.accounts, record.info.step
-        raised += accounts.new_warnings(raised)
-        rows += [] if record.info.is_part else [record.rows]
-        seconds.update(record.info.counts.seconds)
-        report(record.info)
+
+    def result_so_far() -> Result:
+        return Result(
+            state=state,
+            times=np.array([row["energies"]["t"] for row in rows]),
+            energies=columns([row["energies"] for row in rows]),
+            observed=columns([row["observed"] for row in rows]),
+            seconds={**seconds, "total": time.perf_counter() - begin},
+            solver=why,
+            method=method,
+            warnings=(*foreseen, *raised),
+            accounts=accounts,
+        )
+
+    try:
+        for record in record_steps(steps, of_run, observer, accounts, next_row):
+            state, accounts, step = record.state, record.accounts, record.info.step
+            raised += accounts.new_warnings(raised)
+            rows += [] if record.info.is_part else [record.rows]
+            seconds.update(record.info.counts.seconds)
+            report(record.info)
+    except StepFailed as failure:
+        failure.result = result_so_far()
+        raise
     accounts = accounts.finish(of_run, End(state, step))
     raised += accounts.new_warnings(raised)
-    return Result(
-        state=state,
-        times=np.array([row["energies"]["t"] for row in rows]),
-        energies=columns([row["energies"] for row in rows]),
-        observed=columns([row["observed"] for row in rows]),
-        seconds={**seconds, "total": time.perf_counter() - begin},
-        solver=why,
-        method=method,
-        warnings=(*foreseen, *raised),
-        accounts=accounts,
-    )
+    return result_so_far()
 
 
 def count_warnings(sentences: Sequence[str]) -> str:

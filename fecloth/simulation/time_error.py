@@ -23,11 +23,13 @@ from fecloth.simulation.within_step import acceleration
 from fecloth.system.pieces import mean_of_nodes
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
 STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
+GIVES_WAY = 0.1  # of a gap: so much a barrier gives way under the weight, and no place is sharper
 LOOKS = 33  # between two samples, at loads that may jump
 ROUND_OFF = 1e-9  # of a load
 GROWN = 4.0  # times the sum of errors: what is carried further has grown
@@ -247,7 +249,9 @@ class TimeError(Account):
         """
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan
-        if len(self.recent) < drift[0] + 2 or self.moved <= STILL * system.cloth.extent:
+        gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
+        still = max(STILL * system.cloth.extent, GIVES_WAY * min(gaps, default=0.0))
+        if len(self.recent) < drift[0] + 2 or self.moved <= still:
             return math.nan
         length = self._sum(system, t)
         if traits.order < drift[0] and traits.error_constant is not None:

@@ -9,7 +9,6 @@ from fecloth.simulation.doubts.jumps import SMALL
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.time_error import TimeError
-from fecloth.system.system import System
 from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
@@ -60,7 +59,7 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     if balance.is_far or not is_slight:
         yield balance.doubt
     if estimate and not error < SLIGHT:
-        yield warn_of_dissipation(run.system, balance, others[Ledger])
+        yield warn_of_dissipation(run, balance, others[Ledger])
 
 
 def warn_of_gain(balance: Balance) -> str:
@@ -75,7 +74,7 @@ def warn_of_gain(balance: Balance) -> str:
     )
 
 
-def warn_of_dissipation(system: System, balance: Balance, ledger: Ledger) -> str:
+def warn_of_dissipation(run: Run, balance: Balance, ledger: Ledger) -> str:
     """Return a sentence if the method has dissipated more than 20 % of the motion, or ""."""
     # The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
     # loads keep in motion loses more than it ever has. A cloth that only flies has none.
@@ -83,11 +82,15 @@ def warn_of_dissipation(system: System, balance: Balance, ledger: Ledger) -> str
         return ""
     lost = ledger.numerical + sum(ledger.dissipated.values())
     motion = max(balance.scale, lost)
-    noise = balance.noise(system, ledger)
+    noise = balance.noise(run.system, ledger)
     if balance.scale <= noise or not ledger.numerical > max(EATEN * motion, noise):
         return ""
+    remedy = "dt, or a method that dissipates less"
+    if has_kind(run.system.terms, "contact"):  # all other methods are refused
+        remedy = "dt, or BDF2" if run.method.traits.order == 1 else "dt"
+        remedy += "; in impacts without a bounce it takes what the law would take otherwise"
     return (
         f"numerical dissipation has taken {ledger.numerical:.3g} J, "
         f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion: take a smaller "
-        "dt, or a method that dissipates less"
+        f"{remedy}"
     )

@@ -4,6 +4,7 @@ The equation is scripted: one number y [m] in place of the positions of a cloth 
 R(y), and directions that belong to no matrix.
 """
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -332,7 +333,27 @@ def test_an_increment_is_halved_to_a_64th(monkeypatch):
     system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK()])
     with pytest.raises(fc.EquilibriumFailed, match="load stepping ended at 0 of the loads"):
         statics.increase_loads(system, system.rest(), None, 0.25)
-    assert solved == [0.25 / 2**k for k in range(7)]
+    assert solved == [0.25 / 2**k for k in range(7)] + [1.0]
+
+
+def test_where_small_loads_have_no_solution_all_are_tried_at_once(monkeypatch):
+    """A sheet without bending that does not touch yet: little load holds it less than much."""
+
+    def solve(equation, x, context, report):
+        if equation.load < 0.9:
+            raise statics.EquilibriumFailed("no", 1.0, None, "")
+        return statics.Solved(x, Counts(newton=5))
+
+    monkeypatch.setattr(statics, "solve_static", solve)
+    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
+    solver = SolverContext(None, None, fc.Newton())
+    fabric, plane = fc.Fabric(0.2, 100.0), fc.shapes.Plane((0, 0, -1), (0, 0, 1))
+    for friction, context in ((0.0, nullcontext()), (0.3, pytest.raises(fc.EquilibriumFailed))):
+        terms = [fc.StVK(), fc.Obstacle(plane, 1e-3, friction)]
+        system = fc.System(cloth, fabric, terms)
+        with context:
+            increase = statics.increase_loads(system, system.rest(), solver, 0.25)
+            assert increase.solved.counts.newton == 5
 
 
 def test_without_an_estimate_auto_ends_at_a_residual_of_1e_6():

@@ -7,6 +7,7 @@ import pytest
 from conftest import flat
 
 import fecloth as fc
+from fecloth.errors import SolveFailed
 from fecloth.simulation.step_times import step_times
 from fecloth.verify import observed_order
 from studies.references import closed_forms, falling_disk
@@ -173,3 +174,23 @@ def test_a_cloth_without_loads_stays_and_its_round_off_is_no_blow_up():
     system = fc.System(cloth, fabric, [fc.StVK(), fc.HingeBending()], ["boundary"])
     result = fc.run(system, fc.ImplicitMidpoint(), system.rest(), dt=0.002, t_end=0.1)
     assert 0 < result.energies["kinetic"].max() < 1e-24
+
+
+class Failing(fc.BackwardEuler):
+    """Its third step fails."""
+
+    def step(self, system, state, dt, solver, memory=None):
+        if state.t > 0.015:
+            raise SolveFailed("no solution", 1.0)
+        return super().step(system, state, dt, solver, memory)
+
+
+def test_a_run_that_fails_has_its_tables_so_far():
+    cloth = fc.Cloth.rectangle(0.2, 0.2, 0.2, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), fc.Gravity()], ["left"])
+    with pytest.raises(fc.StepFailed) as failed:
+        fc.run(system, Failing(), system.rest(), 0.01, 0.05)
+    result = failed.value.result
+    np.testing.assert_allclose(result.times, [0.0, 0.01, 0.02])
+    assert len(result.energies["kinetic"]) == len(result.observed["sag"]) == 3
+    np.testing.assert_array_equal(result.state.x, failed.value.state.x)

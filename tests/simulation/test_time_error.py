@@ -251,6 +251,22 @@ def test_a_cloth_at_rest_and_two_steps_have_no_estimate():
     assert math.isnan(short.time_error)
 
 
+@pytest.mark.parametrize(("part", "known"), [(0.8, False), (1.25, True)])
+def test_a_motion_within_a_tenth_of_the_gap_has_no_estimate(part, known):
+    """The barrier gives way as much under the weight of the cloth."""
+    cloth, gap = fc.Cloth.rectangle(0.3, 0.3, 0.3), 1e-3
+    obstacles = [fc.Obstacle(fc.shapes.Plane((0, 0, -9), (0, 0, 1)), n * gap) for n in (1, 2)]
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), *obstacles])
+    samples = [
+        Sample(0.1 * i, i, system.rest().x + 1e-5 * i**2, system.rest().x, 0, 0, 0, 0)
+        for i in range(3)
+    ]
+    estimate = TimeError(system.rest().x, samples[0], tuple(samples), largest=1e-6)
+    estimate = estimate.changed(moved=part * 0.1 * gap)
+    error = estimate.relative_error(system, fc.BackwardEuler.traits, 0.2)
+    assert error == pytest.approx(1e-6 / estimate.moved) if known else math.isnan(error)
+
+
 def test_the_derivative_is_exact_for_polynomials():
     times, cubic = (0.3, 0.5, 1.1, 1.2), np.arange(6.0).reshape(2, 3)
     samples = [

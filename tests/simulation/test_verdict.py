@@ -120,6 +120,37 @@ def test_energy_that_the_method_makes_at_impacts_is_a_warning(part, warns, monke
     assert doubt(monkeypatch, 0.02, balance) == ""  # without contact it says nothing of impacts
 
 
+@pytest.mark.parametrize(("part", "is_off"), [(0.8, False), (1.25, True)])
+def test_a_thousandth_of_the_work_of_obstacles_does_not_matter_in_a_balance(part, is_off):
+    """Also after the work was taken back."""
+    floor = fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1), motion=(0, 0, "t")))
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), floor])
+    ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, work={"Obstacle": -2.0})
+    deformation = Deformation(0.0, 0.0, in_place={})
+    balance = Balance(0.0, largest=1e-3).after(system, ledger, deformation)
+    ledger = replace(ledger, work={"Obstacle": 0.0}, kinetic=part * 1e-3 * 2.0)
+    after = balance.after(system, ledger, deformation)
+    assert bool(after.finish(None, None, None).doubt) == is_off
+
+
+@pytest.mark.parametrize(
+    ("method", "touches", "remedy"),
+    [
+        (fc.BackwardEuler(), False, "dt, or a method that dissipates less"),
+        (fc.BackwardEuler(), True, "dt, or BDF2; in impacts"),
+        (fc.BDF2(), True, "dt; in impacts"),
+    ],
+)
+def test_dissipation_of_the_method_names_methods_that_contact_allows(method, touches, remedy):
+    obstacle = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))] if touches else []
+    system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *obstacle])
+    start = system.rest()
+    ledger = replace(fc.Ledger.open(system, start), t=1.0, numerical=0.5)
+    run = Run(system, method, start, 0, 4.0)
+    words = verdict.warn_of_dissipation(run, Balance(0.0, largest=1.0), ledger)
+    assert f"50 % of the energy of the motion: take a smaller {remedy}" in words
+
+
 @pytest.mark.parametrize(
     ("method", "part", "ratio", "why"),
     [

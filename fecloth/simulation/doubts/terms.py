@@ -10,6 +10,7 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
 from fecloth.terms import protocol
 from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
+from fecloth.terms.contact.shape import Sdf
 from fecloth.terms.traits import has_kind, traits_of
 
 SEVERAL = {  # of a kind, in words
@@ -184,8 +185,12 @@ def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
     """Warn of triangles that an obstacle may cut between the points on which it acts."""
     for name, term in zip(run.system.names, run.system.bound, strict=True):
         if isinstance(term, BoundObstacle) and (depth := cutting_depth(term, run.system.cloth)):
+            what, remedy = "has edges that", "a larger gap or rounder edges"
+            if term.shape.radius_of_curvature:
+                what, remedy = "curves so much that it", "or a larger gap"
+            elif isinstance(term.shape, Sdf):
+                what, remedy = "has no radius: its edges", "a larger gap, or give its radius"
             yield (
-                f"{name} has edges that may cut up to {1e3 * depth:.2g} mm into triangles, which "
-                f"are large against its gap of {1e3 * term.gap:g} mm: take a smaller h, a larger "
-                "gap or rounder edges"
+                f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are large "
+                f"against its gap of {1e3 * term.gap:g} mm: take a smaller h, {remedy}"
             )

@@ -46,6 +46,7 @@ class BoundContact(BoundTerm):
     """A contact on a cloth."""
 
     friction: float  # μ
+    gap: float  # [m]
     restitution: Any = 1.0  # part of the speed that an impact leaves
 
     has_energy = True

@@ -240,8 +240,8 @@ class BoundObstacle(BoundContact):
         reach = np.sqrt(np.einsum("ni,ni->n", way, way))
         for points in self.points:
             which = points.candidates(at_nodes, reach)
-            places = (points.values(y, which) for y in (begin, end))
-            if len(which) and goes_through(self.shape, *places, t).any():
+            a, b = points.values(begin, which), points.values(end, which)
+            if goes_through(self.shape, a, b, t).any():
                 return True
         return False
 

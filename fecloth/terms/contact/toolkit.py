@@ -139,7 +139,10 @@ class ContactSets:
         if self._crowded or self._pairs is None:
             return False
         start, way, _ = self._pairs
-        return bool(_stray(np.ascontiguousarray(x), start, way, not len(self.fixed)) < (AROUND * self.gap) ** 2)
+        return bool(
+            _stray(np.ascontiguousarray(x), start, way, not len(self.fixed))
+            < (AROUND * self.gap) ** 2
+        )
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:
         """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
@@ -176,7 +179,9 @@ class ContactSets:
         contacts, nodes = self.at(x), self.nodes(x)
         ids = self._ids(contacts)
         places, lines = nodes[ids].reshape(len(ids), 12), []
-        for number, (place, size) in enumerate(zip(places, 3 * (ids >= 0).sum(axis=1), strict=True)):
+        for number, (place, size) in enumerate(
+            zip(places, 3 * (ids >= 0).sum(axis=1), strict=True)
+        ):
             pair, own = contacts[number], place[:size]
             way, parts = pair.compute_distance_vector_with_coefficients(own)
             lines.append((*way, *parts, *(4 - len(parts)) * (0.0,), self.potential(pair, own)))

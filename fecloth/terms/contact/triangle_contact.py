@@ -165,7 +165,7 @@ class BoundTriangleContact(BoundContact):
         return [SlidingTriangles(self.sets, lagged, surface, self.rotation(t), self.creep)]
 
     @property
-    def gap(self) -> float:
+    def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
         return self.sets.gap
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
@@ -212,7 +212,9 @@ class BoundTriangleContact(BoundContact):
         """What intersects at x, and what is allowed, for an error."""
         pairs = find_intersections(self.sets.triangles, x)
         named = ", ".join(f"{a} and {b}" for a, b in pairs[:NAMED]) if pairs is not None else ""
-        what = f"triangles intersect at the start: {named or 'some'}"
+        what = f"triangles intersect at the start: {named}"
+        if not named:
+            what = "triangles touch, or lie in one plane, at the start"
         return what, "must start free of intersections"
 
 

@@ -194,6 +194,23 @@ def test_edges_that_may_cut_into_large_triangles_are_told(small, monkeypatch):
         assert any("Obstacle has edges that may cut up to" in each for each in words) == told
 
 
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        (S.Sphere((0.2, 0.15, -0.5), 0.05), "curves so much that it may cut"),
+        (S.Sdf("sqrt(x**2 + y**2) - 0.01 + 0*z", radius=0.01), "curves so much that it may cut"),
+        (
+            S.Sdf("abs(z) - 0.01 + 0*x*y"),
+            "no radius: its edges may cut .* or give its radius",
+        ),
+    ],
+)
+def test_only_a_shape_with_edges_is_said_to_cut_by_them(small, shape, words, monkeypatch):
+    monkeypatch.setattr("fecloth.terms.contact.obstacle.is_installed", lambda: False)
+    system = fc.System(small, FABRIC, [fc.StVK(), fc.Obstacle(shape, gap=1e-5)])
+    assert any(re.search(words, each) for each in warnings_before(system, 0.01, 0.1))
+
+
 @pytest.mark.parametrize("gap", [1e-3, 4e-3])
 def test_at_rest_on_a_plane_the_reaction_is_the_weight(gap):
     cloth = fc.Cloth.rectangle(0.3, 0.2, h=0.06)
