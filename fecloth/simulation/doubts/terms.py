@@ -9,7 +9,8 @@ from fecloth import terms
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
 from fecloth.terms import protocol
-from fecloth.terms.contact.bound_obstacle import BoundObstacle, cutting_depth
+from fecloth.terms.contact.bound_obstacle import BoundObstacle
+from fecloth.terms.contact.inside import cutting_depth
 from fecloth.terms.contact.shape import Sdf
 from fecloth.terms.traits import has_kind, traits_of
 
@@ -184,7 +185,8 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[str]:
 def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
     """Warn of triangles that an obstacle may cut between the points on which it acts."""
     for name, term in zip(run.system.names, run.system.bound, strict=True):
-        if isinstance(term, BoundObstacle) and (depth := cutting_depth(term, run.system.cloth)):
+        is_shape, cloth = isinstance(term, BoundObstacle), run.system.cloth
+        if is_shape and (depth := cutting_depth(term.shape, term.gap, cloth)):
             what, remedy = "has edges that", "a larger gap or rounder edges"
             if term.shape.radius_of_curvature:
                 what, remedy = "curves so much that it", "or a larger gap"

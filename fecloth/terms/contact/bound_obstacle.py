@@ -9,20 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError
-from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
 from fecloth.terms.contact.friction import SlidingPoints, along
-from fecloth.terms.contact.points import MOST, Contacts, Points, divisions, longest_edges
+from fecloth.terms.contact.inside import refuse_inside
+from fecloth.terms.contact.points import Contacts, Points
 from fecloth.terms.contact.restitution import Approach, rates
 from fecloth.terms.contact.shape import AT_REST, Pose, Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.step_difference import StepDifference
 
 MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
-NAMED = 5  # nodes that an error names
 SPEED_UNKNOWN = 1e9  # m/s, of the first touch
 
 
@@ -304,43 +302,4 @@ class BoundObstacle(BoundContact):
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
         """Raise `InputError` for a cloth that starts inside the obstacle; it names the nodes."""
-        pose = self.shape.pose(t)
-        for points in self.points:
-            which = points.candidates(self.shape.distance(pose.to_body(x), t), self.gap)
-            d = self.shape.distance(pose.to_body(points.values(x, which)), t)
-            inside = which[d <= 0.0]
-            if len(inside):
-                raise self._inside(points, inside, -d[d <= 0.0], where)
-
-    def _inside(self, points: Points, inside: np.ndarray, depth: np.ndarray, where: str):
-        if points is self.points[0]:
-            return starts_inside(self.shape, self.gap, where, inside, depth)
-        what = f"{len(inside)} points inside triangles, by up to {1e3 * depth.max():.3g} mm,"
-        return starts_inside(self.shape, self.gap, where, what=what)
-
-
-def starts_inside(
-    shape: Shape,
-    gap: float,
-    where: str,
-    nodes: np.ndarray | None = None,
-    depth: np.ndarray | None = None,
-    what: str = "the insides of some triangles",
-) -> InputError:
-    """The error for a cloth that starts inside; it names the deepest of the nodes."""
-    if nodes is not None and depth is not None and len(nodes):
-        deepest = np.argsort(-depth, kind="stable")[:NAMED]
-        named = ", ".join(f"{nodes[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest)
-        what = f"{len(nodes)} of the nodes, the deepest {named}{', …' * (len(nodes) > NAMED)},"
-    remedy = f"Start at least {1e3 * gap:g} mm, the gap, away from it, or move the obstacle."
-    begin = f"{what} start inside the {type(shape).__name__}"
-    return InputError(begin, "must start outside", where, remedy)
-
-
-def cutting_depth(obstacle: BoundObstacle, cloth: Cloth) -> float:
-    """How deep [m] a triangle may dip into the shape between its points; 0 if it cannot."""
-    if divisions(obstacle.shape, obstacle.gap, cloth) <= MOST:
-        return 0.0
-    part = float(longest_edges(cloth).max()) / MOST
-    radius = obstacle.shape.radius_of_curvature + obstacle.gap
-    return min(part**2 / (6 * radius), 0.5 * part)  # half of a part: at an edge of 90 degrees
+        refuse_inside(self.shape, self.points, self.gap, x, t, where)

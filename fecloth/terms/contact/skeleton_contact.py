@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.terms.contact.bound_obstacle import starts_inside
+from fecloth.terms.contact.inside import starts_inside
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact

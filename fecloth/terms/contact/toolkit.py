@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
+from fecloth.terms.contact.pairs import nodes_of, square_away_from
 from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
 RESERVE = 0.9  # of the way that is free, where it is not all of it
@@ -140,7 +140,7 @@ class ContactSets:
             return False
         start, way, _ = self._pairs
         return bool(
-            _stray(np.ascontiguousarray(x), start, way, not len(self.fixed))
+            square_away_from(np.ascontiguousarray(x), start, way, not len(self.fixed))
             < (AROUND * self.gap) ** 2
         )
 
@@ -177,7 +177,7 @@ class ContactSets:
     def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
         """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J]."""
         contacts, nodes = self.at(x), self.nodes(x)
-        ids = self._ids(contacts)
+        ids = nodes_of(contacts, self.mesh)
         places, lines = nodes[ids].reshape(len(ids), 12), []
         for number, (place, size) in enumerate(
             zip(places, 3 * (ids >= 0).sum(axis=1), strict=True)
@@ -194,24 +194,6 @@ class ContactSets:
         own = np.broadcast_to((ids[:, :, None] >= 0) & (ids[:, :, None] < len(x)), columns.shape)
         where, shape = (rows[own], columns[own]), (len(ids), x.size)
         return sparse.csr_matrix((values[own], where), shape=shape), d, energies
-
-    def _ids(self, contacts: Any) -> np.ndarray:
-        """(m, 4) The nodes of the contacts, in their order; −1 where there are fewer than four."""
-        mesh = self.mesh
-        edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
-        vv = [(each.vertex0_id, each.vertex1_id, -1, -1) for each in contacts.vv_collisions]
-        ev = np.array([(each.vertex_id, each.edge_id) for each in contacts.ev_collisions], int)
-        ee = np.array([(each.edge0_id, each.edge1_id) for each in contacts.ee_collisions], int)
-        fv = np.array([(each.face_id, each.vertex_id) for each in contacts.fv_collisions], int)
-        ev, ee, fv = (each.reshape(-1, 2) for each in (ev, ee, fv))
-        none = np.full((len(ev), 1), -1)
-        parts = [
-            np.array(vv, int).reshape(-1, 4),
-            np.hstack([ev[:, :1], edges[ev[:, 1]], none]),
-            np.hstack([edges[ee[:, 0]], edges[ee[:, 1]]]),
-            np.hstack([fv[:, 1:], faces[fv[:, 0]]]),
-        ]
-        return np.vstack(parts)
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
         """The contacts at x with their normal forces and directions of sliding, for μ.
@@ -292,30 +274,3 @@ class ContactSets:
 def _longest(way: np.ndarray) -> float:
     """The longest way [m] of a node, of ways (n, 3)."""
     return math.sqrt(np.einsum("ni,ni->n", way, way).max())
-
-
-@kernel
-def _stray(x: Array, start: Array, way: Array, drifts: bool) -> float:
-    """The square of the longest way [m²] of a node at x (n, 3) from the straight way from `start`.
-
-    The point of this way is the nearest one for all nodes together. Where the cloth `drifts`, what
-    all nodes move alike does not count.
-    """
-    mean, count = np.zeros(3), len(x)
-    if drifts:
-        for n in range(count):
-            for i in range(3):
-                mean[i] += (x[n, i] - start[n, i]) / count
-    along = squared = 0.0
-    for n in range(count):
-        for i in range(3):
-            along += (x[n, i] - start[n, i] - mean[i]) * way[n, i]
-            squared += way[n, i] ** 2
-    part = min(max(along / squared, 0.0), 1.0) if squared > 0.0 else 0.0
-    most = 0.0
-    for n in range(count):
-        far = 0.0
-        for i in range(3):
-            far += (x[n, i] - start[n, i] - mean[i] - part * way[n, i]) ** 2
-        most = max(most, far)
-    return most

@@ -18,60 +18,13 @@ from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
 from fecloth.terms.contact.friction import CREEP
 from fecloth.terms.contact.retreat import Retreat
 from fecloth.terms.contact.shape import Shape
+from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
 from fecloth.terms.contact.toolkit import ContactSets
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
 
 NAMED = 5  # pairs of triangles that an error names
-
-
-@dataclass(frozen=True, eq=False)
-class SlidingTriangles:
-    """Pairs of triangles that slide on each other; velocities belong to all nodes (n, 3)."""
-
-    # The contacts, and the toolkit's own with their normal forces and directions.
-    sets: ContactSets
-    lagged: Any
-    surface: np.ndarray | float  # (n, 3) velocity of the fixed mesh [m/s]
-    R: np.ndarray | None  # (3, 3) rotation of the fixed mesh; None if it does not turn
-    eps: float  # speed from which friction has its full value [m/s]
-
-    def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return of_nodes
-
-    def slip(self, v: np.ndarray) -> np.ndarray:
-        """(n, 3) velocities relative to the fixed mesh, in its frame."""
-        w: np.ndarray = v - self.surface
-        return w if self.R is None else w @ self.R
-
-    def rate(self, w: np.ndarray) -> float:
-        return self.sets.rub(self.lagged, w, self.eps)[0]
-
-    def power(self, w: np.ndarray) -> float:
-        return -float((self.sets.rub(self.lagged, w, self.eps)[1] * w).sum())
-
-    def force(self, w: np.ndarray) -> np.ndarray:
-        """(n, 3) force on the nodes [N]."""
-        return _turn(self.sets.rub(self.lagged, w, self.eps)[1], self.R)
-
-    def damping(self, w: np.ndarray, weight: float) -> sparse.csr_matrix | None:
-        """(3n, 3n) `weight` times −∂force/∂v, positive semi-definite; None if nothing touches."""
-        D = self.sets.rub_slope(self.lagged, w, self.eps)
-        return None if D is None else _turn_matrix(weight * D, self.R)
-
-
-def _turn(f: np.ndarray, R: np.ndarray | None) -> np.ndarray:
-    """Vectors (n, 3) in space, from vectors in the frame of the fixed mesh."""
-    return f if R is None else f @ R.T
-
-
-def _turn_matrix(K: sparse.csr_matrix, R: np.ndarray | None) -> sparse.csr_matrix:
-    """(3n, 3n) R K Rᵀ, in space."""
-    if R is None:
-        return K
-    all_R = sparse.kron(sparse.identity(K.shape[0] // 3), R, format="csr")
-    return (all_R @ K @ all_R.T).tocsr()
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +83,7 @@ class BoundTriangleContact(BoundContact):
         """(n, 3) force on the nodes without friction [N]."""
         y = self.place(x, t)
         f = self.sets.force(y)
-        return _turn(f + self.retreat.force(y) if self.retreat else f, self.rotation(t))
+        return turn(f + self.retreat.force(y) if self.retreat else f, self.rotation(t))
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= ∂energy/∂x, and friction [N]."""
@@ -149,7 +102,7 @@ class BoundTriangleContact(BoundContact):
         stiff = [self.sets.tangent(y, definite)]
         stiff += [self.retreat.tangent(y, definite)] if self.retreat else []
         R = self.rotation(t)
-        parts = [None if K is None else _turn_matrix(wx * K, R) for K in stiff]
+        parts = [None if K is None else turn_matrix(wx * K, R) for K in stiff]
         parts += [each.damping(w, weight) for each, w in rubbing]
         coupled = [part for part in parts if part is not None]
         return sum(coupled[1:], start=coupled[0]) if coupled else None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.terms.contact.pairs import nodes_of
 
 pytest.importorskip("ipctk")
 GAP = 2e-3
@@ -181,4 +182,4 @@ def test_the_nodes_of_all_kinds_of_pairs_are_those_of_the_toolkit(rng):
     assert all(len(kind) for kind in kinds)
     edges, faces = sets.mesh.edges, sets.mesh.faces
     expected = [contacts[i].vertex_ids(edges, faces) for i in range(len(contacts))]
-    np.testing.assert_array_equal(sets._ids(contacts), expected)
+    np.testing.assert_array_equal(nodes_of(contacts, sets.mesh), expected)

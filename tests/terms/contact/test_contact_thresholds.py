@@ -9,7 +9,7 @@ from conftest import flat
 
 import fecloth as fc
 from fecloth.terms.contact.advance import advance, goes_through, move_out
-from fecloth.terms.contact.bound_obstacle import cutting_depth
+from fecloth.terms.contact.inside import cutting_depth
 
 S = fc.shapes
 GAP = 2e-3
@@ -162,7 +162,7 @@ def test_an_edge_has_eight_parts_at_most_and_the_rest_is_told(needed, parts, cut
     term, cloth, found = bound_triangle(0.25 * (needed - 0.1) ** 2)
     assert found == parts
     assert sum(one.areas.sum() for one in term.points) == pytest.approx(cloth.area)
-    assert (cutting_depth(term, cloth) > 0) == cuts
+    assert (cutting_depth(term.shape, term.gap, cloth) > 0) == cuts
 
 
 def test_what_is_told_is_how_deep_a_part_dips_into_a_ball():
@@ -170,7 +170,7 @@ def test_what_is_told_is_how_deep_a_part_dips_into_a_ball():
     term, cloth, _ = bound_triangle(0.25 * 9.9**2)
     radius, edge = 0.1**2 / (6 * 0.25 * 9.9**2 * GAP), 0.1 / 8
     exact = radius - math.sqrt(radius**2 - edge**2 / 3)
-    assert cutting_depth(term, cloth) == pytest.approx(exact, rel=0.05)
+    assert cutting_depth(term.shape, term.gap, cloth) == pytest.approx(exact, rel=0.05)
 
 
 @pytest.mark.parametrize(("part", "near"), [(0.8, True), (1.25, False)])

@@ -1,0 +1,54 @@
+"""Nodes that start inside a shape, and how deep triangles may dip into it between its points."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.mesh.cloth import Cloth
+from fecloth.terms.contact.points import MOST, Points, divisions, longest_edges
+from fecloth.terms.contact.shape import Shape
+
+NAMED = 5  # nodes that an error names
+
+
+def refuse_inside(
+    shape: Shape, kinds: Sequence[Points], gap: float, x: np.ndarray, t: float, where: str
+) -> None:
+    """Raise `InputError` for points of a cloth at x (n, 3) in a shape; it names the nodes."""
+    y = shape.pose(t).to_body(x)
+    for points in kinds:
+        which = points.candidates(shape.distance(y, t), gap)
+        depth = -shape.distance(points.values(y, which), t)
+        inside = depth >= 0.0
+        if inside.any():
+            what = f"{inside.sum()} points inside triangles, by up to {1e3 * depth.max():.3g} mm,"
+            nodes = which[inside] if points is kinds[0] else None
+            raise starts_inside(shape, gap, where, nodes, depth[inside], what)
+
+
+def starts_inside(
+    shape: Shape,
+    gap: float,
+    where: str,
+    nodes: np.ndarray | None = None,
+    depth: np.ndarray | None = None,
+    what: str = "the insides of some triangles",
+) -> InputError:
+    """The error for a cloth that starts inside; it names the deepest of the nodes."""
+    if nodes is not None and depth is not None and len(nodes):
+        deepest = np.argsort(-depth, kind="stable")[:NAMED]
+        named = ", ".join(f"{nodes[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest)
+        what = f"{len(nodes)} of the nodes, the deepest {named}{', …' * (len(nodes) > NAMED)},"
+    remedy = f"Start at least {1e3 * gap:g} mm, the gap, away from it, or move the obstacle."
+    begin = f"{what} start inside the {type(shape).__name__}"
+    return InputError(begin, "must start outside", where, remedy)
+
+
+def cutting_depth(shape: Shape, gap: float, cloth: Cloth) -> float:
+    """How deep [m] a triangle may dip into the shape between its points; 0 if it cannot."""
+    if divisions(shape, gap, cloth) <= MOST:
+        return 0.0
+    part = float(longest_edges(cloth).max()) / MOST
+    radius = shape.radius_of_curvature + gap
+    return min(part**2 / (6 * radius), 0.5 * part)  # half of a part: at an edge of 90 degrees
