@@ -33,13 +33,17 @@ def says(system, state, way):
     return name_no_room(system, state, way / 1.0)
 
 
-@pytest.mark.parametrize(("contact", "where"), [("itself", "through each other"), ("rod", "into")])
+@pytest.mark.parametrize(
+    ("contact", "where"), [("itself", "through each other"), ("rod", "into"), ("ball", "into")]
+)
 def test_held_edges_that_meet_are_named(contact, where):
+    """The ball meets points of an edge between its two nodes only."""
     up = fc.Pin("lower/right", motion=(0, 0, "t"))
     rod = fc.shapes.Capsule((0.0, 0.07, HEIGHT), (0.2, 0.07, HEIGHT), 2e-4)
+    ball = fc.shapes.Sphere((0.1, 0.025, HEIGHT + 0.02), 0.02)
     contacts, pins = [fc.SelfContact(1e-3)], [up, fc.Pin("upper/right")]
-    if contact == "rod":
-        contacts, pins = [fc.Obstacle(rod, 5e-4)], [up]
+    if contact != "itself":
+        contacts, pins = [fc.Obstacle({"rod": rod, "ball": ball}[contact], 5e-4)], [up]
     system, start = sheets(contacts, pins)
     assert says(system, start, 0.8 * HEIGHT) == ""
     words = says(system, start, 1.25 * HEIGHT)

@@ -148,8 +148,8 @@ class BoundContact(BoundTerm):
     def struck(
         self, x: np.ndarray, end: np.ndarray, t: float, dt: float, held: np.ndarray
     ) -> np.ndarray:
-        """Those of the nodes `held` that pass into something from x to `end` in the time dt."""
-        return held[self.room(end, t + dt)[held] <= 0.0]
+        """The nodes `held` that, or between which points, pass into something to `end` in dt."""
+        raise NotImplementedError
 
     # --- at one state -----------------------------------------------------------------------------
 

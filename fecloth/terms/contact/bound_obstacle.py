@@ -246,6 +246,14 @@ class BoundObstacle(BoundContact):
     def room(self, x: np.ndarray, t: float) -> np.ndarray:
         return self.shape.distance(self.shape.pose(t).to_body(x), t)
 
+    def struck(self, x, end, t, dt, held) -> np.ndarray:
+        y, found = self.shape.pose(t + dt).to_body(end), []
+        for points in self.points:
+            which = points.between(held)
+            inside = self.shape.distance(points.values(y, which), t + dt) <= 0.0
+            found.append(points.nodes(which[inside]))
+        return np.unique(np.concatenate(found))
+
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
         """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
 

@@ -38,6 +38,14 @@ class NodePoints:
         """(p, 3) values at some of the points, from values at the nodes (n, 3)."""
         return of_nodes[which]
 
+    def between(self, held: np.ndarray) -> np.ndarray:
+        """The points that only the nodes `held` move."""
+        return held
+
+    def nodes(self, which: np.ndarray) -> np.ndarray:
+        """The nodes that move some of the points."""
+        return which
+
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         f[which] += F
 
@@ -75,6 +83,13 @@ class TrianglePoints:
         data = which, self.triangles, self.shape_functions, self.stencil
         gather(*data, np.ascontiguousarray(of_nodes), values)
         return values
+
+    def between(self, held: np.ndarray) -> np.ndarray:
+        is_held = np.isin(self.stencil, held)[self.triangles]
+        return np.flatnonzero((is_held | (self.shape_functions == 0.0)).all(axis=1))
+
+    def nodes(self, which: np.ndarray) -> np.ndarray:
+        return self.stencil[self.triangles[which]][self.shape_functions[which] != 0.0]
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         data = which, self.triangles, self.shape_functions, self.stencil
