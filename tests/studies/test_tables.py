@@ -12,18 +12,18 @@ def test_a_failed_run_misses_its_orders():
     """Also where every run of a family failed."""
     failed = {"status": "failed", "cause": "x"}
     rows, steps = (
-        [case | failed for case in cases(True)]
+        [case | failed for case in cases(quick=False)]
         for cases in (convergence.space_cases, convergence.time_cases)
     )
     findings = convergence.conclude_space(rows) + convergence.conclude_time(steps)
-    assert len(findings) == 75
+    assert len(findings) == 121
     swings = [
         {"bending": bending, "pattern": "right", "quantity": name, "order": math.nan}
         for bending in ORDERS
         for name in QUANTITIES
     ]
     findings += conclude_swings(swings)
-    assert len(findings) == 75 + 8
+    assert len(findings) == 121 + 8
     assert not any(finding.is_met for finding in findings)
 
 
