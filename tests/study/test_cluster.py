@@ -14,6 +14,16 @@ from fecloth import study
 from fecloth.errors import InputError
 
 ROOT = Path(__file__).parents[2]
+FINDER = """
+import importlib.util
+import sys
+
+class OnlyFecloth:  # at its own path, where compiled code of it is stored
+    def find_spec(name, path=None, target=None):
+        return importlib.util.spec_from_file_location(name, {file!r}) if name == "fecloth" else None
+
+sys.meta_path.insert(0, OnlyFecloth)
+"""
 
 
 def commands_of_page(port: int) -> list[list[str]]:
@@ -37,10 +47,11 @@ def free_port() -> int:
 def cluster(tmp_path):
     """Yield the address of a scheduler with two workers that cannot import `studies`."""
     pytest.importorskip("distributed", reason="needs the extra [dask]")
-    site = tmp_path / "site"
-    site.mkdir()
-    (site / "fecloth").symlink_to(Path(fecloth.__file__).parent)
-    environment = os.environ | {"PYTHONPATH": str(site), "DASK_DISTRIBUTED__DASHBOARD__LINK": ""}
+    (tmp_path / "sitecustomize.py").write_text(FINDER.format(file=fecloth.__file__))
+    environment = os.environ | {
+        "PYTHONPATH": str(tmp_path),
+        "DASK_DISTRIBUTED__DASHBOARD__LINK": "",
+    }
     port = free_port()
     options = {"cwd": tmp_path, "env": environment, "stderr": subprocess.DEVNULL}
     missing = subprocess.run([sys.executable, "-c", "import studies"], check=False, **options)
