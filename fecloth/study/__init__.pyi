@@ -4,12 +4,8 @@ from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
 from .command import (
-    Parser,
     StudyFailed,
-    parse_arguments,
     require_packages,
-    run_main,
-    run_options,
 )
 from .comparing import compare
 from .comparison import Comparison, Difference
@@ -18,21 +14,18 @@ from .converging import converge
 from .figures import (
     COLOURS,
     MARKERS,
-    draw_lines,
-    draw_slope_triangle,
-    figure,
     line_style,
     mark_failures,
     new_figure,
 )
 from .front import Study, of
 from .overlay import Overlay, compare_runs
-from .reports import Finding, hardware, require_results, write_csv, write_report
+from .reports import write_csv
 from .result import StudyResult, Table
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability
-from .status import Seconds, TimeLimit, check_time_limit, measure_seconds
+from .status import TimeLimit, check_time_limit
 from .sweeps import Sweep, sweep
 from .uncertainty import Estimate, estimate_uncertainty
 
@@ -45,10 +38,7 @@ __all__ = [
     "Convergence",
     "Difference",
     "Estimate",
-    "Finding",
     "Overlay",
-    "Parser",
-    "Seconds",
     "Simplification",
     "StabilityMap",
     "Study",
@@ -62,25 +52,15 @@ __all__ = [
     "compare",
     "compare_runs",
     "converge",
-    "draw_lines",
-    "draw_slope_triangle",
     "estimate_uncertainty",
-    "figure",
-    "hardware",
     "line_style",
     "mark_failures",
-    "measure_seconds",
     "new_figure",
     "of",
-    "parse_arguments",
     "require_packages",
-    "require_results",
     "run_cases",
-    "run_main",
-    "run_options",
     "simplify",
     "stability",
     "sweep",
     "write_csv",
-    "write_report",
 ]

@@ -1,9 +1,7 @@
 """One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -55,48 +53,6 @@ def new_figure(
         return drawing, drawing.subplots(rows, columns, **subplots)
 
 
-@contextmanager
-def figure(
-    out: str | Path,
-    name: str,
-    xlabel: str = "",
-    ylabel: str = "",
-    title: str = "",
-    log: bool = True,
-    panels: tuple[int, int] = (1, 1),
-    size: tuple[float, float] | None = None,
-    **subplots: Any,
-) -> Iterator[tuple]:
-    """Yield a figure and its axes; write OUT/NAME.png and .svg at the end of the block.
-
-    Parameters
-    ----------
-    xlabel, ylabel, title
-        Of every panel, with the unit: "time step [s]".
-    log
-        Whether both axes are logarithmic.
-    panels
-        Numbers of rows and columns; with more than one panel the axes are an array.
-    size
-        Width and height [inch], by default 8 × 5 for one panel.
-    """
-    size = size or (8.0, 5.0 if panels[0] == 1 else 3.6 * panels[0])
-    drawing, axes = new_figure(*panels, size, **subplots)
-    from matplotlib import rc_context
-
-    with rc_context(STYLE):
-        for ax in np.ravel(axes):
-            ax.set(xlabel=xlabel, ylabel=ylabel, title=title)
-            if log:
-                ax.set(xscale="log", yscale="log")
-        yield drawing, axes
-        for ax in np.ravel(axes):
-            use_plain_ticks(ax)
-        Path(out).mkdir(parents=True, exist_ok=True)
-        for kind in ("png", "svg"):
-            drawing.savefig(Path(out) / f"{name}.{kind}")
-
-
 def use_plain_ticks(ax) -> None:
     """Label a logarithmic axis of less than two decades with plain numbers, which fit."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -118,37 +74,6 @@ def line_style(i: int) -> dict[str, object]:
     return {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "ls": dash}
 
 
-def draw_lines(
-    ax,
-    rows: Sequence[Mapping],
-    x: str,
-    y: str,
-    by: str,
-    legend: bool = True,
-    names: Sequence = (),
-) -> None:
-    """Draw a line for each value of the column `by`, and a cross for each row that failed.
-
-    Parameters
-    ----------
-    x, y
-        Columns of the axes.
-    names
-        All values of the column `by`, in the order of their colours, if several panels share
-        the colours.
-    """
-    names = names or list(dict.fromkeys(row[by] for row in rows))
-    for i, name in enumerate(names):
-        group = [row for row in rows if row[by] == name]
-        points = sorted((row[x], row[y]) for row in group if row["status"] == "ok")
-        ax.plot(
-            *zip(*points, strict=True) if points else ((), ()), label=str(name), **line_style(i)
-        )
-        mark_failures(ax, group, x, COLOURS[i % len(COLOURS)])
-    if legend:
-        ax.legend()
-
-
 def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") -> None:
     """Draw a cross with the status at the upper border for each row that failed."""
     for row in rows:
@@ -158,34 +83,6 @@ def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") ->
         ax.plot([row[x]], [0.985], "x", color=colour, ms=8, mew=2, **at)
         text = {"rotation": 90, "ha": "center", "va": "top", "fontsize": 8, "color": colour}
         ax.text(row[x], 0.955, row["status"], **text, **at)
-
-
-def draw_slope_triangle(
-    ax, order: float, at: tuple[float, float] = (0.75, 0.12), width: float = 0.15
-) -> None:
-    """Draw a right triangle with the slope `order` on logarithmic axes, and label it.
-
-    Call this last, when the limits of the axes are final: it does not change them.
-
-    Parameters
-    ----------
-    at
-        Lower right corner, as fractions of the axes.
-    width
-        Length of the base as a fraction of the axes; shorter if the triangle would be too high.
-    """
-    (x0, x1), (y0, y1) = np.log10(ax.get_xlim()), np.log10(ax.get_ylim())
-    right, bottom = x0 + at[0] * (x1 - x0), y0 + at[1] * (y1 - y0)
-    base = min(width * (x1 - x0), 0.25 * (y1 - y0) / abs(order))
-    left, top = right - base, bottom + order * base
-    corners = 10.0 ** np.array([(left, bottom), (right, bottom), (right, top)])
-    limits = ax.get_xlim(), ax.get_ylim()
-    ax.fill(*corners.T, facecolor="0.93", edgecolor="0.35", lw=1)
-    middle = 10 ** (0.5 * (bottom + top))
-    ax.annotate(
-        f"{order:g}", (corners[1, 0], middle), (4, 0), textcoords="offset points", va="center"
-    )
-    ax.set(xlim=limits[0], ylim=limits[1])
 
 
 def label_ends(ax, ends: Sequence[tuple]) -> None:

@@ -4,8 +4,6 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
-from dataclasses import dataclass
 
 from fecloth.errors import FeclothError, InputError
 
@@ -62,38 +60,3 @@ def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
         return {"status": status, "cause": f"{prefix}{error}".strip()}
     finally:
         _current_case.end = None
-
-
-@dataclass(frozen=True)
-class Seconds:
-    """Duration of a call."""
-
-    wall: float  # wall-clock time of the fastest call [s]
-    cpu: float  # its processor time [s]
-    first: float  # wall-clock time of the first call [s], which compiles and does not count
-    value: object = None  # result of the last call
-
-    @property
-    def compiling(self) -> float:
-        """Time of compiling and loading in the first call, first − wall ≥ 0 [s]."""
-        return max(0.0, self.first - self.wall)
-
-    @property
-    def row(self) -> dict[str, float]:
-        """Columns of a case's row."""
-        return {"seconds": self.wall, "cpu_seconds": self.cpu, "compile_seconds": self.compiling}
-
-
-def measure_seconds(function: Callable[[], object], repeats: int = 3) -> Seconds:
-    """Call a function once to warm up, then `repeats` times, and return the shortest times."""
-    first, _, _ = _measure_one_call(function)
-    calls = [_measure_one_call(function) for _ in range(repeats)]
-    wall = min(call[0] for call in calls)
-    cpu = min(call[1] for call in calls)
-    return Seconds(wall, cpu, first, calls[-1][2])
-
-
-def _measure_one_call(function) -> tuple[float, float, object]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    value = function()
-    return time.perf_counter() - wall, time.process_time() - cpu, value

@@ -26,8 +26,8 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from fecloth import study
 from fecloth.errors import InputError
+from studies import harness
 from studies.benchmarks.parts import program
 from studies.benchmarks.trees import OWN, Child, git, tree_of
 
@@ -110,7 +110,7 @@ def print_table(times: Times, others: Times) -> None:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--against", metavar="COMMIT", help="commit, folder or file")
     parser.add_argument("--output", "-o", type=Path, metavar="FILE", help="where the ratios go")
     parser.add_argument("--triangles", type=int, default=8_000)
@@ -134,4 +134,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.benchmarks import multigrid
 from studies.benchmarks.linear_solvers import damped_sheet, scene
 from studies.benchmarks.measure import FABRIC, Measured, print_verdicts, square
@@ -148,7 +148,7 @@ def compare(name: str, make: Callable[[], Run]) -> dict:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two short runs, no limits")
     parser.add_argument("--only", default="", help="runs whose names have this text")
     options = parser.parse_args()
@@ -168,4 +168,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -15,9 +15,9 @@ from collections.abc import Callable
 import numpy as np
 
 import fecloth as fc
-from fecloth import study  # first: one thread for every library
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.pcg import PCG
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts
 
 BENDING = {"hinges": fc.HingeBending(), "plate": fc.PlateBending()}
@@ -110,7 +110,7 @@ def set_up(pattern: str, triangles: int) -> Measured:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small meshes")
     quick = parser.parse_args().quick
     n, sizes, triangles = (40, (20,), 20_000) if quick else (80, (40, 80), 200_000)
@@ -126,4 +126,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

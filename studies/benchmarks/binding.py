@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from fecloth import study
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of
 
@@ -101,7 +101,7 @@ def figures(tree: Path | None, sizes: tuple[int, int]) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     parser.add_argument("--quick", action="store_true", help="small meshes")
     options = parser.parse_args()
@@ -111,4 +111,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

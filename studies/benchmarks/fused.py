@@ -18,10 +18,10 @@ import numba
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.compiled.calls import call, join
 from fecloth.integrators.fused_forces import compiled_force
 from fecloth.integrators.fused_steps import FusedSteps
+from studies import harness
 from studies.benchmarks.measure import Measured, fastest, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of
 
@@ -111,7 +111,7 @@ def seconds_of(tree: Path, h: float, name: str, steps: int, repeats: int) -> flo
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few terms, small meshes")
     parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     options = parser.parse_args()
@@ -132,4 +132,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

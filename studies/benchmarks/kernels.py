@@ -18,9 +18,9 @@ import skfem
 from skfem.helpers import ddot, grad, transpose
 
 import fecloth as fc
-from fecloth import study
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix
+from studies import harness
 from studies.benchmarks.marching import (
     explicit_steps,
     explicit_trampoline,
@@ -151,7 +151,7 @@ def bare_factor_and_solve(solver) -> float:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small meshes, under a minute")
     parser.add_argument("--peak-of", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -186,4 +186,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import fecloth as fc
-from fecloth import study
 from fecloth.nonlinear.statistics import Counts
 from fecloth.scene.scene import load_scene
+from studies import harness
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SOLVERS = ("full", "direct", "superlu", "pcg", "auto")
@@ -102,7 +102,7 @@ def table_row(name: str, case: Case, runs: dict[str, tuple[float, Counts]]) -> t
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="shorter runs")
     options = parser.parse_args()
     heads = " ".join(f"{s:>8}" for s in SOLVERS)
@@ -119,4 +119,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.scene.scene import load_scene
 from fecloth.simulation.resolve import choose_steps, resolve
+from studies import harness
 
 SCENES = Path(__file__).parents[1] / "scenes"
 RTOL = 1e-2  # 1/s
@@ -201,7 +201,7 @@ def report(name: str, case: Case, runs: dict[str, Run]) -> float:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument(
         "--quick", action="store_true", help="shorter runs, in which the choice takes a larger part"
     )
@@ -218,4 +218,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -19,8 +19,8 @@ import time
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.system.constraints import AT_ONCE
+from studies import harness
 from studies.benchmarks.measure import FABRIC, Measured, print_verdicts, square
 
 TRIANGLES, STEPS, DT = 800, AT_ONCE, 1e-6  # dt is far below the limit of stability
@@ -89,7 +89,7 @@ def measure(repeats: int) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few repeats")
     options = parser.parse_args()
     few = options.quick
@@ -98,4 +98,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

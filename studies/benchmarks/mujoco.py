@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
+from studies import harness
 from studies.benchmarks.measure import FABRIC, Measured, print_verdicts
 from studies.references import falling_disk
 
@@ -222,7 +222,7 @@ def compare(h: float, elements: int) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, some seconds")
     options = parser.parse_args()
     if mujoco is None:
@@ -232,4 +232,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -20,10 +20,10 @@ import numpy as np
 from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
 import fecloth as fc
-from fecloth import study
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.nonlinear.statistics import Counts
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts, square
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -129,7 +129,7 @@ def compare(
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small meshes, no limits")
     parser.add_argument("--sizes", type=int, nargs="+", default=[50_000, 200_000], metavar="N")
     parser.add_argument("--pattern", default="unstructured", help="of the triangles")
@@ -140,4 +140,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

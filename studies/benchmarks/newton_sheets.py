@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of
 
@@ -134,7 +134,7 @@ def verdicts(rows: list[dict]) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("tree", metavar="COMMIT", help="commit or folder of the other fecloth")
     parser.add_argument("--quick", action="store_true", help="one small sheet, ten steps")
     options = parser.parse_args()
@@ -145,4 +145,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

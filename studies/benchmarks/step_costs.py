@@ -26,6 +26,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.study.reports import markdown_table
 from fecloth.study.result import Table
+from studies import harness
 from studies.benchmarks.measure import fastest
 from studies.benchmarks.multigrid import DT, fallen, sheet, steps, transfer
 
@@ -110,7 +111,7 @@ def draw(rows: list[dict], out: Path) -> None:
     """Draw the cost of a step against triangles."""
     series = [*LARGEST, *EXPLICIT]
     heads = "triangles", "CPU time of a step [s]", "One thread; implicit steps of 5 ms"
-    with study.figure(out, "step_costs", *heads, size=(9.0, 6.0)) as (_, ax):
+    with harness.figure(out, "step_costs", *heads, size=(9.0, 6.0)) as (_, ax):
         for name in series:
             points = [(row["triangles"], row[name]) for row in rows if row.get(name)]
             ax.plot(*zip(*points, strict=True), **study.line_style(series.index(name)), label=name)
@@ -122,7 +123,7 @@ def draw(rows: list[dict], out: Path) -> None:
 
 def main() -> int:
     more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
-    options = study.parse_arguments(__doc__, needs=["matplotlib"], sizes=more)
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"], sizes=more)
     sizes, count = ((500, 2_000), 2) if options.quick else (options.sizes, 3)
     file = options.out / "step_costs.csv"
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
@@ -141,4 +142,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -12,8 +12,9 @@ import dataclasses
 import numpy as np
 
 import fecloth as fc
-from fecloth import study, terms  # study first: one thread for every library
+from fecloth import terms  # study first: one thread for every library
 from fecloth.linalg.block_matrix import BlockMatrix
+from studies import harness
 from studies.benchmarks.measure import fastest, square
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
@@ -56,7 +57,7 @@ def cost(term, cloth: fc.Cloth) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--triangles", type=int, default=20_000)
     parser.add_argument("--quick", action="store_true", help="a small mesh")
     options = parser.parse_args()
@@ -70,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

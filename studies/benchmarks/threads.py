@@ -33,7 +33,6 @@ import numba
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.integrators.explicit import LastForce
 from fecloth.integrators.fused_loops import copy
 from fecloth.integrators.fused_steps import FusedSteps
@@ -41,6 +40,7 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.terms.loops.shared_loop import SharedLoop
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts
 
 ALL = max(2, numba.config.NUMBA_NUM_THREADS)
@@ -235,7 +235,7 @@ def busy(triangles: int, steps: int, only: str) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     cores = len(os.sched_getaffinity(0))
     parser.add_argument("--busy", type=int, nargs="?", const=cores, metavar="N")
@@ -261,4 +261,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

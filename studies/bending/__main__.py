@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.bending import figure
 from studies.bending.cases import MODELS, PROBLEMS, run
 from studies.bending.findings import (
@@ -85,11 +86,11 @@ def error_table(rows: Rows) -> Rows:
 
 def main(argv: list[str] | None = None) -> int:
     """Run all cases, write the figure, the tables and the report; return the exit status."""
-    options = study.parse_arguments(__doc__ or "", argv, needs=["matplotlib"])
-    running = study.run_options(options)
+    options = harness.parse_arguments(__doc__ or "", argv, needs=["matplotlib"])
+    running = harness.run_options(options)
     rows = study.run_cases(list_cases(options.quick), run, **running, time_limit=120)
     seams = study.run_cases(list_seams(options.quick), run_seam, **running, time_limit=120)
-    study.require_results(options, TITLE, rows)
+    harness.require_results(options, TITLE, rows)
     figure.draw(options.out, rows)
     tables = {"Relative errors": error_table(rows), "A zigzag seam": seam_errors(seams)}
     study.write_csv(tables["Relative errors"], options.out / "errors.csv")
@@ -97,7 +98,7 @@ def main(argv: list[str] | None = None) -> int:
     parts = [f"## {heading}\n\n{markdown_table(lines)}" for heading, lines in tables.items()]
     text = "\n\n".join([f"# {TITLE}", f"Made by `{command}`.", *parts])
     (options.out / "errors.md").write_text(text + "\n", encoding="utf-8")
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows + seams,
@@ -108,4 +109,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
+from studies import harness
 from studies.bending.findings import EXACT, HINGES, P1, P2, Rows
 
 TITLES = {
@@ -53,7 +54,7 @@ def draw(out, rows: Rows) -> None:
     """Write bending.png and bending.svg into the folder `out`."""
     labels = "distance of nodes h [m]", "relative error"
     shared = {"panels": (2, 3), "size": (13.0, 8.2)}
-    with study.figure(out, "bending", *labels, **shared) as (figure, axes):
+    with harness.figure(out, "bending", *labels, **shared) as (figure, axes):
         for ax, (problem, title) in zip(axes.ravel(), TITLES.items(), strict=True):
             group = [row for row in rows if row["problem"] == problem]
             for name in SERIES:
@@ -65,6 +66,6 @@ def draw(out, rows: Rows) -> None:
             if problem == EXACT:
                 ax.text(0.022, 1e-7, "plates on P1 and P2:\nround-off", fontsize=11)
             else:
-                study.draw_slope_triangle(ax, 2, at=(0.93, 0.05), width=0.18)
+                harness.draw_slope_triangle(ax, 2, at=(0.93, 0.05), width=0.18)
         words = "Lines: the worst of five patterns. Bands: all five. Dotted: meshes graded 20 : 1."
         figure.supxlabel(words, fontsize=12)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth.study import Finding
 from studies.bending.cases import PROBLEMS
 from studies.bending.meshes import PATTERNS
 from studies.bending.seams import CROSS, GMSH, LINE, MORLEY, PLATE
+from studies.harness import Finding
 
 HINGES = ("HingeBending", "QuadraticBending")
 P1, P2 = "PlateBending", "PlateBending P2"

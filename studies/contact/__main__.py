@@ -16,7 +16,7 @@ import warnings
 from pathlib import Path
 
 import fecloth as fc
-from fecloth import study
+from studies import harness
 from studies.contact import references
 
 HERE = Path(__file__).parent
@@ -79,7 +79,7 @@ def refined(title: str, unit: str, solve, sizes: tuple[float, ...], gaps: tuple)
 
 def main() -> None:
     """Print the tables, and write contact.md in the full form."""
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="coarse meshes, few rows")
     quick = parser.parse_args().quick
     warnings.simplefilter("ignore", fc.FeclothWarning)
@@ -100,4 +100,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -23,6 +23,7 @@ import shutil
 from pathlib import Path
 
 from fecloth import study
+from studies import harness
 from studies.contact.catalogue_runs import watch
 from studies.contact.catalogue_scenes import KINDS
 
@@ -66,7 +67,7 @@ def is_lost(row: dict) -> bool:
     return row["status"] != "ok" or row["end"] != ("finished" if row["feasible"] else "named")
 
 
-def findings(rows: list[dict]) -> list[study.Finding]:
+def findings(rows: list[dict]) -> list[harness.Finding]:
     """What the catalogue promises."""
     done = [row for row in rows if row["status"] == "ok"]
     total = line("all", rows)
@@ -79,9 +80,9 @@ def findings(rows: list[dict]) -> list[study.Finding]:
         ("CPU minutes", total["CPU s"] / 60, 40),
     ]
     return [
-        *(study.Finding(what, value, high=high) for what, value, high in named),
-        study.Finding("least distance of a node [mm]", total["least distance [mm]"], low=0),
-        study.Finding("least room of a triangle beyond what is announced [mm]", 1e3 * deepest, 0),
+        *(harness.Finding(what, value, high=high) for what, value, high in named),
+        harness.Finding("least distance of a node [mm]", total["least distance [mm]"], low=0),
+        harness.Finding("least room of a triangle beyond what is announced [mm]", 1e3 * deepest, 0),
     ]
 
 
@@ -90,11 +91,11 @@ def main() -> int:
     only = {"nargs": "+", "choices": tuple(KINDS), "default": [], "metavar": "KIND"}
     seed = {"type": int, "default": SEED, "metavar": "N", "help": "of the scenes (5)"}
     each = {"type": int, "default": EACH, "metavar": "N", "help": "scenes of a kind (20)"}
-    options = study.parse_arguments(__doc__, needs=["ipctk"], only=only, seed=seed, each=each)
+    options = harness.parse_arguments(__doc__, needs=["ipctk"], only=only, seed=seed, each=each)
     settings = cases(options.only, options.seed, options.each, options.quick)
-    rows = study.run_cases(settings, watch, time_limit=120.0, **study.run_options(options))
+    rows = study.run_cases(settings, watch, time_limit=120.0, **harness.run_options(options))
     title = "Contact: a catalogue"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     groups = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     table = [line(kind, group) for kind, group in groups.items() if group]
     lost = [
@@ -103,7 +104,7 @@ def main() -> int:
         if is_lost(row)
     ]
     tables = {"By kind": [*table, line("all", rows)]} | ({"Lost": lost} if lost else {})
-    code = study.write_report(options, title, rows, tables=tables, findings=findings(rows))
+    code = harness.write_report(options, title, rows, tables=tables, findings=findings(rows))
     if not options.quick and not options.only and options.seed == SEED:
         for name, kept in (("report.md", "catalogue.md"), ("results.csv", "catalogue.csv")):
             shutil.copy(options.out / name, Path(__file__).parent / kept)
@@ -111,4 +112,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -20,6 +20,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 from studies.contact.catalogue_scenes import KINDS, Scene, draw
 
 SEED, EACH = 4, 5
@@ -81,24 +82,24 @@ def main() -> int:
     """Run the scenes, and keep the table of the full form."""
     seed = {"type": int, "default": SEED, "metavar": "N", "help": "of the scenes (4)"}
     each = {"type": int, "default": EACH, "metavar": "N", "help": "scenes of a kind (5)"}
-    options = study.parse_arguments(__doc__, needs=["ipctk"], seed=seed, each=each)
+    options = harness.parse_arguments(__doc__, needs=["ipctk"], seed=seed, each=each)
     kinds = [kind for kind in KINDS if kind not in ("inside", "through", "closing")]
     settings = [
         {"kind": kind, "seed": options.seed, "number": number}
         for number in range(1 if options.quick else options.each)
         for kind in (kinds[:2] if options.quick else kinds)
     ]
-    rows = study.run_cases(settings, compare, time_limit=200.0, **study.run_options(options))
+    rows = study.run_cases(settings, compare, time_limit=200.0, **harness.run_options(options))
     title = "Contact: do wrong runs say so?"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     done = [row for row in rows if row["status"] == "ok"]
     wrong, _, good = table(done)
     unsaid, few = wrong["count"] - wrong["say so"], good["count"] / 10
-    findings = [study.Finding("wrong runs that do not say so", unsaid, high=0)]
+    findings = [harness.Finding("wrong runs that do not say so", unsaid, high=0)]
     if good["count"]:
-        findings.append(study.Finding("good runs that say so", good["say so"], high=few))
+        findings.append(harness.Finding("good runs that say so", good["say so"], high=few))
     tables = {"By error": table(done), "All": sorted(done, key=lambda row: -row["error"])}
-    code = study.write_report(options, title, rows, tables=tables, findings=findings)
+    code = harness.write_report(options, title, rows, tables=tables, findings=findings)
     if not options.quick and options.seed == SEED:
         for name, kept in (("report.md", "words.md"), ("results.csv", "words.csv")):
             shutil.copy(options.out / name, Path(__file__).parent / f"catalogue_{kept}")
@@ -106,4 +107,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.linalg.block_matrix import BlockMatrix
+from studies import harness
 from studies.benchmarks.measure import fastest
 
 SIZE, RADIUS, GAP = 0.4, 0.1, 1e-3
@@ -149,7 +149,7 @@ def row(method, result: Drop) -> str:
 
 def main() -> None:
     """Print the table, and write drop.md in the full form."""
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a coarse mesh, for 0.3 s")
     text = "the sheet does not pass through itself"
     parser.add_argument("--self-contact", action="store_true", help=text)
@@ -184,4 +184,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

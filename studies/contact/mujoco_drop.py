@@ -25,10 +25,10 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.errors import FeclothWarning
 from fecloth.scene.scene import load_scene
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.benchmarks.mujoco import make_flex, mujoco
 
 SCENE = Path(__file__).parents[1] / "scenes" / "drop.toml"
@@ -104,7 +104,7 @@ def _rms(y: np.ndarray) -> float:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument(
         "--quick", action="store_true", help="two long steps, without backward Euler"
     )
@@ -131,4 +131,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

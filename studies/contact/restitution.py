@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
+from studies import harness
 
 HERE = Path(__file__).parent
 GAP, STIFFNESS = 1e-3, 2000.0
@@ -76,7 +76,7 @@ def rows(quick: bool) -> tuple[list[str], list[str]]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one speed, two phases")
     options = parser.parse_args()
     with warnings.catch_warnings():
@@ -93,4 +93,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

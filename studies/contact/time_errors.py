@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
+from studies import harness
 
 HERE = Path(__file__).parent
 COUNT, SEED, T_END, LOOKS = 40, 1, 0.08, 8
@@ -83,7 +83,7 @@ def measure(seed: int) -> tuple[str, fc.Result, float]:
 
 def main() -> int:
     """Print the table; return 1 if the share that is right is too small."""
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one set-up")
     parser.add_argument("--count", type=int, default=COUNT)
     options = parser.parse_args()
@@ -110,4 +110,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

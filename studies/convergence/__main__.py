@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
+from studies import harness
 from studies.convergence.cases import in_time, space
 from studies.convergence.swing import conclude_swings, refine_swings
 from studies.references import manufactured
@@ -109,7 +110,7 @@ def expected(problem: str, element: str, norm: str) -> tuple[float, float]:
     )
 
 
-def conclude_space(rows: Rows) -> list[study.Finding]:
+def conclude_space(rows: Rows) -> list[harness.Finding]:
     """Return a finding for the order of each norm on each family of meshes."""
     findings = []
     for family in families(rows, "problem", "element", "pattern"):
@@ -119,18 +120,20 @@ def conclude_space(rows: Rows) -> list[study.Finding]:
             theory, tolerance = expected(problem, element, norm)
             high = np.inf if norm == "energy" else theory + tolerance
             what = f"{problem}, {element}, {pattern}: order of {norm}"
-            findings.append(study.Finding(what, order(group, "h", norm), theory - tolerance, high))
+            findings.append(
+                harness.Finding(what, order(group, "h", norm), theory - tolerance, high)
+            )
     return findings
 
 
-def conclude_time(rows: Rows) -> list[study.Finding]:
+def conclude_time(rows: Rows) -> list[harness.Finding]:
     """Return a finding for the order of each method in the time step."""
     findings = []
     for family in families(rows, "problem", "method"):
         claimed = CASES[family["method"]].traits.order
         what = f"{family['problem']}, {family['method']}: order in dt"
         value = order(select_rows(rows, **family)[-2:], "dt", "end_error")
-        findings.append(study.Finding(what, value, claimed - TIME, claimed + TIME))
+        findings.append(harness.Finding(what, value, claimed - TIME, claimed + TIME))
     return findings
 
 
@@ -164,14 +167,14 @@ def draw_slopes(ax, orders: list[float]) -> None:
     low, high = ax.get_ylim()
     ax.set_ylim(low / 3, high)
     for i, value in enumerate(sorted(set(orders))):
-        study.draw_slope_triangle(ax, value, at=(0.62 + 0.25 * i, 0.06), width=0.14)
+        harness.draw_slope_triangle(ax, value, at=(0.62 + 0.25 * i, 0.06), width=0.14)
 
 
 def draw_space(out, rows: Rows, name: str, shown: list[tuple[str, str]]) -> None:
     """Draw a panel for each (problem, norm)."""
     panels = (-(-len(shown) // 2), 2)
     size = {"panels": panels, "size": (9.0, 3.9 * panels[0] + 0.6)}
-    with study.figure(out, name, "edge length h [m]", **size) as (figure, axes):
+    with harness.figure(out, name, "edge length h [m]", **size) as (figure, axes):
         figure.get_layout_engine().set(wspace=0.05, hspace=0.05)
         for ax, (problem, norm) in zip(axes.ravel(), shown, strict=True):
             draw_errors(ax, [row for row in rows if row["problem"] == problem], norm)
@@ -186,12 +189,12 @@ def draw_time(out, rows: Rows) -> None:
     """Draw a panel for each problem, a line for each method, and the legend in the last panel."""
     problems = list(dict.fromkeys(row["problem"] for row in rows))
     size = {"panels": (2, 2), "size": (9.0, 7.8)}
-    with study.figure(out, "time", "time step [ms]", **size) as (figure, axes):
+    with harness.figure(out, "time", "time step [ms]", **size) as (figure, axes):
         figure.get_layout_engine().set(wspace=0.05, hspace=0.05)
         *panels, last = axes.ravel()
         for ax, problem in zip(panels, problems, strict=True):
             group = [row | {"dt": 1e3 * row["dt"]} for row in select_rows(rows, problem=problem)]
-            study.draw_lines(ax, group, x="dt", y="end_error", by="method", legend=False)
+            harness.draw_lines(ax, group, x="dt", y="end_error", by="method", legend=False)
             ax.set(title=problem, ylabel="‖(x, T v) − exact‖ [m]")
             draw_slopes(ax, [1, 2])
         last.axis("off")
@@ -199,15 +202,15 @@ def draw_time(out, rows: Rows) -> None:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__)
+    options = harness.parse_arguments(__doc__)
     study.require_packages("matplotlib")
-    running = study.run_options(options)
+    running = harness.run_options(options)
     rows = study.run_cases(space_cases(options.quick), space, **running, time_limit=300)
     steps = study.run_cases(time_cases(options.quick), in_time, **running, time_limit=300)
-    study.require_results(options, TITLE, rows + steps)
+    harness.require_results(options, TITLE, rows + steps)
     swings = refine_swings(options)
     least = manufactured.least_stress()
-    findings = [study.Finding("manufactured: least principal stress [N/m]", least, 1.0)]
+    findings = [harness.Finding("manufactured: least principal stress [N/m]", least, 1.0)]
     findings += conclude_space(rows) + conclude_time(steps) + conclude_swings(swings)
     static = [("static", norm) for norm in ("L2", "H1", "energy")]
     draw_space(options.out, rows, "convergence", [*static, ("frequency", "frequency")])
@@ -222,7 +225,7 @@ def main() -> int:
     for problem in dict.fromkeys(row["problem"] for row in steps):
         group = [row for row in steps if row["problem"] == problem]
         tables[f"{problem}, in time"] = table(group, "dt", ("end_error",))
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows + steps + [{"problem": "swing", **row} for row in swings],
@@ -234,4 +237,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

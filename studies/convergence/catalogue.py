@@ -20,6 +20,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.convergence.known_problems import Known, motions, statics
 
 QUICK = ("hanging strip, cross, P1", "square drum, right, P1", "pressure, right, P2")
@@ -53,21 +54,21 @@ def solve(problem: str) -> dict:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__)
+    options = harness.parse_arguments(__doc__)
     names = [name for name in problems() if not options.quick or name.startswith(QUICK)]
     cases = [{"problem": name} for name in names]
-    rows = study.run_cases(cases, solve, **study.run_options(options), time_limit=600)
+    rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=600)
     title = "Uncertainty of refinement on problems with known solutions"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     good = [row for row in rows if row["status"] == "ok"]
     ratios = np.array([row["ratio"] for row in good])
     findings = [
-        study.Finding(
+        harness.Finding(
             "share of problems that are covered", np.mean([r["covered"] for r in good]), 0.95
         ),
-        study.Finding("median of uncertainty / error", float(np.nanmedian(ratios)), 1.0, 5.0),
-        study.Finding("largest uncertainty / error", float(np.nanmax(ratios))),
-        study.Finding("problems", len(good)),
+        harness.Finding("median of uncertainty / error", float(np.nanmedian(ratios)), 1.0, 5.0),
+        harness.Finding("largest uncertainty / error", float(np.nanmax(ratios))),
+        harness.Finding("problems", len(good)),
     ]
     shown = ("problem", "exact", "error", "uncertainty", "ratio", "covered", "order", "verdict")
     table = [{name: row.get(name) for name in shown} for row in rows]
@@ -75,8 +76,8 @@ def main() -> int:
     parts = f"# {title}", "`python -m studies.convergence.catalogue`", words, markdown_table(table)
     page = "\n\n".join(parts) + "\n"
     replace_file(options.out / "catalogue.md", page.encode())
-    return study.write_report(options, title, rows, tables={"Problems": table}, findings=findings)
+    return harness.write_report(options, title, rows, tables={"Problems": table}, findings=findings)
 
 
 if __name__ == "__main__":
-    sys.exit(study.run_main(main))
+    sys.exit(harness.run_main(main))

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.reports import markdown_table
 from fecloth.study.setups import Setup
+from studies import harness
 from studies.convergence.singular_corners import (
     SMALL,
     corner_function,
@@ -112,7 +112,7 @@ def hanging_row(name: str, problem, quantity: str, levels: int) -> dict:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer meshes")
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.name} anew")
     options = parser.parse_args()
@@ -135,4 +135,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -16,8 +16,8 @@ from itertools import product
 from pathlib import Path
 
 import fecloth as fc
-from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.convergence.space_error_cases import PROBLEMS
 from studies.convergence.true_error import true_error
 
@@ -78,7 +78,7 @@ def words(cell: dict) -> str:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer meshes")
     parser.add_argument("--write", action="store_true", help=f"write {PAGE.name} anew")
     options = parser.parse_args()
@@ -105,4 +105,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -10,6 +10,7 @@ from itertools import product
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 
 QUANTITIES = {"L2": "displacement in L2", "H1": "displacement in H1"}
 QUANTITIES |= {"depth": "mean_displacement.z"}
@@ -35,7 +36,7 @@ def refine_swings(options) -> list[dict]:
     """Return a row for each bending model, pattern and quantity."""
     bendings = ("HingeBending", "none") if options.quick else tuple(ORDERS)
     patterns = ("right",) if options.quick else ("right", "cross")
-    how = RUN | (SHORT if options.quick else {}) | study.run_options(options)
+    how = RUN | (SHORT if options.quick else {}) | harness.run_options(options)
     cache = how.pop("out")
     rows = []
     for bending, pattern, name in product(bendings, patterns, QUANTITIES):
@@ -49,7 +50,7 @@ def refine_swings(options) -> list[dict]:
     return rows
 
 
-def conclude_swings(rows: list[dict]) -> list[study.Finding]:
+def conclude_swings(rows: list[dict]) -> list[harness.Finding]:
     """Return the findings for the observed orders."""
     findings = []
     for row in rows:
@@ -57,5 +58,5 @@ def conclude_swings(rows: list[dict]) -> list[study.Finding]:
             theory, tolerance = ORDERS[row["bending"]][row["quantity"]]
             what = f"swing, {row['bending']}, {row['pattern']}: order of {row['quantity']}"
             low, high = theory - tolerance, theory + tolerance
-            findings.append(study.Finding(what, row["order"], low, high))
+            findings.append(harness.Finding(what, row["order"], low, high))
     return findings

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.integrate import simpson
 
 from fecloth import study
+from studies import harness
 from studies.references import falling_disk
 from studies.references.elastica import heavy_elastica
 from studies.work_precision.bending_fronts import limit, list_limits, run_rest
@@ -148,10 +149,10 @@ def table_of_gains(series: list[Series]) -> Rows:
     return lines
 
 
-def shifts_of_fitted_limits(options, series: list[Series]) -> list[study.Finding]:
+def shifts_of_fitted_limits(options, series: list[Series]) -> list[harness.Finding]:
     """Return how far the limits that the study of bending fits are from the references."""
     fine = study.run_cases(
-        list_limits(False), run_rest, **study.run_options(options), time_limit=300
+        list_limits(False), run_rest, **harness.run_options(options), time_limit=300
     )
     names = {"mean": "mean", "free edge": "point", "corner": "point"}
     findings = []
@@ -160,15 +161,15 @@ def shifts_of_fitted_limits(options, series: list[Series]) -> list[study.Finding
             reference = [said for _, said in one.windows()][-1].limit
             fitted = limit(fine, one.scene, "plate, P2", names[one.quantity])
             what = f"{one.scene}, {one.quantity}: fitted limit of the chart from the reference [%]"
-            findings.append(study.Finding(what, 100 * abs(fitted / reference - 1)))
+            findings.append(harness.Finding(what, 100 * abs(fitted / reference - 1)))
     return findings
 
 
-def agreements(series: list[Series], loose: bool) -> list[study.Finding]:
+def agreements(series: list[Series], loose: bool) -> list[harness.Finding]:
     """Return how far the finest values are from the solutions without triangles."""
     bounds = {"trampoline": 2.0 if loose else 0.15, "cantilever": 1.0 if loose else 1e-3}
     return [
-        study.Finding(
+        harness.Finding(
             f"{one.scene}, {one.quantity}: finest mesh from the exact solution [%]",
             100 * abs(one.values[-1] - one.exact) / one.whole,
             high=bounds[one.scene],
@@ -178,27 +179,27 @@ def agreements(series: list[Series], loose: bool) -> list[study.Finding]:
     ]
 
 
-def least_uncertainties(series: list[Series]) -> list[study.Finding]:
+def least_uncertainties(series: list[Series]) -> list[harness.Finding]:
     """Return the least uncertainty of each quantity, and on how many triangles it is found."""
     findings = []
     for one in series:
         finest, best = min(one.windows(), key=lambda window: window[1].uncertainty)
         what = f"{one.scene}, {one.quantity}: least uncertainty, on {one.triangles[finest]} [%]"
-        findings.append(study.Finding(what, 100 * best.uncertainty / one.whole, high=0.02))
+        findings.append(harness.Finding(what, 100 * best.uncertainty / one.whole, high=0.02))
     short = [
         (abs(said.value - one.truth) - said.uncertainty) / one.whole
         for one in series
         for _, said in one.windows()
     ]
     what = f"{sum(s > 0 for s in short)} of {len(short)} uncertainties are too small, by up to [%]"
-    return [*findings, study.Finding(what, 100 * max(0.0, *short), high=1e-3)]
+    return [*findings, harness.Finding(what, 100 * max(0.0, *short), high=1e-3)]
 
 
 def draw(out, series: list[Series]) -> None:
     """Draw the uncertainty that a chart states, and the true distance, over the triangles."""
     scenes = list(dict.fromkeys(one.scene for one in series))
     words, size = ("triangles of the finest mesh", "error [%]"), (4.2 * len(scenes), 4.2)
-    with study.figure(out, "references", *words, panels=(1, len(scenes)), size=size) as (_, axes):
+    with harness.figure(out, "references", *words, panels=(1, len(scenes)), size=size) as (_, axes):
         for ax, scene in zip(np.atleast_1d(axes).flat, scenes, strict=True):
             ax.set_title(scene)
             for i, one in enumerate(s for s in series if s.scene == scene):
@@ -224,7 +225,7 @@ def report(options, rows: Rows) -> int:
         "Runs": table_of_runs(rows),
         "What a chart says that ends at a mesh": table_of_gains(series),
     }
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         [one | {"status": "ok"} for one in table_of_runs(rows)],

@@ -30,6 +30,7 @@ from fecloth import study
 from fecloth.distributed.environment import count_processes
 from fecloth.distributed.launch import run_on_all
 from fecloth.runs.environment import peak_memory
+from studies import harness
 from studies.distributed.gains import report
 from studies.work_precision.bending_scenes import REST, MakeSystem
 from studies.work_precision.runs import march_fused
@@ -151,7 +152,7 @@ def make(scene: str, sizes: Sequence[float], keep: Keep) -> int:
 def main() -> int:
     scene = {"choices": sorted(SIZES), "help": "run it, and keep the results"}
     sizes = {"type": float, "nargs": "+", "metavar": "M", "help": "of its triangles"}
-    options = study.parse_arguments(__doc__, scene=scene, sizes=sizes)
+    options = harness.parse_arguments(__doc__, scene=scene, sizes=sizes)
     if options.scene:
         sizes = (QUICK if options.quick else SIZES)[options.scene]
         return make(options.scene, options.sizes or sizes, show if options.quick else keep_in_file)
@@ -164,4 +165,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -13,8 +13,8 @@ import time
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from fecloth.distributed.launch import MakeSystem, run_on_all
+from studies import harness
 
 FABRIC = fc.Fabric(
     areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3, bending_rigidity=1e-5
@@ -53,7 +53,7 @@ def measure(make_system: MakeSystem, triangles: int, steps: int, solver: str) ->
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="2,000 triangles and one step")
     parser.add_argument("--triangles", type=int, default=200_000)
     parser.add_argument("--steps", type=int, default=2)
@@ -65,4 +65,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -31,6 +31,7 @@ from fecloth.output.frame_reader import Frame, Series
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
 from fecloth.view.checker_pattern import material_coordinates
+from studies import harness
 from studies.drape.between_meshes import COLUMNS, compare_meshes, summarise, write_table
 from studies.drape.measures import count_folds, drape_coefficient
 from studies.drape.meshes import mesh_specimen
@@ -144,7 +145,7 @@ def choose_picture(target: Path | None, is_quick: bool) -> Path | None:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("runs", nargs="*", type=Path, metavar="DIR", help="folder of a drape test")
     parser.add_argument("--meshes", action="store_true", help="all fabrics on four meshes instead")
     parser.add_argument("--fabric", choices=BENT, help="with --meshes only this fabric")
@@ -168,4 +169,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

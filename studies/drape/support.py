@@ -25,6 +25,7 @@ import fecloth as fc
 from fecloth import study
 from fecloth.errors import FeclothError, InputError
 from fecloth.mesh.surface import count_intersections
+from studies import harness
 from studies.drape import between_meshes
 from studies.drape.between_meshes import spread
 from studies.drape.measures import count_folds, drape_coefficient
@@ -155,18 +156,18 @@ def percent(value: float | None) -> str:
 def main() -> int:
     """Run the cases, and keep the table of the full form."""
     fabric = {"nargs": "+", "choices": BENT, "metavar": "NAME", "help": "only these fabrics"}
-    options = study.parse_arguments(__doc__, fabric=fabric)
+    options = harness.parse_arguments(__doc__, fabric=fabric)
     fabrics = options.fabric or (THINNER[:1] if options.quick else BENT)
-    rows = study.run_cases(cases(fabrics, options.quick), drape, **study.run_options(options))
+    rows = study.run_cases(cases(fabrics, options.quick), drape, **harness.run_options(options))
     title = "Cusick's drape test between two disks"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     found = [row for row in rows if row.get("coefficient")]
     least = min((row["least_distance"] for row in found), default=float("nan"))
     findings = [
-        study.Finding("fabrics and meshes that came to rest", len(found), low=0.9 * len(rows)),
-        study.Finding("least distance from the lower disk [m]", least, low=0.0),
+        harness.Finding("fabrics and meshes that came to rest", len(found), low=0.9 * len(rows)),
+        harness.Finding("least distance from the lower disk [m]", least, low=0.0),
     ]
-    code = study.write_report(
+    code = harness.write_report(
         options,
         title,
         rows,
@@ -181,4 +182,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -15,6 +15,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 from studies.laws import curves as law_curves
 from studies.laws import figures
 from studies.laws.curves import NU, SPEED, Y
@@ -170,7 +171,7 @@ def describe_drag() -> str:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few points, into out/laws")
     parser.add_argument("--out", type=Path, help="folder of laws.md")
     options = parser.parse_args()
@@ -185,4 +186,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
+from studies import harness
 from studies.models.cases import ANGLES, FABRIC, PATTERNS, hinge, run
 from studies.models.findings import (
     NAMES,
@@ -112,7 +113,7 @@ def draw_refinement(out, rows: Rows) -> None:
     """Draw results over StVK's limit against h; curves that soften leave the panel."""
     shown = ("right", "unstructured")
     size = {"panels": (2, 2), "size": (9.0, 7.6), "log": False, "sharex": True}
-    with study.figure(out, "refinement", "edge length h [m]", **size) as (figure, axes):
+    with harness.figure(out, "refinement", "edge length h [m]", **size) as (figure, axes):
         for i, scene in enumerate(("stretch", "shear")):
             exact = finest(rows, scene, "StVK", "unstructured")
             for ax, pattern in zip(axes[i], shown, strict=True):
@@ -121,17 +122,17 @@ def draw_refinement(out, rows: Rows) -> None:
                     for r in rows
                     if r["scene"] == scene and r["pattern"] == pattern
                 ]
-                study.draw_lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
+                harness.draw_lines(ax, own, x="h", y="ratio", by="model", legend=False, names=NAMES)
                 ax.set(xscale="log", yscale="log", ylim=(0.35, 1.5), title=f"{scene}, {pattern}")
                 ax.set_ylabel("value / StVK's limit")
-                study.draw_slope_triangle(ax, 2, at=(0.6, 0.12))
+                harness.draw_slope_triangle(ax, 2, at=(0.6, 0.12))
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def draw_roses(out, rows: Rows) -> None:
     """Draw the stiffness against the direction of the pull, a panel for each pattern."""
     polar = {"subplot_kw": {"projection": "polar"}, "panels": (2, 2), "size": (9.0, 6.0)}
-    with study.figure(out, "roses", log=False, **polar) as (figure, axes):
+    with harness.figure(out, "roses", log=False, **polar) as (figure, axes):
         for ax, pattern in zip(axes.ravel(), PATTERNS, strict=True):
             for i, model in enumerate(NAMES):
                 for row in select_rows(rows, "rose", model, pattern)[-1:]:
@@ -147,8 +148,8 @@ def draw_roses(out, rows: Rows) -> None:
 def draw_hinges(out, hinges: Rows) -> None:
     """Draw B_eff/B of a cantilever strip against its resolution, derived values as lines."""
     labels = ("edges along the strip [-]", "B_eff / B [-]")
-    with study.figure(out, "hinges", *labels, log=False) as (figure, ax):
-        study.draw_lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
+    with harness.figure(out, "hinges", *labels, log=False) as (figure, ax):
+        harness.draw_lines(ax, hinges, x="along", y="value", by="pattern", legend=False)
         for i, pattern in enumerate(PATTERNS):
             for row in [r for r in hinges if r["pattern"] == pattern and "narrow" in r][:1]:
                 for limit, dashes in ((row["narrow"], ":"), (row["wide"], "--")):
@@ -160,19 +161,19 @@ def draw_hinges(out, hinges: Rows) -> None:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__)
+    options = harness.parse_arguments(__doc__)
     study.require_packages("matplotlib")
-    running = study.run_options(options)
+    running = harness.run_options(options)
     cases = list_cases(options.quick)
     alone = [case for case in cases if case["scene"] == "cost"]  # timed cases run one after another
     rows = study.run_cases(
         [case for case in cases if case not in alone], run, **running, time_limit=120
     )
-    rows += study.run_cases(alone, run, **study.run_options(options, alone=True))
+    rows += study.run_cases(alone, run, **harness.run_options(options, alone=True))
     along = (10, 20) if options.quick else (10, 20, 40, 80)
     strips = [{"pattern": pattern, "along": n} for pattern in PATTERNS for n in along]
     hinges = study.run_cases(strips, hinge, **running, time_limit=120)
-    study.require_results(options, TITLE, rows)
+    harness.require_results(options, TITLE, rows)
     draw_refinement(options.out, rows)
     draw_roses(options.out, rows)
     draw_hinges(options.out, hinges)
@@ -183,7 +184,7 @@ def main() -> int:
         "Effective bending rigidity of hinges": hinges,
         "Cost": cost_table(rows),
     }
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows + [{"scene": "hinge", **row} for row in hinges],
@@ -196,4 +197,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

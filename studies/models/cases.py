@@ -7,6 +7,7 @@ from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 from studies.models.hinge_bias import CELLS, cantilever
 from studies.models.homogenised_moduli import NU, Y
 from studies.models.homogenised_moduli import models as membranes
@@ -78,7 +79,7 @@ def cost(terms: list, pattern: str, h: float) -> dict:
         infos = [info for _, info in fc.march(system, method, system.rest(), dt, steps * dt)]
         return sum(info.counts.newton for info in infos)
 
-    seconds = study.measure_seconds(march)
+    seconds = harness.measure_seconds(march)
     row = {"value": 1e3 * seconds.cpu / steps, "unit": "ms/step", "newton": seconds.value / steps}
     return row | {"wall": 1e3 * seconds.wall / steps, "compile_seconds": seconds.compiling}
 

@@ -24,6 +24,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 from studies.bending.meshes import rectangle
 from studies.references.elastica import heavy_elastica
 
@@ -89,44 +90,44 @@ def largest(rows: list[dict], **where) -> float:
     return max((abs(row["error"]) for row in chosen), default=np.nan)
 
 
-def conclude(rows: list[dict]) -> list[study.Finding]:
+def conclude(rows: list[dict]) -> list[harness.Finding]:
     """Return the findings: P2 with the interpolated strain keeps its limits, the others do not."""
     findings = []
     for ratio, n in product((1e6, 1e7), LIMITS):
         of = {"ratio": ratio, "n": n}
         if any(of.items() <= row.items() for row in rows):
             name = f"{LOCAL}, Y L²/B = {ratio:.0e}, n = {n}: largest |error|"
-            findings.append(study.Finding(name, largest(rows, model=LOCAL, **of), high=LIMITS[n]))
+            findings.append(harness.Finding(name, largest(rows, model=LOCAL, **of), high=LIMITS[n]))
     for model in ("P1", "P2, pointwise strain"):
         name = f"{model}, Y L²/B = 1e+07, n = 16: largest |error|"
         error = largest(rows, model=model, ratio=1e7, n=16)
-        findings.append(study.Finding(name, error, 0.1))
+        findings.append(harness.Finding(name, error, 0.1))
     return findings
 
 
 def draw(rows: list[dict], out: Path, ratio: float = 1e7) -> None:
     """Draw |error| over n, a panel for each model, a line for each pattern."""
-    with study.figure(
+    with harness.figure(
         out, "elastica", "node spacings along n", panels=(1, 3), size=(12.0, 4.4), sharey=True
     ) as (_, axes):
         for ax, model in zip(axes, MODELS, strict=True):
             own = [row for row in rows if (row["model"], row["ratio"]) == (model, ratio)]
             own = [{**row, "error": abs(row.get("error", np.nan))} for row in own]
-            study.draw_lines(ax, own, "n", "error", "pattern", legend=False, names=PATTERNS)
+            harness.draw_lines(ax, own, "n", "error", "pattern", legend=False, names=PATTERNS)
             ax.set_title(model)
         axes[1].legend(loc="lower left")
         axes[0].set_ylabel("|error| of drop over reach")
         axes[0].set_ylim(5e-5, 1.0)
-        study.draw_slope_triangle(axes[2], -2)
+        harness.draw_slope_triangle(axes[2], -2)
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, needs=["matplotlib"])
-    rows = study.run_cases(list_cases(options.quick), hang, **study.run_options(options))
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    rows = study.run_cases(list_cases(options.quick), hang, **harness.run_options(options))
     title = "A thin strip against the heavy elastica"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     draw(rows, options.out)
-    code = study.write_report(
+    code = harness.write_report(
         options,
         title,
         rows,
@@ -142,4 +143,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

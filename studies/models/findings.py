@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fecloth import study
+from studies import harness
 from studies.models.cases import FABRIC, models
 
 SCENES = {"stretch": "force [N]", "shear": "shear stiffness [N/m]", "drape": "sag [m]"}
@@ -40,9 +40,9 @@ def exponent_of_h(rows: Rows, scene: str, model: str, pattern: str) -> float:
     return float(np.log(coarse["value"] / fine["value"]) / np.log(coarse["h"] / fine["h"]))
 
 
-def conclude(rows: Rows, hinges: Rows) -> list[study.Finding]:
+def conclude(rows: Rows, hinges: Rows) -> list[harness.Finding]:
     """Return all findings."""
-    F, findings = study.Finding, []
+    F, findings = harness.Finding, []
     twins = [
         abs(finest(rows, scene, "Springs biquadratic", p) / finest(rows, scene, "StVK", p) - 1)
         for scene in SCENES
@@ -67,9 +67,9 @@ def conclude(rows: Rows, hinges: Rows) -> list[study.Finding]:
     return findings
 
 
-def conclude_springs(rows: Rows) -> list[study.Finding]:
+def conclude_springs(rows: Rows) -> list[harness.Finding]:
     """Return the findings that springs converge to another material on each pattern."""
-    F, findings = study.Finding, []
+    F, findings = harness.Finding, []
     for model, scene in (("Springs structural", "stretch"), ("Springs van_gelder", "shear")):
         off = abs(finest(rows, scene, model, "right") / finest(rows, scene, "StVK", "right") - 1)
         findings.append(F(f"{model}, {scene}, right: relative distance from StVK", off, 0.1))
@@ -81,9 +81,9 @@ def conclude_springs(rows: Rows) -> list[study.Finding]:
     return findings
 
 
-def conclude_roses(rows: Rows) -> list[study.Finding]:
+def conclude_roses(rows: Rows) -> list[harness.Finding]:
     """Return the findings on isotropy: elements are isotropic, springs follow their pattern."""
-    F, findings = study.Finding, []
+    F, findings = harness.Finding, []
     least = {"StVK": (1.0, 1 + 1e-9), "Springs structural": (1.15,), "Springs van_gelder": (3.0,)}
     for model, limits in least.items():
         value = finest(rows, "rose", model, "right")
@@ -105,7 +105,7 @@ def largest_deviation(rows: Rows, model: str, pattern: str) -> float:
     return np.abs(np.divide(own[-1]["measured"], own[-1]["derived"]) - 1).max() if own else np.nan
 
 
-def conclude_hinges(hinges: Rows) -> list[study.Finding]:
+def conclude_hinges(hinges: Rows) -> list[harness.Finding]:
     """Return the findings on hinges: each pattern has another B, as derived, also when refined."""
     good = [row for row in hinges if row["status"] == "ok"]
     fine = {row["pattern"]: row for row in sorted(good, key=lambda row: row["along"])}
@@ -115,7 +115,7 @@ def conclude_hinges(hinges: Rows) -> list[study.Finding]:
         for row in fine.values()
         if "narrow" in row
     ]
-    F, differ = study.Finding, max(values) - min(values)
+    F, differ = harness.Finding, max(values) - min(values)
     return [
         F("hinges: B_eff/B of the stiffest pattern minus the softest", differ, 0.15),
         F("hinges: B_eff/B on right", fine.get("right", {}).get("value", np.nan), 0.75, 0.85),

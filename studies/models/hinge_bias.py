@@ -12,8 +12,8 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 import fecloth as fc
-from fecloth import study
 from fecloth.homogenisation import CELLS
+from studies import harness
 
 WIDTHS = (0.05, 0.25, 1.0, 2.0)  # of the length
 SHEET = fc.Fabric(areal_density=1.0, tensile_stiffness=1.0, bending_rigidity=1.0)
@@ -34,7 +34,7 @@ def cantilever(pattern: str, along: int, width: float) -> float:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="coarse meshes only")
     resolutions = (10, 20) if parser.parse_args().quick else (20, 40, 80)
     print("derived, B = 1: D of (κ11, κ22, 2 κ12); B_eff of a narrow strip, of a wide one")
@@ -51,4 +51,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
+from studies import harness
 
 Y, NU, H = 1000.0, 0.3, 0.1  # N/m, -, m: where the published conditions are matched
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=Y, poisson_ratio=NU)
@@ -39,7 +39,7 @@ def models(pattern: str) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two edge lengths only")
     lengths = (H, H / 2) if parser.parse_args().quick else (2 * H, H, H / 2, H / 4, H / 8)
     print(f"fabric: Y = {Y:g} N/m, nu = {NU:g}; C/Y = {FABRIC.moduli()[:4] / Y}")
@@ -61,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -15,6 +15,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.3)
 MODELS = {
@@ -34,7 +35,7 @@ def mean_sag(term, pattern: str, h: float) -> float:
 
 
 def main() -> None:
-    parser = study.Parser(description=__doc__.splitlines()[0])
+    parser = harness.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two coarse meshes, into out/models")
     parser.add_argument("--out", type=Path, help="folder of the figure")
     options = parser.parse_args()
@@ -42,7 +43,7 @@ def main() -> None:
     out = options.out or (Path("out/models") if options.quick else Path(__file__).parent)
     sizes = (0.2, 0.1) if options.quick else (0.2, 0.1, 0.05, 0.025)
     words = "edge length h [m]", "mean sag [mm]", "A square under its weight"
-    with study.figure(out, "sag", *words, log=False) as (_, ax):
+    with harness.figure(out, "sag", *words, log=False) as (_, ax):
         for i, (name, term) in enumerate(MODELS.items()):
             for j, pattern in enumerate(PATTERNS):
                 sags = [mean_sag(term, pattern, h) for h in sizes]
@@ -57,4 +58,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

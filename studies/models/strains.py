@@ -32,6 +32,7 @@ from scipy.optimize import brentq
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 
 STIFFNESS, DENSITY = 1000.0, 0.2  # N/m, kg/m²
 SPAN, WIDTH, STRETCH, AMPLITUDE = 0.8, 0.25, 1.01, 0.1
@@ -119,35 +120,35 @@ def error_table(rows: list[dict]) -> list[dict]:
     return list(lines.values())
 
 
-def conclude(rows: list[dict]) -> list[study.Finding]:
+def conclude(rows: list[dict]) -> list[harness.Finding]:
     """Return the findings: only the pointwise strain locks; about flat both are the same."""
     error = {(row["problem"], row["strain"], row["h"]): row.get("error", np.nan) for row in rows}
     ratio = error["taut", "interpolated", 1 / 8] / error["taut", "pointwise", 1 / 8]
     locked, free = (abs(error["slack", strain, 1 / 4]) for strain in ("pointwise", "interpolated"))
     findings = [
-        study.Finding("slack, pointwise strain, h = 1/4: |error|", locked, 0.03),
-        study.Finding("slack, interpolated strain, h = 1/4: |error|", free, high=5e-4),
-        study.Finding("taut, h = 1/8: interpolated / pointwise error", ratio, 0.99, 1.01),
+        harness.Finding("slack, pointwise strain, h = 1/4: |error|", locked, 0.03),
+        harness.Finding("slack, interpolated strain, h = 1/4: |error|", free, high=5e-4),
+        harness.Finding("taut, h = 1/8: interpolated / pointwise error", ratio, 0.99, 1.01),
     ]
     for problem, high in (("swing", 3.0), ("swing, damped", 1.1)):
         if (problem, "pointwise", 1 / 4) in error:
             pair = (error[problem, strain, 1 / 4] for strain in STRAINS)
             name = f"{problem}, h = 1/4: interpolated / pointwise error"
-            findings.append(study.Finding(name, next(pair) / next(pair), high=high))
+            findings.append(harness.Finding(name, next(pair) / next(pair), high=high))
     return findings
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__)
-    rows = study.run_cases(list_cases(options.quick), measure, **study.run_options(options))
+    options = harness.parse_arguments(__doc__)
+    rows = study.run_cases(list_cases(options.quick), measure, **harness.run_options(options))
     title = "Strains of P2 where nothing bends"
-    study.require_results(options, title, rows)
+    harness.require_results(options, title, rows)
     tables, findings = {"Relative errors": error_table(rows)}, conclude(rows)
-    code = study.write_report(options, title, rows, tables=tables, findings=findings)
+    code = harness.write_report(options, title, rows, tables=tables, findings=findings)
     if not options.quick:
         shutil.copy(options.out / "report.md", Path(__file__).with_suffix(".md"))
     return code
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 
 FABRICS = ("interlock", "denim-wang", "cotton")
 METHODS = ("BackwardEuler", "BDF2", "GeneralizedAlpha")
@@ -123,18 +124,18 @@ def describe(row: dict) -> str:
 
 def main() -> int:
     sizes = {"type": int, "nargs": "+", "choices": list(SIZES), "default": list(SIZES)}
-    options = study.parse_arguments(__doc__, triangles=sizes)
+    options = harness.parse_arguments(__doc__, triangles=sizes)
     settings = cases(options.quick, options.triangles)
     costs = [1e-4 * case["triangles"] * case["t_end"] / case["dt"] ** 0.5 for case in settings]
-    rows = study.run_cases(settings, hang, costs=costs, **study.run_options(options))
+    rows = study.run_cases(settings, hang, costs=costs, **harness.run_options(options))
     findings = [
-        study.Finding(f"failures of {method}", sum(map(failed, own)), high=limit)
+        harness.Finding(f"failures of {method}", sum(map(failed, own)), high=limit)
         for method in METHODS
         for own in [[row for row in rows if row["method"] == method]]
         for limit in [0 if method in SAFE else float("inf")]
     ]
     text = "Each cell: Newton iterations a step, the most in one, CPU seconds a second of motion."
-    code = study.write_report(
+    code = harness.write_report(
         options,
         "Newton's iteration on hanging cloth",
         rows,
@@ -149,4 +150,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

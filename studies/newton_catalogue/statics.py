@@ -25,6 +25,7 @@ from scipy.sparse.linalg import splu
 import fecloth as fc
 from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 
 ALLOWED = 1e-5  # of the largest displacement
 ROUND_OFF = 1e-9  # of the largest displacement: the error that the fine solve may have
@@ -261,20 +262,20 @@ def is_sound(row: dict) -> bool:
 
 def main(argv: list[str] | None = None) -> int:
     """Solve all problems, write table and report, and return the exit status."""
-    options = study.parse_arguments(__doc__ or "", argv)
+    options = harness.parse_arguments(__doc__ or "", argv)
     numbers = QUICK if options.quick else range(len(PROBLEMS))
     cases = [{"number": number} for number in numbers]
-    rows = study.run_cases(cases, solve, **study.run_options(options))
+    rows = study.run_cases(cases, solve, **harness.run_options(options))
     lines = [table_line(row) for row in rows]
     solved = [row for row in rows if row["status"] == "ok" and not row["failure"]]
     findings = [
-        study.Finding("problems that are not solved", len(rows) - len(solved), high=0),
-        study.Finding(
+        harness.Finding("problems that are not solved", len(rows) - len(solved), high=0),
+        harness.Finding(
             "answers above 1e-5 whose reason names no round-off",
             sum(not is_sound(row) for row in solved),
             high=0,
         ),
-        study.Finding(
+        harness.Finding(
             "stated errors that are below a third of the error, and above round-off",
             sum(
                 row["error"] > max(3 * row["stated"], ROUND_OFF) for row in solved if is_stated(row)
@@ -282,7 +283,7 @@ def main(argv: list[str] | None = None) -> int:
             high=0,
         ),
     ]
-    code = study.write_report(options, TITLE, rows, findings=findings)
+    code = harness.write_report(options, TITLE, rows, findings=findings)
     command = f"Made by `python -m studies.newton_catalogue.statics{' --quick' * options.quick}`."
     parts = [f"# {TITLE}", command, "\n".join(map("- {}".format, findings)), markdown_table(lines)]
     (options.out / "statics.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
@@ -290,4 +291,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

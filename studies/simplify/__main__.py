@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 
 from fecloth import study
+from studies import harness
 
 SCENES = Path(__file__).parents[1] / "scenes" / "needs"
 KNOWN = {  # scene: a part that it needs, and one that it does not need
@@ -38,27 +39,27 @@ def simplify_scene(name: str, options) -> study.Simplification:
     return found
 
 
-def collect_findings(name: str, found: study.Simplification) -> list[study.Finding]:
+def collect_findings(name: str, found: study.Simplification) -> list[harness.Finding]:
     """Return the change of the reduced scene, and the measured and predicted known parts."""
     rows = {row["variant"]: row for row in found.table}
     what = f"{name}: change by reduced.toml"
-    findings = [study.Finding(what, found.change, high=found.tolerance)]
-    findings.append(study.Finding(f"{name}: part of the seconds saved", found.saved))
+    findings = [harness.Finding(what, found.change, high=found.tolerance)]
+    findings.append(harness.Finding(f"{name}: part of the seconds saved", found.saved))
     needed, needless = (rows[variant] for variant in KNOWN[name])
     for key in ("predicted [%]", "change [%]"):
         limit = 100 * found.tolerance
         what = f"{name}, {{}}: {key}".format
         change = math.inf if needed[key] is None else needed[key]  # None: its run failed
-        findings.append(study.Finding(what(needed["variant"]), change, limit))
-        findings.append(study.Finding(what(needless["variant"]), needless[key], high=limit))
+        findings.append(harness.Finding(what(needed["variant"]), change, limit))
+        findings.append(harness.Finding(what(needless["variant"]), needless[key], high=limit))
     return findings
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
     names = ("wind",) if options.quick else KNOWN
     done = {name: simplify_scene(name, options) for name in names}
-    return study.write_report(
+    return harness.write_report(
         options,
         "Simplification of three scenes",
         [{"scene": name, **row} for name, found in done.items() for row in found.table],
@@ -70,4 +71,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -21,6 +21,7 @@ from pathlib import Path
 from fecloth import study
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.scene.scene import Scene, load_scene
+from studies import harness
 from studies.stability import sheets
 from studies.stability.swing import conclude_errors, measure_errors
 
@@ -71,7 +72,7 @@ def list_maps(quick: bool) -> Iterator[tuple[str, Scene, dict[str, list[float]]]
 
 def run_maps(options) -> dict[str, study.StabilityMap]:
     """Run all maps, and write the report of each into a folder of its own."""
-    how = study.run_options(options)
+    how = harness.run_options(options)
     cache, maps = how.pop("out"), {}
     for name, scene, over in list_maps(options.quick):
         methods = QUICK[scene_of(name)] if options.quick else OF_CONTACT.get(scene_of(name), ALL)
@@ -99,7 +100,7 @@ def cells_of(maps: dict[str, study.StabilityMap]) -> Rows:
     return rows
 
 
-def conclude_maps(cells: Rows) -> list[study.Finding]:
+def conclude_maps(cells: Rows) -> list[harness.Finding]:
     """Return the number of explicit runs, 10 % or more from the limit, that contradict it.
 
     Such a run failed below the limit, or did not fail above it.
@@ -109,10 +110,10 @@ def conclude_maps(cells: Rows) -> list[study.Finding]:
     wrong = [r for r in own if (r["outcome"] == "failed") != (r["dt"] > r["predicted"])]
     where = " and ".join(dict.fromkeys(scene_of(r["map"]) for r in own))
     words = f"of {len(own)} explicit runs on {where}: contradictions to the predicted limit"
-    return [study.Finding(words, len(wrong), high=0)]
+    return [harness.Finding(words, len(wrong), high=0)]
 
 
-def conclude_swing(cells: Rows) -> list[study.Finding]:
+def conclude_swing(cells: Rows) -> list[harness.Finding]:
     """Return the findings on which A-stable methods make energy on the nonlinear swing.
 
     There is no expectation of the linearised step: it makes none or much.
@@ -126,7 +127,7 @@ def conclude_swing(cells: Rows) -> list[study.Finding]:
         limits = {"high": ENERGY} if row["method"] in KEEPS else limits
         words = f"{row['method']} on the stiff swing at {1e3 * row['dt']:.3g} ms: energy made"
         what = f"{words}, relative to the energy that moved"
-        findings.append(study.Finding(what, energy_made(row), **limits))
+        findings.append(harness.Finding(what, energy_made(row), **limits))
     return findings
 
 
@@ -138,13 +139,13 @@ def energy_made(row: dict) -> float:
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, needs=["matplotlib"])
-    running = study.run_options(options)
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    running = harness.run_options(options)
     limits = study.run_cases(sheets.sheet_cases(options.quick), sheets.measure_limit, **running)
     listed = [{"method": m, "times": t} for m in METHODS for t in (1.0, 10.0, 100.0)]
     free = study.run_cases(listed, sheets.measure_growth, **running)
     for part in (limits, free):
-        study.require_results(options, TITLE, part)
+        harness.require_results(options, TITLE, part)
     maps = run_maps(options)
     cells = cells_of(maps)
     errors = [] if options.quick else measure_errors(running)
@@ -157,7 +158,7 @@ def main() -> int:
     tables["Stability limits of linear sheets [s]"] = limits
     parts = {"linear sheet": limits, "growth": free, "errors": errors}
     rows = cells + [{"map": name, **row} for name, part in parts.items() for row in part]
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows,
@@ -169,4 +170,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

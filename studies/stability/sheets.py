@@ -9,6 +9,7 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.integrators import EXPLICIT, METHODS
+from studies import harness
 
 Rows = list[dict]
 SIDE, TAUT, TINY = 0.5, 1.05, 1e-7  # [m]; stretch; [m], small enough for linear motion
@@ -99,8 +100,8 @@ def exponent_of(rows: Rows, method: str, over: str, **fixed: float) -> float:
     return math.log(last["measured"] / first["measured"]) / math.log(last[over] / first[over])
 
 
-def conclude_sheets(rows: Rows, free: Rows) -> list[study.Finding]:
-    F, findings = study.Finding, []
+def conclude_sheets(rows: Rows, free: Rows) -> list[harness.Finding]:
+    F, findings = harness.Finding, []
     for method in dict.fromkeys(r["method"] for r in rows):
         own = [r for r in rows if r["method"] == method and "measured" in r]
         off = max((abs(r["measured"] / r["predicted"] - 1) for r in own), default=math.nan)
@@ -135,7 +136,7 @@ def draw_limits(out, rows: list[dict]) -> None:
     labels = {"h": "edge length [m]", "Y": "tensile stiffness [N/m]"}
     labels |= {"damping": "strain-rate damping time [s]"}
     size = {"panels": (1, 3), "size": (10.0, 4.4), "sharey": True}
-    with study.figure(out, "limits", ylabel="largest stable dt [s]", **size) as (figure, axes):
+    with harness.figure(out, "limits", ylabel="largest stable dt [s]", **size) as (figure, axes):
         for ax, (over, label) in zip(axes, labels.items(), strict=True):
             ax.set_xlabel(label)
             for i, method in enumerate(EXPLICIT):

@@ -9,6 +9,7 @@ import numpy as np
 from fecloth import study
 from fecloth.integrators import METHODS
 from fecloth.scene.scene import load_scene
+from studies import harness
 
 SCENE = Path(__file__).parents[1] / "scenes" / "failures" / "stiff_swing.toml"
 SPAN = 0.7  # s
@@ -46,7 +47,7 @@ def values_of(row) -> np.ndarray:
     return np.array([row[name] for name in QUANTITIES]).reshape(-1, 2)
 
 
-def conclude_errors(rows: list[dict]) -> list[study.Finding]:
+def conclude_errors(rows: list[dict]) -> list[harness.Finding]:
     """Return the errors at the longest steps that are to be right within 10 %."""
     findings = []
     for row in rows:
@@ -54,5 +55,5 @@ def conclude_errors(rows: list[dict]) -> list[study.Finding]:
         if count and row["dt"] == SPAN / count:
             words = f"{row['method']} on the stiff swing at {1e3 * row['dt']:.3g} ms"
             error = row.get("error", np.nan)
-            findings.append(study.Finding(f"{words}: error against short steps", error, high=0.1))
+            findings.append(harness.Finding(f"{words}: error against short steps", error, high=0.1))
     return findings

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from fecloth import study
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.trust.cases import judge
 from studies.trust.setups import SETUPS, Setup
 
@@ -55,19 +56,19 @@ def table_line(row: dict) -> dict:
     return head | numbers | {"verdict": verdict(row), "warnings": words[:150]}
 
 
-def findings_of(rows: list[dict], enough: int) -> list[study.Finding]:
+def findings_of(rows: list[dict], enough: int) -> list[harness.Finding]:
     """Return the numbers that the catalogue promises."""
     words = [verdict(row) for row in rows]
     good = sum(word.startswith("good") for word in words)
     alarms = words.count("good, warned")
     return [
-        study.Finding(
+        harness.Finding(
             "set-ups that count", sum("silent" in w or "warned" in w for w in words), enough
         ),
-        study.Finding("wrong runs", sum(word.startswith("wrong") for word in words), 1),
-        study.Finding("wrong runs without a warning", words.count("wrong, silent"), high=0),
-        study.Finding("good runs", good, 1),
-        study.Finding(
+        harness.Finding("wrong runs", sum(word.startswith("wrong") for word in words), 1),
+        harness.Finding("wrong runs without a warning", words.count("wrong, silent"), high=0),
+        harness.Finding("good runs", good, 1),
+        harness.Finding(
             "share of good runs with a warning", alarms / max(good, 1), high=FALSE_ALARMS
         ),
     ]
@@ -75,11 +76,11 @@ def findings_of(rows: list[dict], enough: int) -> list[study.Finding]:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the catalogue, write its table and report, and return the exit status."""
-    options = study.parse_arguments(__doc__ or "", argv)
+    options = harness.parse_arguments(__doc__ or "", argv)
     setups = QUICK if options.quick else SETUPS
     most = QUICK_MOST if options.quick else MOST
     cases = [one.settings | {"most": most} for one in setups]
-    rows = study.run_cases(cases, judge, **study.run_options(options), time_limit=120.0)
+    rows = study.run_cases(cases, judge, **harness.run_options(options), time_limit=120.0)
     lines = [table_line(row) for row in rows]
     options.out.mkdir(parents=True, exist_ok=True)
     study.write_csv(lines, options.out / "catalogue.csv")
@@ -89,10 +90,10 @@ def main(argv: list[str] | None = None) -> int:
     text = "\n\n".join([head, numbers, markdown_table(lines)])
     (options.out / "catalogue.md").write_text(text + "\n", encoding="utf-8")
     tables = {"Catalogue": lines}
-    return study.write_report(
+    return harness.write_report(
         options, "Trust", rows, tables=tables, findings=findings, results=("time limit",)
     )
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

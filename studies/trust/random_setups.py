@@ -25,6 +25,7 @@ from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
 from fecloth.study.reports import markdown_table
+from studies import harness
 from studies.trust.cases import AGREE, FEWEST, frame_times, march_through
 from studies.trust.drawn import Drawn, draw
 from studies.trust.setups import Run
@@ -130,7 +131,7 @@ def is_judged(row: dict) -> bool:
     return JUDGED[0] < row["error"] < JUDGED[1] and row["apart"] < row["error"]
 
 
-def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[study.Finding]:
+def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[harness.Finding]:
     """Return the numbers that the study promises: `stated` is a share of the stated errors."""
     words = [verdict(row) for row in rows]
     good = sum(word in ("good, warned", "good, silent") for word in words)
@@ -140,16 +141,16 @@ def findings_of(rows: list[dict], enough: int, stated: float = STATED) -> list[s
     counted = sum("silent" in word or "warned" in word for word in words)
     share = words.count("good, warned") / max(good, 1)
     return [
-        study.Finding("set-ups that count", counted, enough),
-        study.Finding("wrong runs", sum(word.startswith("wrong") for word in words)),
-        study.Finding("wrong runs without a warning", words.count("wrong, silent"), high=0),
-        study.Finding("good runs", good, 1),
-        study.Finding("share of good runs with a warning", share, high=FALSE_ALARMS),
-        study.Finding("true errors to compare with", len(judged)),
-        study.Finding(
+        harness.Finding("set-ups that count", counted, enough),
+        harness.Finding("wrong runs", sum(word.startswith("wrong") for word in words)),
+        harness.Finding("wrong runs without a warning", words.count("wrong, silent"), high=0),
+        harness.Finding("good runs", good, 1),
+        harness.Finding("share of good runs with a warning", share, high=FALSE_ALARMS),
+        harness.Finding("true errors to compare with", len(judged)),
+        harness.Finding(
             "share with a number", len(ratios) / max(len(judged), 1), min(stated, NUMBERS)
         ),
-        study.Finding("share within a factor 3", inside / max(len(ratios), 1), stated),
+        harness.Finding("share within a factor 3", inside / max(len(ratios), 1), stated),
     ]
 
 
@@ -169,11 +170,11 @@ def table_line(row: dict) -> dict:
 def main(argv: list[str] | None = None) -> int:
     """Run the set-ups, write their table and the report, and return the exit status."""
     more = {"seed": {"type": int, "default": 5}, "count": {"type": int, "default": 200}}
-    options = study.parse_arguments(__doc__ or "", argv, **more)
+    options = harness.parse_arguments(__doc__ or "", argv, **more)
     seed, numbers = QUICK if options.quick else (options.seed, range(options.count))
     most = QUICK_MOST if options.quick else MOST
     cases = [{"seed": seed, "number": number, "most": most} for number in numbers]
-    rows = study.run_cases(cases, judge_drawn, **study.run_options(options), time_limit=120.0)
+    rows = study.run_cases(cases, judge_drawn, **harness.run_options(options), time_limit=120.0)
     lines = [table_line(row) for row in rows]
     options.out.mkdir(parents=True, exist_ok=True)
     study.write_csv(lines, options.out / "random_setups.csv")
@@ -186,11 +187,11 @@ def main(argv: list[str] | None = None) -> int:
     )
     (options.out / "random_setups.md").write_text(text + "\n", encoding="utf-8")
     tables = {"Random set-ups": lines}
-    return study.write_report(
+    return harness.write_report(
         options, "Trust in random set-ups", rows, tables=tables, findings=findings,
         results=("time limit",),
     )  # fmt: skip
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -33,6 +33,7 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.run_problems import Runs
 from fecloth.study.status import OK
+from studies import harness
 from studies.tune import contact, grid, references, unseen
 from studies.tune.scenes import TWELVE, Tried
 
@@ -133,7 +134,7 @@ def describe(scene: Scene) -> str:
 # --- the verdict ----------------------------------------------------------------------------------
 
 
-def collect_findings(rows: list[Mapping], most: float = COST) -> list[study.Finding]:
+def collect_findings(rows: list[Mapping], most: float = COST) -> list[harness.Finding]:
     """Return the four numbers of the acceptance, and how many tolerances were proved."""
     met = [is_right(row) for row in rows]
     ratios = [row["cost ratio"] for row in rows if "cost ratio" in row]
@@ -141,31 +142,31 @@ def collect_findings(rows: list[Mapping], most: float = COST) -> list[study.Find
     searches = [row["search s"] / search_limit(row) for row in rows]
     endless = [row for row in rows if not limit_of(row)]
     findings = [
-        study.Finding(f"share of {len(rows)} scenes with an error as asked", _mean(met), SHARE),
-        *[study.Finding("largest cost over the best of the grid", r, high=most) for r in largest],
-        study.Finding("largest time of the search over its limit", max(searches), high=1.0),
-        study.Finding("tolerances proved", _proved(rows)),
+        harness.Finding(f"share of {len(rows)} scenes with an error as asked", _mean(met), SHARE),
+        *[harness.Finding("largest cost over the best of the grid", r, high=most) for r in largest],
+        harness.Finding("largest time of the search over its limit", max(searches), high=1.0),
+        harness.Finding("tolerances proved", _proved(rows)),
     ]
     if endless:
         said = _mean([not row["proved"] for row in endless])
-        findings.append(study.Finding("scenes without a limit that are not proved", said, 1.0))
+        findings.append(harness.Finding("scenes without a limit that are not proved", said, 1.0))
     return findings
 
 
-def collect_drawn_findings(rows: list[Mapping]) -> list[study.Finding]:
+def collect_drawn_findings(rows: list[Mapping]) -> list[harness.Finding]:
     """Return the acceptance on scenes that a seed draws."""
     settled = [row for row in rows if limit_of(row)]
     false = [row for row in settled if row["proved"] and row["true error %"] > allowed_error(row)]
     possible = [row for row in settled if "best s" in row]
     open_ = [row for row in rows if not limit_of(row)]
     return [
-        study.Finding(f"falsely proved, of {len(settled)} settled scenes", len(false), high=0.0),
-        study.Finding("scenes that are not settled and proved", _proved(open_), high=0.0),
-        study.Finding("longest search [CPU s]", max(row["search s"] for row in rows), high=60.0),
+        harness.Finding(f"falsely proved, of {len(settled)} settled scenes", len(false), high=0.0),
+        harness.Finding("scenes that are not settled and proved", _proved(open_), high=0.0),
+        harness.Finding("longest search [CPU s]", max(row["search s"] for row in rows), high=60.0),
     ] + _compare_with_grid(possible)
 
 
-def _compare_with_grid(possible: list[Mapping]) -> list[study.Finding]:
+def _compare_with_grid(possible: list[Mapping]) -> list[harness.Finding]:
     """Return what the grid says of the rows that it can meet; nothing where there is no grid."""
     if not possible:
         return []
@@ -173,9 +174,9 @@ def _compare_with_grid(possible: list[Mapping]) -> list[study.Finding]:
     cheap = _mean([ratio <= COST for ratio in ratios])
     proved = _mean([bool(row["proved"]) for row in possible])
     return [
-        study.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
-        study.Finding(f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9),
-        study.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
+        harness.Finding(f"share proved of {len(possible)} that the grid can meet", proved, 0.9),
+        harness.Finding(f"share of {len(ratios)} proved that cost at most {COST:g} ×", cheap, 0.9),
+        harness.Finding("largest cost over the best of the grid", max(ratios), high=MOST_COST),
     ]
 
 
@@ -209,7 +210,7 @@ def _mean(values: list[bool]) -> float:
     return sum(values) / len(values) if values else math.nan
 
 
-def verdict_of(findings: list[study.Finding]) -> str:
+def verdict_of(findings: list[harness.Finding]) -> str:
     missed = [one.what for one in findings if not one.is_met]
     return f"The acceptance fails: {'; '.join(missed)}." if missed else "The acceptance is met."
 
@@ -217,14 +218,14 @@ def verdict_of(findings: list[study.Finding]) -> str:
 def main() -> int:
     names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
     seed = {"type": int, "default": None, "metavar": "SEED", "help": "scenes that it draws"}
-    options = study.parse_arguments(__doc__, names=names, unseen=seed, contact=seed)
+    options = harness.parse_arguments(__doc__, names=names, unseen=seed, contact=seed)
     kind, seed = kind_of(options)
     listed = [each.name for each in tried_scenes(kind, seed)]
     chosen = options.names or (QUICK if options.quick and kind == "twelve" else listed)
     settings = {"kind": kind, "seed": seed, "out": str(options.out), "fresh": options.fresh}
     cases = [{"name": name, **settings} for name in listed if name in chosen]
-    rows = study.run_cases(cases, judge, **study.run_options(options, alone=True))
-    study.require_results(options, title_of(kind, seed), rows)
+    rows = study.run_cases(cases, judge, **harness.run_options(options, alone=True))
+    harness.require_results(options, title_of(kind, seed), rows)
     good = [row for row in rows if row["status"] == OK]
     table = [{"scene": row["name"], **_shown(row)} for row in good]
     if kind == "twelve":
@@ -233,7 +234,7 @@ def main() -> int:
         findings = collect_drawn_findings(good)
     verdict, title = verdict_of(findings), title_of(kind, seed)
     write_table(options, table, findings, verdict)
-    return study.write_report(
+    return harness.write_report(
         options, title, rows, tables={"Scenes": table}, findings=findings, conclusion=verdict
     )
 
@@ -258,7 +259,7 @@ def _shown(row: Mapping) -> dict:
     return {key: row.get(key) for key in (*order, "verdict")}
 
 
-def write_table(options, table: list[dict], findings: list[study.Finding], verdict: str) -> None:
+def write_table(options, table: list[dict], findings: list[harness.Finding], verdict: str) -> None:
     """Write tune.md and tune.csv into the folder of the results."""
     kind, seed = kind_of(options)
     more = "" if kind == "twelve" else f" --{kind} {seed}"
@@ -272,4 +273,4 @@ def write_table(options, table: list[dict], findings: list[study.Finding], verdi
 
 
 if __name__ == "__main__":
-    sys.exit(study.run_main(main))
+    sys.exit(harness.run_main(main))

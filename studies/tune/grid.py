@@ -28,7 +28,6 @@ from dataclasses import astuple, dataclass, replace
 from itertools import count, product
 from pathlib import Path
 
-from fecloth import study
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.change import Level
@@ -36,6 +35,7 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, run_points
 from fecloth.study.status import LATE, OK, REFUSED
 from fecloth.study.workload import Workload
+from studies import harness
 from studies.tune.references import Reference, fingerprint, quantities_of, read
 from studies.tune.scenes import TWELVE, Tried
 
@@ -264,7 +264,7 @@ def _stored(tried: Tried, done: list[Found]) -> Mapping:
 def main() -> int:
     names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
     longest = {"type": float, "default": LONGEST, "metavar": "SECONDS", "help": "of a run"}
-    options = study.parse_arguments(__doc__, names=names, longest=longest)
+    options = harness.parse_arguments(__doc__, names=names, longest=longest)
     runs = Runs(options.out, fresh=options.fresh, most_seconds=None)
     for tried in TWELVE:
         if not tried.has_limit or (options.names and tried.name not in options.names):
@@ -278,4 +278,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(study.run_main(main))
+    sys.exit(harness.run_main(main))

@@ -32,6 +32,7 @@ from fecloth.study.measured_runs import record_of
 from fecloth.study.problems import SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_points
 from fecloth.study.status import OK
+from studies import harness
 from studies.tune.scenes import TWELVE, Tried
 
 FILE = Path(__file__).with_name("references.json")
@@ -203,7 +204,7 @@ def _read_record(tried: Tried, text: str, stored: Mapping) -> RunRecord | None:
 
 def main() -> int:
     names = {"nargs": "*", "default": [], "metavar": "NAME", "help": "scenes; all by default"}
-    options = study.parse_arguments(__doc__, names=names)
+    options = harness.parse_arguments(__doc__, names=names)
     known = {one.name: one for one in TWELVE if one.has_limit}
     chosen = [known[name] for name in options.names or known]
     stored = dict(_file())
@@ -234,4 +235,4 @@ def _write(stored: Mapping) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(study.run_main(main))
+    sys.exit(harness.run_main(main))

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from fecloth import study
+from studies import harness
 from studies.references.continuum import continuum
 from studies.work_precision.figures import draw_all
 from studies.work_precision.grid import fine_runs, key, timed_cases
@@ -95,14 +96,14 @@ def mark_failed(rows: Rows) -> Rows:
     ]
 
 
-def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
+def conclude(rows: Rows, fine: Rows, quick: bool) -> list[harness.Finding]:
     """Return the findings: ratios of seconds, and the error of the finest run."""
     findings = []
 
     def ratio(what, scene, level, slow, fast, low):
         costs = [seconds(cheapest(rows, scene, level, among)) for among in (slow, fast)]
         value = costs[0] / costs[1] if math.isfinite(costs[1]) else math.nan
-        findings.append(study.Finding(f"{scene}, {100 * level:g} %: {what}", value, low))
+        findings.append(harness.Finding(f"{scene}, {100 * level:g} %: {what}", value, low))
 
     def explicit(row):
         return row["method"] in EXPLICIT
@@ -131,8 +132,8 @@ def conclude(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
         key=lambda row: (row["h"], row["total_error"]),
     )
     what = f"trampoline, finest ({describe_settings(best)}): error of the mean [%]"
-    findings.append(study.Finding(what, 100 * best["total_error"], high=0.1))
-    findings.append(study.Finding("  and of the centre [%]", 100 * best["point_error"]))
+    findings.append(harness.Finding(what, 100 * best["total_error"], high=0.1))
+    findings.append(harness.Finding("  and of the centre [%]", 100 * best["point_error"]))
     return findings
 
 
@@ -150,10 +151,10 @@ def describe_result(rows: Rows) -> str:
 
 def main() -> int:
     peers = {"action": "store_true", "help": "add MuJoCo"}
-    options = study.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
     if options.peers:
         study.require_packages("mujoco")
-    running, one = study.run_options(options), study.run_options(options, alone=True)
+    running, one = harness.run_options(options), harness.run_options(options, alone=True)
     words = {"label": lambda case: f"{case['scene']}, {describe_settings(case)}"}
     fine = study.run_cases(fine_runs(options.quick), run, **running, **words, time_limit=300)
     rows = study.run_cases(timed_cases(options.quick), run, **one, **words, time_limit=60)
@@ -162,7 +163,7 @@ def main() -> int:
 
         rows += study.run_cases(list_mujoco_cases(options.quick), run_mujoco, **one, time_limit=300)
     rows = mark_failed(rows)
-    study.require_results(options, TITLE, rows)
+    harness.require_results(options, TITLE, rows)
     add_errors(rows, fine, options.quick)
     draw_all(options.out, rows)
     scenes = dict.fromkeys(row["scene"] for row in rows)
@@ -170,7 +171,7 @@ def main() -> int:
     tables["Errors in space and of the model, with fine steps"] = table_of_parts(fine)
     if not options.quick:
         tables["Linear solvers, CPU seconds"] = table_of_solvers(rows)
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows,
@@ -183,4 +184,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

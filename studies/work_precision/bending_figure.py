@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fecloth import study
+from studies import harness
 from studies.work_precision.bending_scenes import MODELS
 from studies.work_precision.figures import front, points
 
@@ -30,7 +31,7 @@ ELSEWHERE = {  # where a name would lie on another line
 def draw(out, rows: Rows) -> None:
     """Draw all runs as faint points, and the front of each model with its name."""
     words = "CPU time [s]", "error [%]"
-    with study.figure(out, "bending_fronts", *words, panels=(2, 2), size=(9.0, 8.0)) as (_, axes):
+    with harness.figure(out, "bending_fronts", *words, panels=(2, 2), size=(9.0, 8.0)) as (_, axes):
         for ax, (title, (scene, method)) in zip(axes.flat, PANELS.items(), strict=True):
             ax.set_title(title)
             for i, model in enumerate(MODELS):

@@ -21,6 +21,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
+from studies import harness
 from studies.references.continuum import continuum
 from studies.work_precision.__main__ import distance, mark_failed
 from studies.work_precision.bending_figure import draw
@@ -118,7 +119,7 @@ def add_errors_of_swings(rows: Rows, quick: bool) -> None:
             row["point_error"] = distance(row["point"], exact["point"])
 
 
-def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[study.Finding]:
+def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[harness.Finding]:
     """Add the errors against the limits; return how far the limits of P1 and P2 differ."""
     findings = []
     for scene in dict.fromkeys(row["scene"] for row in fine):
@@ -128,7 +129,7 @@ def add_errors_at_rest(rows: Rows, fine: Rows, quick: bool) -> list[study.Findin
                 if row["scene"] == scene and row["status"] == "ok":
                     row[error] = abs(row[name] / a - 1)
             what = f"{scene}: {name} {1e3 * a:.5g} mm, by P1 differs by [%]"
-            findings.append(study.Finding(what, 100 * abs(b / a - 1), high=2 if quick else 0.3))
+            findings.append(harness.Finding(what, 100 * abs(b / a - 1), high=2 if quick else 0.3))
     return findings
 
 
@@ -146,7 +147,7 @@ def table_of_costs(rows: Rows) -> Rows:
     return lines
 
 
-def conclude(rows: Rows, quick: bool) -> list[study.Finding]:
+def conclude(rows: Rows, quick: bool) -> list[harness.Finding]:
     """Return the errors that each model comes down to, and what 0.1 % of the swing costs."""
     findings = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
@@ -155,17 +156,17 @@ def conclude(rows: Rows, quick: bool) -> list[study.Finding]:
             least = 100 * min(row["total_error"] for row in own if row["status"] == "ok")
             high = 2.0 if quick else {"table": 0.5}.get(scene, 0.05)
             bounds = {"high": high} if model.startswith("plate") else {"low": 0.3}
-            findings.append(study.Finding(f"{scene}, {model}: least error [%]", least, **bounds))
+            findings.append(harness.Finding(f"{scene}, {model}: least error [%]", least, **bounds))
     best = None if quick else cheapest(rows, "swing", 0.001)
     if best:
         what = f"swing, 0.1 %: {best['model']}, {best['method']}, CPU seconds"
-        findings.append(study.Finding(what, best["seconds"], high=2.0))
+        findings.append(harness.Finding(what, best["seconds"], high=2.0))
     return findings
 
 
 def main() -> int:
-    options = study.parse_arguments(__doc__, needs=["matplotlib"])
-    one = study.run_options(options, alone=True)
+    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    one = harness.run_options(options, alone=True)
     swings = study.run_cases(list_swings(options.quick), run_swing, **one, time_limit=300)
     swings = mark_failed([{"scene": "swing"} | row for row in swings])
     still, fine = (
@@ -173,7 +174,7 @@ def main() -> int:
         for cases in (list_rests, list_limits)
     )
     for rows in (swings, still, fine):
-        study.require_results(options, TITLE, rows)
+        harness.require_results(options, TITLE, rows)
     add_errors_of_swings(swings, options.quick)
     sure = add_errors_at_rest(still, fine, options.quick)
     rows = swings + [row | {"method": "equilibrium"} for row in still]
@@ -182,7 +183,7 @@ def main() -> int:
             row["total_error"] = max(row["mean_error"], row["point_error"])
     rows = [{name: row.get(name) for name in COLUMNS} for row in rows]
     draw(options.out, rows)
-    return study.write_report(
+    return harness.write_report(
         options,
         TITLE,
         rows,
@@ -194,4 +195,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fecloth import study
+from studies import harness
 
 Rows = list[dict]
 NAMES = {"many_steps": "CentralDifference, fused"}
@@ -31,7 +32,7 @@ def draw_all(out, rows: Rows, label: str = "error of the mean [%]") -> None:
     grid = (2, 2) if len(scenes) > 2 else (1, len(scenes))
     size = (8.0, 8.2 if len(scenes) > 2 else 5.2)
     labels = ("CPU time [s]", label)
-    with study.figure(out, "speed_accuracy", *labels, panels=grid, size=size) as (figure, axes):
+    with harness.figure(out, "speed_accuracy", *labels, panels=grid, size=size) as (figure, axes):
         for ax, scene in zip(np.ravel(axes), scenes, strict=False):
             draw_panel(ax, [row for row in rows if row["scene"] == scene], looks)
             ax.set_title(scene)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fecloth import study
-from fecloth.study.command import exit_status
+from studies.harness import exit_status
 
 ROOT = Path(__file__).parents[2]
 FILES = [
@@ -45,7 +45,7 @@ def _nothing_is_run(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize("file", FILES, ids=module_of)
 def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
-    assert "study.run_main(main)" in (ROOT / file).read_text(encoding="utf-8")
+    assert "harness.run_main(main)" in (ROOT / file).read_text(encoding="utf-8")
     main = importlib.import_module(module_of(file)).main
     line = fails_with(main, ["--nonsense", "."], capsys, monkeypatch)
     assert "unrecognized arguments: --nonsense" in line

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from fecloth.study.command import exit_status
+from studies.harness import exit_status
 
 ROOT = Path(__file__).parents[2]
 MODULE = [sys.executable, "-m"]

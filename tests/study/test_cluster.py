@@ -12,6 +12,7 @@ from support.study_functions import fail_or_return
 import fecloth
 from fecloth import study
 from fecloth.errors import InputError
+from studies import harness
 
 ROOT = Path(__file__).parents[2]
 FINDER = """
@@ -98,7 +99,7 @@ def test_a_cluster_needs_dask(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"\.\[dask\]"):
         study.run_cases([{"how": "no"}], fail_or_return, tmp_path, scheduler="tcp://nowhere:1")
     with pytest.raises(InputError, match=r"\.\[dask\]"):
-        study.parse_arguments("A study.", ["--scheduler", "tcp://nowhere:1"])
+        harness.parse_arguments("A study.", ["--scheduler", "tcp://nowhere:1"])
 
 
 @pytest.mark.slow

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from support.study_rows import rows_of_two
 
-from fecloth import study
+from studies import harness
 
 
 def test_a_figure_has_lines_crosses_and_slopes(tmp_path):
     pytest.importorskip("matplotlib")
-    with study.figure(tmp_path, "errors", "time step [s]", "error [m]") as (figure, ax):
-        study.draw_lines(ax, rows_of_two(), x="dt", y="error", by="method")
+    with harness.figure(tmp_path, "errors", "time step [s]", "error [m]") as (figure, ax):
+        harness.draw_lines(ax, rows_of_two(), x="dt", y="error", by="method")
         limits = ax.get_xlim(), ax.get_ylim()
-        study.draw_slope_triangle(ax, 2)
+        harness.draw_slope_triangle(ax, 2)
         assert (ax.get_xlim(), ax.get_ylim()) == limits
         _, right, top = np.log10(ax.patches[0].get_xy()[:3])
         left = np.log10(ax.patches[0].get_xy()[0])

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 import fecloth as fc
-from fecloth import study
 from fecloth.errors import FeclothError, InputError
 from fecloth.output.atomic_files import DiskFull
 from fecloth.scene.scene import load_scene
-from fecloth.study.command import exit_status
 from fecloth.study.workload import LONGEST, Workload, check_size, count_steps
+from studies import harness
+from studies.harness import exit_status
 
 ROOT = Path(__file__).parents[2]
 SCENE = """
@@ -33,7 +33,7 @@ def scene(tmp_path):
 
 
 def parse(*arguments):
-    return study.parse_arguments("A study.", [str(argument) for argument in arguments])
+    return harness.parse_arguments("A study.", [str(argument) for argument in arguments])
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(capsys, monkeypatch, arguments,
 def test_a_missing_package_is_noticed_with_the_options(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"matplotlib: is not installed.*\.\[studies\]"):
-        study.parse_arguments("A study.", [], needs=["matplotlib"])
+        harness.parse_arguments("A study.", [], needs=["matplotlib"])
 
 
 @pytest.mark.parametrize(
