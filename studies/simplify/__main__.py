@@ -1,5 +1,7 @@
 """Does `fecloth simplify` find what three scenes with known answers need, and what they do not?
 
+The changes that it measures stand beside those that dimensionless numbers of the scenes predict.
+
 python -m studies.simplify [--quick]
 fecloth simplify my.toml --tolerance 1%      for a scene of yours
 """
@@ -7,10 +9,16 @@ fecloth simplify my.toml --tolerance 1%      for a scene of yours
 from __future__ import annotations
 
 import math
+from itertools import chain
 from pathlib import Path
 
 from fecloth import study
+from fecloth.scene.probe_tables import Interest
+from fecloth.scene.scene import Scene, load_scene
+from fecloth.study.simplification.variants import list_variants
 from studies import harness
+from studies.simplify.numbers import Numbers, table
+from studies.simplify.predictions import find_limits, predict_change
 
 SCENES = Path(__file__).parents[1] / "scenes" / "needs"
 KNOWN = {  # scene: a part that it needs, and one that it does not need
@@ -39,9 +47,36 @@ def simplify_scene(name: str, options) -> study.Simplification:
     return found
 
 
-def collect_findings(name: str, found: study.Simplification) -> list[harness.Finding]:
+def predict_changes(scene: Scene) -> dict[str, float]:
+    """Return the predicted change [%] by each variant, by its name; without unknown ones."""
+    numbers = Numbers.of(scene)
+    variants = list_variants(scene.to_tables(), scene.interest or Interest(), numbers.traits)
+    sizes = {variant.name: predict_change(variant, numbers) for variant in variants}
+    return {name: 100 * size for name, size in sizes.items() if size is not None}
+
+
+def describe_scene(name: str, found: study.Simplification) -> str:
+    """Return the verdict, the dimensionless numbers and the limits of the predictions in words."""
+    numbers = Numbers.of(load_scene(SCENES / f"{name}.toml"))
+    values = [f"{row['number']} {row['formula']} = {row['value']:.2g}" for row in table(numbers)]
+    limits = "".join(f" Beware: {words}." for words in find_limits(numbers))
+    return f"{name}: {found.verdict}\n\nNumbers: {'; '.join(values)}.{limits}"
+
+
+def add_predictions(name: str, found: study.Simplification) -> list[dict]:
+    """Return the rows of a scene's table, with the predicted changes."""
+    predicted = predict_changes(load_scene(SCENES / f"{name}.toml"))
+    return [
+        {"scene": name, **row, "predicted [%]": predicted.get(str(row["variant"]))}
+        for row in found.table
+    ]
+
+
+def collect_findings(
+    name: str, table_rows: list[dict], found: study.Simplification
+) -> list[harness.Finding]:
     """Return the change of the reduced scene, and the measured and predicted known parts."""
-    rows = {row["variant"]: row for row in found.table}
+    rows = {row["variant"]: row for row in table_rows}
     what = f"{name}: change by reduced.toml"
     findings = [harness.Finding(what, found.change, high=found.tolerance)]
     findings.append(harness.Finding(f"{name}: part of the seconds saved", found.saved))
@@ -59,13 +94,16 @@ def main() -> int:
     options = harness.parse_arguments(__doc__, needs=["matplotlib"])
     names = ("wind",) if options.quick else KNOWN
     done = {name: simplify_scene(name, options) for name in names}
+    rows = {name: add_predictions(name, found) for name, found in done.items()}
     return harness.write_report(
         options,
         "Simplification of three scenes",
-        [{"scene": name, **row} for name, found in done.items() for row in found.table],
+        list(chain.from_iterable(rows.values())),
         figures=[f"{name}/figure" for name in done],
-        findings=[one for name, found in done.items() for one in collect_findings(name, found)],
-        conclusion="\n\n".join(f"{name}: {found.verdict}" for name, found in done.items()),
+        findings=[
+            finding for name in names for finding in collect_findings(name, rows[name], done[name])
+        ],
+        conclusion="\n\n".join(describe_scene(name, found) for name, found in done.items()),
         results=RESULTS,
     )
 

@@ -30,7 +30,6 @@ class Outcome:
     saved: float = math.nan
     triangles: int | None = None
     steps: int | None = None
-    predicted: float | None = None  # the change by dimensionless numbers; None if they give none
 
     @property
     def is_ok(self) -> bool:

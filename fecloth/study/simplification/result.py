@@ -1,7 +1,7 @@
 """The result of `simplify`: what a scene does not need, in words, as a table and as a figure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,15 +29,11 @@ class Simplification(StudyResult):
     file: str = "reduced.toml"  # the name of its file; for a function reduced.txt, a list
     change: float = 0.0  # largest change of the reduced scene
     saved: float = 0.0  # part of the CPU seconds that it saves; 0 if nothing can be simpler
-    # Dimensionless numbers of the scene, from which the predictions are
-    numbers: Table = field(default_factory=lambda: Table(()))
-    # Sentences on the errors of the scene, and on the validity of the predictions
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # sentences on the errors of the scene
 
     def notes(self) -> list[str]:
-        """Sentences on the errors of the scene, the predictions and the numbers behind them."""
-        values = [f"{row['number']} {row['formula']} = {row['value']:.2g}" for row in self.numbers]
-        return [*self.remarks, *([f"Numbers: {'; '.join(values)}."] if values else [])]
+        """Sentences on the errors of the scene."""
+        return list(self.remarks)
 
     def report(self, folder: str | Path) -> Path:
         """Write the reduced scene, the page, results.csv and the figure; return the page's path."""
@@ -61,11 +57,6 @@ class Simplification(StudyResult):
         shown = [min(max(_number(row, "change [%]"), LEAST), MOST) for row in rows]
         colours = [SHADES.get(str(row["verdict"]), COLOURS[0]) for row in rows]
         ax.barh(at, np.array(shown) - LEAST, left=LEAST, color=colours)
-        known = [i for i, row in enumerate(rows) if "predicted [%]" in row]
-        if known:
-            predicted = [_number(rows[i], "predicted [%]") for i in known]
-            x = np.clip(predicted, LEAST, MOST)
-            ax.plot(x, known, "kD", ms=5, mfc="w", label="predicted")
         ax.axvline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         ax.set(xscale="log", xlim=(LEAST, MOST), ylim=(-0.6, len(rows) - 0.4))
         ax.set(xlabel="change of the quantities of interest [%]")
@@ -74,7 +65,7 @@ class Simplification(StudyResult):
         ax.grid(False, axis="y")
         for i, row in enumerate(rows):
             ax.text(1.02, i, _seconds(row), va="center", transform=ax.get_yaxis_transform())
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
         words = f"Blue can go at {in_percent(self.tolerance)}, orange is needed, grey are checks"
         drawing.suptitle(f"{self.title}\n{words} of the scene itself", fontsize=12)
         return drawing
@@ -106,9 +97,7 @@ def make_table(
 
 def _row(outcome: Outcome, verdict: str) -> dict:
     line: dict = {"variant": outcome.name, "verdict": verdict}
-    if outcome.predicted is not None:
-        line["predicted [%]"] = 100 * outcome.predicted
-    line |= {"change [%]": 100 * outcome.change if outcome.is_ok else None}
+    line["change [%]"] = 100 * outcome.change if outcome.is_ok else None
     line |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
     if outcome.is_ok:
         line |= {"seconds saved": outcome.whole - outcome.seconds, "saved [%]": 100 * outcome.saved}
@@ -178,26 +167,3 @@ def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[st
     if not has_h:
         lines.append("Whether the mesh is resolved is not known: the scene has no cloth.h.")
     return lines
-
-
-def describe_predictions(findings: Findings, limits: Sequence[str]) -> str:
-    """Return how far the predictions hold: by their assumptions, and against what was measured."""
-    known = [
-        (outcome, outcome.predicted)
-        for _, outcome in findings.trials
-        if outcome.is_ok and outcome.predicted is not None
-    ]
-    if not known:
-        return f"No predictions: {'; '.join(limits) or 'no variant has a formula'}."
-    tolerance = findings.tolerance
-    wrong = [
-        f"{outcome.name} (predicted {in_percent(size)}, measured {in_percent(outcome.change)})"
-        for outcome, size in known
-        if (size > tolerance) != (outcome.change > tolerance)
-    ]
-    holds = f". Beware: {'; '.join(limits)}" if limits else ", as here"
-    return (
-        "The predictions are orders of magnitude, for a cloth that starts flat and at rest under "
-        f"steady loads{holds}. Against the runs, {len(known) - len(wrong)} of {len(known)} lie on "
-        f"the right side of the tolerance{'; not so ' if wrong else ''}{', '.join(wrong)}."
-    )

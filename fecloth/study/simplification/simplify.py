@@ -16,11 +16,9 @@ from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
-from fecloth.study.result import Table, read_tolerance
+from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.simplification import result
-from fecloth.study.simplification.numbers import Numbers
-from fecloth.study.simplification.numbers import table as table_of_numbers
 from fecloth.study.simplification.outcome import (
     LOST,
     NOISE,
@@ -29,7 +27,6 @@ from fecloth.study.simplification.outcome import (
     Trial,
     find_resolutions,
 )
-from fecloth.study.simplification.predictions import find_limits, predict_change
 from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.workload import Workload, check_size
@@ -56,7 +53,7 @@ def simplify(
     ----------
     problem
         As for `of`. The terms of a function's system, its h and its dt are varied, not its
-        method; there are no predictions for a function.
+        method.
     tolerance
         Largest relative change of each quantity, as 0.01 or "1%".
     quantity
@@ -86,14 +83,13 @@ def simplify(
     at_once = 1 if runs.scheduler else runs.jobs
     check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
     opened = original.problem  # with the quantities in its [interest]
-    numbers = Numbers.of(opened.scene) if isinstance(opened, SceneProblem) else None
-    checks = run_variants(original, [variant for variant in tried if variant.is_check], numbers)
+    checks = run_variants(original, [variant for variant in tried if variant.is_check])
     resolutions = find_resolutions(checks, _sizes_now(opened.tables), _orders(original), chosen)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
     others = [variant for variant in tried if not variant.is_check]
-    trials = checks + run_variants(original, others, numbers)
-    return summarise(original, Findings(trials, chosen, resolutions), numbers, folder)
+    trials = checks + run_variants(original, others)
+    return summarise(original, Findings(trials, chosen, resolutions), folder)
 
 
 def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
@@ -135,16 +131,10 @@ def _orders(original: Original) -> dict[str, dict[str, float]]:
     }
 
 
-def run_variants(
-    original: Original, tried: Sequence[Variant], numbers: Numbers | None
-) -> list[Trial]:
-    """Run each variant alone; return it with what its run gave and its prediction."""
+def run_variants(original: Original, tried: Sequence[Variant]) -> list[Trial]:
+    """Run each variant alone; return it with what its run gave."""
     outcomes = original.run([(v.name, changes_of([v]), v.patience) for v in tried])
-    predicted = [predict_change(variant, numbers) if numbers else None for variant in tried]
-    return [
-        (variant, replace(outcome, predicted=change))
-        for variant, outcome, change in zip(tried, outcomes, predicted, strict=True)
-    ]
+    return list(zip(tried, outcomes, strict=True))
 
 
 def combine_variants(
@@ -171,7 +161,7 @@ def combine_variants(
 
 
 def summarise(
-    original: Original, findings: Findings, numbers: Numbers | None, folder: str | Path | None
+    original: Original, findings: Findings, folder: str | Path | None
 ) -> result.Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
     change, attempts = combine_variants(original, findings.candidates())
@@ -182,8 +172,6 @@ def summarise(
     if folder is not None:
         replace_file(Path(folder) / file, text.encode())
     name = "the reduced scene" if folder is None else file
-    limits = find_limits(numbers) if numbers else ["they need a scene"]
-    has_h = "h" in tables["cloth"]
     return result.Simplification(
         title=original.problem.name,
         warnings=original.problem.warnings,
@@ -197,9 +185,5 @@ def summarise(
         file=file,
         change=final.change if final else 0.0,
         saved=final.saved if final else 0.0,
-        numbers=Table(tuple(table_of_numbers(numbers)) if numbers else ()),
-        remarks=(
-            *result.describe_resolved(findings.resolutions, has_h),
-            result.describe_predictions(findings, limits),
-        ),
+        remarks=tuple(result.describe_resolved(findings.resolutions, "h" in tables["cloth"])),
     )

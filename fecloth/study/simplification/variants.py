@@ -26,8 +26,8 @@ class Variant:
     """A change of a scene, and what it is."""
 
     name: str  # name in the tables
-    # Input of the prediction: the kind of change, and its factor or the type of its term: of the
-    # term that is left out, or that stands in the place of another.
+    # The kind of change, and its factor or the type of its term: of the term that is left out, or
+    # that stands in the place of another.
     kind: str
     by: Any
     # Part of the scene that changes; the reduced scene has at most one change of each part.

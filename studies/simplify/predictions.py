@@ -7,9 +7,9 @@ import numpy as np
 from fecloth.errors import FeclothError
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.error_control import Adaptive
-from fecloth.study.simplification.numbers import Numbers
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.terms import TRAITS, QuadraticBending
+from studies.simplify.numbers import Numbers
 
 FLAT = 1e-9  # of the size of a cloth: what is out of the plane by round-off
 
