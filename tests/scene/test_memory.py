@@ -72,14 +72,14 @@ def compiled(tmp_path_factory):
         *(
             pytest.param(kind, element, bending, triangles, pattern, marks=SLOW)
             for kind, element, bending, triangles, pattern in [
-                ("explicit", "P1", BENDING, 100_000, "right"),
+                ("explicit", "P1", BENDING, 40_000, "right"),
                 ("explicit", "P2", PLATE, 10_000, "right"),
-                ("pcg", "P1", BENDING, 100_000, "right"),
-                ("pcg", "P1", "", 40_000, "cross"),
-                ("pcg", "P2", "", 20_000, "right"),
+                ("pcg", "P1", BENDING, 40_000, "right"),
+                ("pcg", "P1", "", 20_000, "cross"),
+                ("pcg", "P2", "", 10_000, "right"),
                 ("direct", "P1", BENDING, 2_000, "right"),
                 ("direct", "P1", BENDING, 40_000, "right"),
-                ("direct", "P2", "", 20_000, "right"),
+                ("direct", "P2", "", 10_000, "right"),
             ]
         ),
     ],
