@@ -96,11 +96,10 @@ def _displacements(X, number):
 def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) -> np.ndarray:
     """(3, 3) bending stiffness D [N m] of an infinite pattern: ½ kᵀ D k per area.
 
-    k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection. The energy is that
-    of `HingeBending`, to second order about the flat state, per area of a cell. D is the minimum
-    over the periodic deflection. D does not depend on the size of the cell. Therefore refinement
-    does not make the model converge to the plate energy B (κ11² + κ22² + …). Raises `InputError`
-    for an unknown pattern.
+    k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection, over which D is the
+    minimum of the energy of `HingeBending`, to second order about the flat state, per area of a
+    cell. D does not depend on the size of the cell: refinement does not make the model converge to
+    the plate energy B (κ11² + κ22² + …). Raises `InputError` for an unknown pattern.
 
     Parameters
     ----------
@@ -129,20 +128,19 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
 def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, float] = 1.0) -> float:
     """Effective rigidity B_eff [N m] of a strip along X with two free edges.
 
-    B_eff is the moment per width and curvature in pure bending. It is computed as in
-    `bending_tensor`, but as the minimum over all deflections that are periodic along X, and over
-    the twist. For many cells it tends to 1/(D⁻¹)₁₁. The relative difference is about 1/`across`,
-    because the edges have no hinges. Raises `InputError` for an unknown pattern, or `across` less
-    than 1.
+    B_eff is the moment per width and curvature in pure bending, as in `bending_tensor`, but the
+    minimum over all deflections that are periodic along X, and over the twist. For many cells it
+    tends to 1/(D⁻¹)₁₁, with a relative difference of about 1/`across`, because the edges have no
+    hinges. Raises `InputError` for an unknown pattern, or `across` less than 1.
 
     Parameters
     ----------
     pattern
-        "right", "cross" or "equilateral", as `Cloth.rectangle` takes it.
+        As for `bending_tensor`.
     across
         Width of the strip in cells, at least 1.
     rigidity
-        B [N m], one number or (warp, weft) with the warp along X.
+        As for `bending_tensor`.
     """
     if across < 1:
         raise InputError(f"across = {across!r}", "must be at least 1", "strip_rigidity")

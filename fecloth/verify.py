@@ -32,10 +32,7 @@ class Sweep:
 
     @property
     def slope(self) -> float:
-        """Slope in log–log over the steps before round-off dominates; 2 for a correct derivative.
-
-        It is NaN if the difference is exact at the largest step, that is for a linear quantity.
-        """
+        """Slope in log–log before round-off dominates, 2 if correct; NaN for a linear quantity."""
         before = max(int(np.argmin(self.errors)), 1)
         if self.errors[0] < EXACT_ERROR or before < 3:
             return float("nan")

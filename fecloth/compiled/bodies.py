@@ -1,9 +1,7 @@
 """Insertion of functions into a template at the level of source: their bodies in place of calls.
 
-`jit.insert` leaves calls to compiled functions, which Numba and LLVM inline as they see fit. With
-arrays for work space, or as a part of a large loop, they do not always: the tangent of quadratic
-triangles took 1.2 times as long so, the one of linear triangles 1.3 times. With bodies the code is
-what it would be if it were written out for each case.
+`jit.insert` leaves calls to compiled functions, which Numba and LLVM do not always inline where
+they have arrays for work space, or are part of a large loop. With bodies they need not decide.
 """
 
 import ast

@@ -37,10 +37,7 @@ OPTIONS["no_cfunc_wrapper"] = True  # no C code calls them
 
 
 class _RareCollection(event.Listener):
-    """Lets Python look for cyclic garbage seldom while Numba compiles: it took a fifth of the time.
-
-    Numba compiles one function at a time, with the functions that it calls.
-    """
+    """Lets Python look for cyclic garbage seldom while Numba compiles."""
 
     depth = 0
     usual = gc.get_threshold()

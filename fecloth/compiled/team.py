@@ -65,11 +65,11 @@ class ThreadChoice:
     """Whether a loop runs on one thread or on all (``threads="auto"``), by a calibration.
 
     On an idle machine two threads halve the time of a long loop; on a busy one they wait for each
-    other, and a loop of 2,000 triangles took 20 to 500 times as long. So a few calls of each are
-    timed in turn, after one of each that sets up the loop. The smaller median decides: one call
-    that was interrupted changes nothing. Then one thread takes over when the calls on all threads
-    have lost more than two calls, or `BUDGET` of a `REST`, and what they had gained, up to
-    `CREDIT`. The loop is calibrated again when what was lost is `BUDGET` of the time since.
+    other, many times as long. So a few calls of each are timed in turn, after one of each that sets
+    up the loop. The smaller median decides: one call that was interrupted changes nothing. Then one
+    thread takes over when the calls on all threads have lost more than two calls, or `BUDGET` of a
+    `REST`, and what they had gained, up to `CREDIT`. The loop is calibrated again when what was
+    lost is `BUDGET` of the time since.
     """
 
     # The mode between calibrations, and the seconds of all calls in each mode.

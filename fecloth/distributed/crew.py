@@ -108,10 +108,7 @@ def _as_here(name: str) -> Any:
 
 
 class RemoteTerm(BoundTerm):
-    """A bound term of the whole cloth; each process has it bound to a part.
-
-    `key` names the term on the processes; `local` is the term bound to the part of this process.
-    """
+    """A bound term of the whole cloth, `key` on the processes; each has its part, here `local`."""
 
     def __init__(self, crew: Crew, key: Any, local: BoundTerm):
         self.crew, self.key, self.local = crew, key, local

@@ -2,9 +2,8 @@
 
 Options: conjugate gradients (BiCGStab where the matrix is not symmetric) on the residual itself.
 Smoothed aggregation (GAMG) takes the rigid motions of the present shape as its near null space. Its
-smoother is a symmetric Gauss-Seidel sweep on the rows of each process: where the cloth is
-compressed here and there, Jacobi's with Chebyshev's polynomial takes up to twenty times the
-iterations. It keeps its interpolation when the matrix changes.
+smoother is a symmetric Gauss-Seidel sweep on the rows of each process: Jacobi's with Chebyshev's
+polynomial takes many more iterations on compressed cloth. It keeps its interpolation.
 """
 
 import time

@@ -59,9 +59,7 @@ ABILITIES = {
 class Worker:
     """The part of a process: its system, its rows of the matrix, and its share of the solver.
 
-    Positions and velocities of a part hold its ghosts too; forces and other results belong to
-    the nodes or triangles that it owns. `key` names a bound term: its number in the system, or
-    what `over_step` was given.
+    Positions and velocities hold ghosts too; results only what it owns. `key` names a bound term.
     """
 
     def __init__(self, description: PartDescription):

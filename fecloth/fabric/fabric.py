@@ -176,8 +176,7 @@ class Fabric:
         S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed. (1980).
 
         No test of KES-F twists the cloth, and none measures how it bends across: the rigidity of
-        twist follows from B45, or is Huber's estimate without it, and ν_b is 0. The fields of shear
-        (G, 2HG, 2HG5) belong to the plane and say nothing of either.
+        twist follows from B45, or is Huber's estimate without it, and ν_b is 0.
 
         Examples
         --------
@@ -225,8 +224,7 @@ class Fabric:
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
         SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994).
 
-        The rigidity of twist is as in `from_kes`, with C45 in place of B45. EB5, the extension on
-        the bias, belongs to shear in the plane and tells nothing of it.
+        The rigidity of twist is as in `from_kes`, with C45 in place of B45.
 
         Examples
         --------

@@ -6,12 +6,11 @@ Sources:
   Society of Japan (1980): extension up to 500 gf/cm and its energy, pure bending, shear.
 - A. De Boos and D. Tester, SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994):
   extension under 5, 20 and 100 gf/cm, bending length as in British Standard 3356 (1961), bias
-  extension under 5 gf/cm. The report is not free. It was read in the transcript at
-  github.com/FabriceSalvaire/Patro, Patro/TextileTechnology/data/SiroFast.yaml.
+  extension under 5 gf/cm. Read in the transcript at github.com/FabriceSalvaire/Patro,
+  Patro/TextileTechnology/data/SiroFast.yaml.
 - S. Kuijpers, C. Luible-Bär and H. Gong, The Measurement of Fabric Properties for Virtual
   Simulation, IEEE SA Industry Connections (2020): tables of the fields and units of both
-  instruments, and G = 123/EB5. It is free to read. It warns that the results of different
-  instruments do not agree.
+  instruments, and G = 123/EB5.
 - D. Cooper, The Stiffness of Woven Textiles, Journal of the Textile Institute 51 (1960), T317:
   the bending stiffness along warp, weft and one other direction describes most fabrics.
 """

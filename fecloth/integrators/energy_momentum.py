@@ -30,38 +30,23 @@ class EnergyMomentum(StageMethod):
     hinges have the correction of Gonzalez in each element (`membrane_discrete_gradient` and
     `condition_discrete_gradient` in `fecloth.terms.loops`). `PlateBending`, `Gas`, a `Condition`
     and terms of your own have it once for the whole cloth (`fecloth.terms.discrete_gradient`).
-    Gravity, quadratic bending, tethers, loads and damping act at the mean position, velocity and
-    time.
+    All others act at the mean position, velocity and time.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum where no load is fixed in space, to the Newton tolerance, at any
-    step and on nonlinear problems:
-    where the midpoint rule gains energy this method cannot. What a step does not resolve is
-    wrong nevertheless, in phase and shape, and is not damped away; Newton can fail to converge.
-
-    Where a step does not resolve how the cloth crumples it is the wrong choice. CPU time over that
-    of `BackwardEuler` (in brackets: iterations a step of both), for a sheet of 1 m × 1 m and 1,000
-    triangles that hangs down from two corners for 1 s, `hanging` in studies/newton_catalogue, both
-    solved to a residual of 1e-6:
-
-        dt         knit (interlock)    denim (denim-wang)    cotton, Y = 3000 N/m
-        1/240 s    2 (3.5, 2.3)        2 (4.8, 3.1)          2 (6.6, 3.9)
-        1/60 s     2.5 (10, 4.4)       3 (18, 5.9)           7 (45, 8.9)
-        1/30 s     2 (30, 7.9)         4 (48, 10)            fails
+    step. What a step does not resolve is wrong nevertheless, in phase and shape, and is not damped
+    away: where a cloth crumples at long steps, Newton takes 2 to 7 times the CPU time of
+    `BackwardEuler`, or fails (`hanging` in studies/newton_catalogue).
 
     Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43; Gonzalez (1996),
     Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6.
 
-    The exact tangent takes a general factorisation. The symmetric one has every derivative at the
-    mean position; it does not converge where a step turns the cloth by half a radian. On the sheets
-    above "exact" takes 2 to 4 times the time of "auto".
-
     Parameters
     ----------
     tangent
-        "exact": not symmetric, needs a direct solver. "symmetric": for any solver, but not for
-        steps that turn the cloth by half a radian. "auto": symmetric, and exact in a step that does
-        not converge in 120 iterations.
+        "exact": not symmetric, needs a direct solver. "symmetric", all derivatives at the mean
+        position: for any solver, but not for steps that turn the cloth by half a radian. "auto":
+        symmetric, and exact in a step that does not converge in 120 iterations.
     """
 
     tangent: str = "auto"

@@ -63,10 +63,7 @@ class ExplicitOpening(NamedTuple):
 
 
 class Explicit:
-    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends.
-
-    A subclass has `open` and `close`: what they do together is a step.
-    """
+    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
     constants: MethodTraits
     forces_at: float
@@ -127,9 +124,8 @@ class ForwardEuler(Explicit):
     """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₀.
 
     First order. Stable for ω dt ≤ 2ζ where ζ < 1, 2/(ζ + √(ζ² − 1)) above, so for no dt without
-    damping: a mode grows by √(1 + ω²dt²) a step, the fastest ones most. A taut sheet has
-    transverse modes that strain-rate damping leaves undamped. Keeps linear momentum, not angular,
-    and gains energy; here to show why others are used.
+    damping: a mode grows by √(1 + ω²dt²) a step. Keeps linear momentum, not angular, and gains
+    energy; here to show why others are used.
     Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
 
     Parameters

@@ -112,11 +112,7 @@ class LinearlyImplicitEuler:
         memory: np.ndarray | None = None,
         history: History | None = None,
     ) -> Step:
-        """One step from `state` over `dt` [s]; the linear system is solved to Newton's tolerance.
-
-        The exact tangent is used unless it is found to be indefinite and the options allow the
-        clamped one.
-        """
+        """One step over `dt` [s], with the clamped tangent if the exact one is indefinite."""
         opening = self.open(system, state, dt, memory, history)
         definite = solver.options.definiteness == "clamp"
         try:

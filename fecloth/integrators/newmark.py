@@ -218,8 +218,7 @@ class GeneralizedAlpha(AccelerationMethod):
     Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode keeps ρ∞
     of its amplitude a step as ω dt → ∞; with ρ∞ = ½ it loses 1e-2 at ω dt = 1 and 1.4e-4 at 0.3,
     with ρ∞ = 1 nothing at any. Keeps linear momentum, not angular, nor energy: on nonlinear
-    problems it can grow at steps that do not resolve the fast modes (it did on a sheet that swings
-    down, dt = 10 ms, far more for ρ∞ = 0.8 than for ½), where BDF2 and backward Euler lose it.
+    problems it can grow at steps that do not resolve the fast modes, the more the larger ρ∞ is.
     Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
     Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60.
 

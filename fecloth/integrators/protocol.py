@@ -174,10 +174,7 @@ class Integrator(Protocol):
         """
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself dissipated in a step from `old`; negative for a gain.
-
-        `run` sums it in the column "numerical" of the energy ledger.
-        """
+        """Energy [J] that the method itself dissipated in a step from `old`; below 0 for a gain."""
 
 
 class ExplicitIntegrator(Integrator, Protocol):

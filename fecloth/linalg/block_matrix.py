@@ -27,10 +27,7 @@ class BlockPattern:
 
     @classmethod
     def union(cls, n: int, stencils: Sequence[np.ndarray]) -> "BlockPattern":
-        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k).
-
-        It is the pattern of EᵀE, where row e of E is 1 at the nodes of row e of the stencils.
-        """
+        """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
         rows = [np.arange(n, dtype=np.int32)[:, None], *_unique_objects(stencils)]
         nodes = np.concatenate([stencil.ravel() for stencil in rows]).astype(np.int32, copy=False)
         widths = [np.full(len(stencil), stencil.shape[1]) for stencil in rows]

@@ -1,9 +1,8 @@
 """Gauss–Seidel sweeps over the blocks of a `BlockMatrix`, one colour of nodes after the other.
 
 Nodes of one colour are not coupled, so that the result does not depend on their order, nor on the
-threads among which they may be shared. Vectors and matrix are stored in the order of the sweep.
-With the mesh's order each colour would read most of the memory of all nodes: a sweep over 100,000
-nodes took four times as long.
+threads among which they may be shared. Vectors and matrix are stored in the order of the sweep:
+with the mesh's order each colour would read most of the memory of all nodes.
 
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, sections 4.1.1 (block
 relaxation) and 12.4.3 (multicolouring).

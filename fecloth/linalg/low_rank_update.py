@@ -15,8 +15,7 @@ Updates = list[tuple[float, np.ndarray]]
 class LowRankUpdate:
     """What turns A⁻¹ b into (A + Σ c u uᵀ)⁻¹ b, for any b.
 
-    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U,
-    x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
+    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U, x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
     Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
     """
 

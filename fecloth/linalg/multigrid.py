@@ -5,12 +5,10 @@ A cycle sweeps forward over the nodes of a level, corrects by the next level, an
     M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
 
 with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle), since
-these cost a tenth of the sweeps and save a third of the iterations; of small levels it is one.
-M⁻¹ is symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
-of eigenvalues, and it remains true if the coarse levels belong to another matrix. (Chebyshev
-smoothing needs a bound: with 1.1 times the estimate of 15 power iterations the cycle of a sheet of
-8,000 triangles was indefinite, and with Gershgorin's bound it took half as many iterations again.)
-C is definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong
+these cost little and save a third of the iterations; of small levels it is one. M⁻¹ is symmetric
+for every symmetric A, and positive definite where C and D are. This needs no bound of eigenvalues,
+as Chebyshev smoothing does, and it remains true if the coarse levels belong to another matrix. C is
+definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong
 together.
 
 All threads call the functions of a cycle. The nodes of a colour, the rows and the aggregates are

@@ -12,9 +12,8 @@ average, and the other one continues at once. If the step size changes by more t
 all begins anew. Where the pattern of the matrices changes, as with contact, what its analysis costs
 is added, in proportion to how often it changed lately.
 
-Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit. The
-constants were measured on one thread, with and without hinges, on 300 to 51,000 nodes; they hold
-within 30 %. `studies.benchmarks.auto_solver` compares whole runs with the best solver's.
+Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit.
+`studies.benchmarks.auto_solver` compares whole runs with the best solver's.
 """
 
 import math
@@ -44,10 +43,7 @@ PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at 
 
 
 class AutoSolver:
-    """`PCG`, `Multigrid` or a direct solver for a symmetric matrix; `name` is the current one's.
-
-    `direct` creates the direct solver; it is called at the first use, as it may load the MKL.
-    """
+    """`PCG`, `Multigrid` or what `direct` makes, for a symmetric matrix; `name` says which."""
 
     symmetric = keeps_state = True
     _A: BlockMatrix | None

@@ -273,8 +273,7 @@ class Cloth:
     def stencil(self) -> np.ndarray:
         """(m, k) int32 nodes of each triangle in scikit-fem's order.
 
-        The corners come first, in ascending order and not in the order of the orientation. The
-        midpoints of the edges 01, 12 and 02 follow.
+        The corners ascend, whatever the orientation; the midpoints of edges 01, 12, 02 follow.
         """
         return self._kernel_arrays[0]
 
@@ -295,11 +294,7 @@ class Cloth:
 
     @property
     def shape(self) -> tuple[tuple, tuple]:
-        """A tuple of k zeros and one of q zeros.
-
-        The kernels take the numbers of nodes and quadrature points from the lengths of these
-        tuples, which are constants at compile time.
-        """
+        """A tuple of k zeros and one of q zeros: kernels know their lengths at compile time."""
         _, q, k, _ = self.gradients.shape
         return (0,) * k, (0,) * q
 

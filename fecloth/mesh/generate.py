@@ -27,11 +27,9 @@ def rectangle(
     """Mesh the rectangle [0, width] × [0, height].
 
     The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
-    cells. In the pattern "equilateral" the rows have a height near h √3/2 that divides the height
-    of the rectangle. Every second row is shifted by half an edge. The left and right borders are
-    straight and have half triangles. The edge length along x divides the width and is as near as
-    possible to the edge length of an equilateral triangle. Thus the angles are exactly 60° only if
-    the sides fit.
+    cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
+    length near that of equilateral triangles, so that both divide the sides: the angles are 60°
+    only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
 
     `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
     ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.

@@ -56,13 +56,12 @@ def read(
 
     Notes
     -----
-    All triangles of the file belong to the cloth, also triangles in no physical surface. Nodes that
-    are used by no triangle are removed if they only define the geometry. In ``.geo`` and ``.msh``
-    files these are all such nodes (centres of circles, construction curves). In other files these
-    are the nodes of vertex and line cells. A set that contains a removed node is an error. Nodes at
-    exactly the same position are merged in ``.stl`` files only, because this format has no shared
-    nodes. In ``.msh`` 2.2 a triangle occurs several times if its surface is in several groups; it
-    is read once.
+    All triangles of the file belong to the cloth, in a physical surface or not. Nodes of no
+    triangle are removed if they only define the geometry: in ``.geo`` and ``.msh`` files all of
+    them (centres of circles, construction curves), in others the nodes of vertex and line cells. A
+    set that contains a removed node is an error. Nodes at exactly the same position are merged in
+    ``.stl`` files only, because this format has no shared nodes. A triangle of several groups, as
+    in ``.msh`` 2.2, is read once.
     """
     path = Path(path)
     if not path.is_file():

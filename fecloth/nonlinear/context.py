@@ -17,8 +17,7 @@ from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.error_left import StepError
 from fecloth.nonlinear.options import Newton
 
-# A tangent and its factor in solves and residuals with it, one thread, meshes of 300, 1,200, 4,300
-# and 16,000 nodes: PARDISO 3.6, 5.6, 7.1, 7.6, SuperLU 18, 26, 30. (PCG has no factor to keep.)
+# A tangent and its factor in solves and residuals with it, one thread. (PCG has no factor to keep.)
 PRICES = {"pardiso": 5.0, "superlu": 20.0}
 LONGEST_WAIT = 64
 

@@ -157,22 +157,14 @@ def solve(
 ) -> tuple[np.ndarray, Counts]:
     """Return the unknown q (n, 3) of a stage, and the `Counts`.
 
-    It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    or where the forces there are not finite. With contact both begin where `find_guess` leads. With
+    It starts from the `guess`, or from zero where the potential is less there, without a guess, or
+    where the forces there are not finite. With contact both begin where `find_guess` leads. With
     `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in time of
-    the step; without it, by the residual.
-    If the solver holds a factor for the same weights, its direction is tried first. The full step
-    is taken if the residual falls; otherwise a new factor is computed. `iteration.iterate` says
-    how the length of a step is chosen, and what happens where the matrix is not definite. The norm
-    of the residual alone would not do to choose the length: a cloth that turns stretches in
-    proportion to the angle squared, and as it is so much stiffer in its plane than across, good
-    steps increase the residual.
-
-    Notes
-    -----
-    Where a step does not resolve the motion, the acceleration of the last step is a poor guess:
-    its waves have turned since. On sheets of stiff cotton that crumple, generalised-α took half of
-    the iterations from the better one of both.
+    the step; without it, by the residual. If the solver holds a factor for the same weights, its
+    direction is tried first. The full step is taken if the residual falls; otherwise a new factor
+    is computed. `iteration.iterate` says how the length of a step is chosen, and what happens where
+    the matrix is not definite. The norm of the residual alone would not do to choose the length:
+    good steps that turn a cloth stretch it a little, and so increase the residual.
     """
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)

@@ -50,10 +50,7 @@ def warn_of_round_off(steps: int) -> str:
 def describe_newton_error(
     steps: int, estimated: int, newton_error: float, step_error: float
 ) -> str:
-    """Return a sentence about the steps that ended by `ErrorLeft`; "" for none.
-
-    `newton_error` and `step_error` are the sums over these.
-    """
+    """Return a sentence about steps that ended by `ErrorLeft`, from sums of errors; "" for none."""
     if not estimated:
         return ""
     percent = f"{100 * newton_error / step_error:.2g} %"

@@ -21,10 +21,7 @@ LIST = "obstacles.pvd"
 
 
 class Obstacles(NamedTuple):
-    """Points (p, 3) [m] and triangles (q, 3) of all obstacles at one time.
-
-    There are none where the surface of a formula is farther away than it is drawn.
-    """
+    """Points (p, 3) [m] and triangles (q, 3) of all obstacles at one time, as far as drawn."""
 
     points: np.ndarray
     triangles: np.ndarray

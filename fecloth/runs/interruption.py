@@ -23,8 +23,7 @@ def set_handler(handler: Callable | signal.Handlers) -> dict[int, Callable | int
 class Interrupted(KeyboardInterrupt):
     """A signal that stops at once.
 
-    If a plain KeyboardInterrupt leaves code that is run from a text, as dataclasses do, Python ends
-    the process by SIGINT at its exit, even if it was caught since.
+    After a plain KeyboardInterrupt in code run from a text Python ends by SIGINT at its exit.
     """
 
 

@@ -116,8 +116,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     A constant for the program, and bytes in proportion to the n nodes, to the entries of the
     gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
     of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to peaks of
-    2,000 to 250,000 triangles, P1 with and without hinges, and P2 to 40,000.
+    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
     """
     n = len(system.cloth.X)
     blocks = 0 if solver == "explicit" else len(system.pattern.indices)

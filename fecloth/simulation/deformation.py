@@ -89,10 +89,9 @@ class Deformation(Account):
     def available(self, ledger: Ledger) -> float:
         """Return an upper bound of the `kinetic` energy that the cloth can have received [J].
 
-        What it had at the start, the decrease of the terms' energies since, the inflow with 5 %
-        of its parts for their own error, and `kinetic` after the first step, in which forward
-        Euler is ahead of the work. Unlimited with a term that reports neither an energy nor its
-        work.
+        What it had at the start, the decrease of the terms' energies since, the inflow with 5 % of
+        its parts for their own error, and `kinetic` after the first step, in which forward Euler is
+        ahead of the work. Unlimited with a term that reports neither an energy nor its work.
         """
         if ledger.silent:
             return math.inf

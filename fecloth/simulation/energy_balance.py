@@ -122,10 +122,9 @@ class Balance(Account):
     def trusted(self, system: System, ledger: Ledger) -> float:
         """Largest remainder that causes no warning [J].
 
-        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or what round-off
-        and Newton's tolerance leave if that is more.
-        With a term that reports neither an energy nor its work nothing is known, and it is
-        infinite.
+        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or what round-off and
+        Newton's tolerance leave if that is more. With a term that reports neither an energy nor its
+        work nothing is known, and it is infinite.
         """
         if ledger.silent or ledger.t <= self.start:
             return math.inf

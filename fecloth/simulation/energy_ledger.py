@@ -87,11 +87,7 @@ class Ledger(Account):
     def after(
         self, system: System, method, old: State, step, flows: Flows | None = None
     ) -> "Ledger":
-        """Return the ledger after `step`, taken by `method` from the state `old`.
-
-        `flows` are the flows since this ledger, where they are known; otherwise the flows of the
-        step.
-        """
+        """Return the ledger after `step` by `method` from `old`; `flows` since then, if known."""
         energies = system.with_history(step.history).energies(step.state)
         kinetic = energies.pop("kinetic")
         flows = flows or self._flows(system, method, old, step)

@@ -72,22 +72,20 @@ def equilibrium(
     Each iteration solves (K + σ M) s = f with the tangent K = −∂f/∂x of all terms. σ is zero where
     K is positive definite and its step is an improvement: near the solution the convergence is
     quadratic. Elsewhere each term's tangent is made positive semi-definite, and σ grows until the
-    step is an improvement (after Nocedal and Wright 2006, Numerical Optimization, algorithm 3.3,
-    who add σ alone): a flat cloth without stress has no stiffness across, and σ M stands in for
-    it. With the exact K + σ M a sheet squeezed by a fifth took twice the iterations. The first σ
-    moves the cloth by about a tenth of its extent under its load. Of s, s/2, s/4, … the longest is
-    taken that halves the residual, or reduces the potential sufficiently (their eq. 3.6a), or,
-    where a force has no potential, at whose end the residual does not push back hard (after
-    Matthies and Strang 1979); it is doubled while the potential is concave along it. Where it is
-    shorter than s, up to twelve whole steps in a row are tried, and taken if the potential is then
-    lower (the watchdog technique, Chamberlain et al. 1982): a sheet that is stiff in its plane
+    step is an improvement (after Nocedal and Wright 2006, Numerical Optimization, algorithm 3.3): a
+    flat cloth without stress has no stiffness across, and σ M stands in for it. Of s, s/2, s/4, …
+    the longest is taken that halves the residual, or reduces the potential sufficiently (their eq.
+    3.6a), or, where a force has no potential, at whose end the residual does not push back hard
+    (after Matthies and Strang 1979); it is doubled while the potential is concave along it. Where
+    it is shorter than s, up to twelve whole steps in a row are tried, and taken if the potential is
+    then lower (the watchdog technique, Chamberlain et al. 1982): a sheet that is stiff in its plane
     stretches where a step turns it, and the next steps take that back. After three whole steps in a
-    row that left more than half of the residual, conjugate gradients with the exact K follow,
-    preconditioned by the definite K + σ M; a direction without positive curvature ends them and is
-    taken (truncated Newton, algorithm 7.1 there): a wrinkled sheet took 326 iterations without
-    them and 23 with them. No node moves by more than the extent of the cloth in one iteration.
+    row that left more than half of the residual, as in a wrinkled sheet, conjugate gradients with
+    the exact K follow, preconditioned by K + σ M; a direction without positive curvature ends them
+    and is taken (truncated Newton, algorithm 7.1 there). No node moves by more than the extent of
+    the cloth in one iteration.
 
-    A compressed cloth has many equilibria, and which one is found depends on the start; a flat
+    A compressed cloth has many equilibria, and the start decides which one is found; a flat
     start without any load across stays flat. If the last `Iteration` had a shift, the tangent is
     not positive definite near the solution: it may be unstable, or not the only one around.
 
@@ -106,8 +104,7 @@ def equilibrium(
         down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
         1/n. With friction the result depends on this path, and `reason` says so: in each
         increment friction acts against the way along the surface since the solution before. Load
-        steps serve loads that turn the cloth far, and give the states between: a strip that a
-        follower pressure turned by 237° took 205 iterations at once and 246 in ten steps.
+        steps serve loads that turn the cloth far, and give the states between.
     tolerance
         A number: on ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same
         positions; the forces on what the pins hold are the reactions. "auto": the iteration ends

@@ -34,10 +34,7 @@ LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all fin
 @remembered
 @dataclass(frozen=True)
 class Wanted:
-    """The next step that a loop over `march` needs, given by ``send``.
-
-    It is the step that reaches its number or its time, whichever comes first.
-    """
+    """The next step that a loop over `march` needs, by number or time, whichever comes first."""
 
     step: int
     t: float = math.inf  # [s]

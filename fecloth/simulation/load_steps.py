@@ -110,10 +110,7 @@ class LoadSteps:
         memory: LoadRate | None = None,
         history: History | None = None,
     ) -> Step:
-        """Find the equilibrium under the part `state.t` + `horizon` of the loads.
-
-        Raises `NewtonFailed` if there is none that the search reaches, also in smaller increments.
-        """
+        """Find the equilibrium under `state.t` + `horizon` of the loads, or `NewtonFailed`."""
         still = np.zeros_like(state.x)
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon
         rate: Any = memory.rate if memory else 0.0

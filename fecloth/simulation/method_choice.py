@@ -50,10 +50,8 @@ class Auto(ChosenSteps):
     Both take their first steps at the tolerance; the cost of the run is the cost of a step over its
     length. An explicit step is never longer than stability allows, an implicit one costs as much
     as some tens of explicit ones; so the stiff, the finely meshed, the damped and the slow go to
-    the implicit method, and what moves with its own waves to the explicit one. Of the implicit
-    methods generalised-α was the fastest, or within a sixth of it, at equal tolerance on six
-    scenes (studies/benchmarks/method_choice.py); the midpoint rule needs as few steps on damped
-    ones, but creeps where stiff modes ring on undamped.
+    the implicit method, and what moves with its own waves to the explicit one
+    (studies/benchmarks/method_choice.py).
 
     With contact it is `Adaptive` around `BDF2`, without a trial.
 

@@ -52,11 +52,7 @@ def resolve(
     newton: Newton | None = None,
     record: Callable = lambda *step: None,
 ) -> tuple[protocol.StepChoice, SolverContext, str]:
-    """Return the choice of steps, their solver, and in words why these.
-
-    `Auto` is replaced by its choice; `record(method, old, step)` is the work after each step,
-    which counts in that choice.
-    """
+    """Return the choice of steps, also `Auto`'s by `record`, their solver, and in words why."""
     if isinstance(solver, SolverContext):
         if isinstance(steps, Auto):
             allowed = 'must be a name such as "auto" with Auto(), whose methods need one each'

@@ -113,10 +113,7 @@ class Shapes(Account):
 
 
 def find_wrinkles(system: System, state: State, moved: float) -> str:
-    """Return `wrinkle_warning` for a state; "" without a membrane that has stresses.
-
-    `moved` is the largest rms displacement [m], beside which the folds count.
-    """
+    """Return `wrinkle_warning` for a state that `moved` [m, rms]; "" without membrane stresses."""
     membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(system.cloth.triangles), 4))
     for term in membranes:

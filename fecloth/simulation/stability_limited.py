@@ -122,11 +122,7 @@ def remedy_for_growth(steps: object) -> str:
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
-    """Raise `InputError` for a step beyond a method's limit at the start.
-
-    `insist` is the sentence that says how to take the step anyway; by default
-    `beyond_limit` in Python.
-    """
+    """Raise `InputError` for a step beyond the limit at the start; `insist` says how to take it."""
     traits = method.traits
     if traits.beyond_limit:
         return

@@ -83,13 +83,11 @@ class TimeError(Account):
     the deformation. x is seen from pins that move. Jumps of loads are added: see `kick_length`.
 
     This sum is too large where errors cancel each other, and too small where they grow. Where the
-    method solves systems, `Transport` moves the same error on with the cloth, as a field. It is
-    too small where lost energy changes the mean motion. The geometric mean of both is stated; on
-    the set-ups of `studies.trust.random_setups` it is within a factor 3 more often than either.
-    Below the sum over MISSED the field has missed waves between its samples: the sum is stated.
-    Above GROWN times the sum the errors grow, as in a cloth that buckles or flutters, and neither
-    tells how far: there is no estimate. There is none where a pin jumps, and after impacts where
-    they count: see `find_hits`.
+    method solves systems, `Transport` moves the same error on with the cloth, as a field. It is too
+    small where lost energy changes the mean motion. The geometric mean of both is stated. Below the
+    sum over MISSED the field has missed waves between its samples: the sum is stated. Above GROWN
+    times the sum the errors grow, as in a cloth that buckles: there is no estimate. There is none
+    where a pin jumps, and after impacts where they count: see `find_hits`.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with

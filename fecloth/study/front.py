@@ -16,10 +16,7 @@ from fecloth.system.state import State
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Opened):
-    """A problem and how its cases run; each study of it is a method.
-
-    A method is the function of the same name, whose first argument is the problem.
-    """
+    """A problem and how its cases run; its methods are the studies of the same names."""
 
     converge = converging.converge
     compare = comparing.compare
@@ -30,10 +27,7 @@ class Study(Opened):
     tune = tune.tune
 
     def modes(self, *, count: int = 6) -> Modes:
-        """Find the `fecloth.modes` of lowest frequency about the start of the problem.
-
-        Of a static problem they are the modes about its equilibrium.
-        """
+        """Find the `fecloth.modes` of lowest frequency about the start or the equilibrium."""
         setup = self.problem.first
         state = _equilibrium(setup) if setup.is_static else setup.start
         title = f"Modes of {self.problem.name}"

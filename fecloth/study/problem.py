@@ -24,10 +24,7 @@ ROUND = 0.5  # share of the corners of a boundary above which it is round
 
 
 class CommonProblem:
-    """What both kinds of problems derive from their name, first level and quantities.
-
-    `quantities` count unless a study is asked for others.
-    """
+    """What both kinds of problems derive from their name, first level and default `quantities`."""
 
     name: str
     source: str  # what errors name
@@ -97,10 +94,9 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
     of energies, frequencies, areas, volumes and reactions. With bending or a round border of
     straight edges it is at most 2.
 
-    Where a cloth without bending has tension in one direction only, point values of quadratic
-    triangles reach 2: on a strip that pressure blows up between two held edges, h = 1/8 to 1/32,
-    they were measured as 1.9, its energy as 3.9, with interpolated and pointwise strain; held all
-    around, 3.4 to 3.6. `obstacles` names this.
+    Where a cloth without bending has tension in one direction only, as a strip that pressure blows
+    up between two held edges, point values of quadratic triangles reach only 2: see `obstacles`.see
+    `obstacles`.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":

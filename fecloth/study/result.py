@@ -27,10 +27,7 @@ UNCERTAIN = {  # column: column of its error, which says how many of its digits 
 
 @dataclass(frozen=True)
 class Table(Sequence[Mapping[str, Cell]]):
-    """Rows of named cells; numbers are shown to four digits and stored in full.
-
-    A number beside its error is shown with as many digits as the error has.
-    """
+    """Rows of named cells; numbers are shown to four digits, or as many as their error has."""
 
     rows: tuple[Mapping[str, Cell], ...]
 

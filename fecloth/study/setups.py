@@ -119,10 +119,7 @@ def describe_term(term: Any, number: int) -> dict:
 
 
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
-    """Return the setup with the terms of a list: its own, as `describe_term` has them, or others.
-
-    The clamps of pins go with the last term that holds normals.
-    """
+    """Return the setup with these terms, and the clamps of pins if one of them holds normals."""
     old = setup.system
     new = tuple(_make_term(term, old.terms) for term in terms)
     holds = any(traits_of(term).holds_normals for term in new)

@@ -25,10 +25,7 @@ class TimeLimit(FeclothError):
 
 
 def check_time_limit(*_: object) -> None:
-    """Raise `TimeLimit` if the current case is over its limit; fits as a `report` callback.
-
-    The limit is CPU time: a busy machine changes no result.
-    """
+    """Raise `TimeLimit` if the case is over its CPU time; fits as a `report` callback."""
     limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
     if end is not None and limit is not None and time.process_time() > end:
         raise TimeLimit(describe_time_limit(limit))

@@ -14,11 +14,10 @@ With φ_i = φ₀ + α h_i^p on sizes h₁ < h₂ < …, φ₀ the limit and p t
       U = F |φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|                      if σ < Δ
       U = 3 σ/Δ (|φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|)                otherwise.
 
-Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They
-were fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid convergence
-index of the two finest levels with P, F = 3 and the scatter of the free fit is taken if it is
-smaller: this is not in the papers. Values that oscillate or diverge get at least three times
-their range.
+Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They were
+fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid convergence index
+of the two finest levels with P, F = 3 and the scatter of the free fit is taken if it is smaller:
+this is not in the papers. Values that oscillate or diverge get at least three times their range.
 """
 
 import math
@@ -54,10 +53,7 @@ class Estimate:
 def estimate_uncertainty(
     sizes: Sequence[float], values: Sequence[float], theory: float
 ) -> Estimate:
-    """Return the estimate from three or more levels, in any order of their sizes.
-
-    Raises `InputError` for less than three levels, or sizes that are equal.
-    """
+    """Return the estimate from three or more different levels in any order, or `InputError`."""
     order = np.argsort(sizes)
     h, fine_first = np.asarray(sizes, float)[order], np.asarray(values, float)[order]
     if len(h) < 3 or not (np.diff(h) > 0).all():

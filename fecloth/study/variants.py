@@ -86,10 +86,7 @@ def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
 
 
 def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
-    """Return what is made of each value; a row with the reason where `make` refuses it.
-
-    Where it refuses all, `InputError` is raised: it is a mistake, and no run has begun.
-    """
+    """Return what each value makes, a row with the reason if refused; `InputError` if all are."""
     made, refusals = list[Made | dict](), list[InputError]()
     for value in values:
         try:

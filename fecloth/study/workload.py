@@ -10,9 +10,8 @@ from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.dimensionless import wave_speed
 
-# CPU seconds per triangle, and the stable step of central differences over h / wave speed,
-# measured with StVK and hinges on 1,000 to 4,000 triangles; and CPU seconds of a step on any mesh,
-# measured with PlateBending, damping, energies and a probe.
+# CPU seconds per triangle, and the stable step of central differences over h / wave speed, of StVK
+# and hinges; and CPU seconds of a step on any mesh, with plates, damping, energies and a probe.
 IMPLICIT_STEP, EXPLICIT_STEP, BINDING, STABLE = 1e-5, 2e-7, 3e-5, 0.4
 IMPLICIT_LEAST, EXPLICIT_LEAST = 2e-3, 8e-4
 LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself

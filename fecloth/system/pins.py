@@ -199,10 +199,7 @@ class Pin:
         return difference_quotient(self.displacement, t, since)
 
     def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Displacements and speeds (m, 1 or k, 3) at times (m,), to the bits of single ones.
-
-        None where a time needs a call of its own: of functions, and where a value is not finite.
-        """
+        """Displacements and speeds (m, 1 or k, 3) at times (m,); None if times need a call each."""
         motion, velocity = self.motion, self.velocity
         if not isinstance(motion, Motion) or not isinstance(velocity, Motion | None):
             return None

@@ -63,9 +63,7 @@ def space_error(system: System, state: State) -> SpaceError:
     error of stress and moment as a root mean square. It falls with h on P1 and for plates, with
     h² for P2 membranes; the errors of positions fall with its square or faster.
 
-    Of the exact error it is between 0.6 and 1.2 on nine problems × five meshes × P1 and P2
-    (`studies/convergence/space_error.md`), with membranes that lock in bending among them: then
-    most of it is the strain that the edges, as chords, make.
+    Of the exact error it is between 0.6 and 1.2 (`studies/convergence/space_error.md`).
 
     There is no estimate (NaN, with the reason) where a term with an energy states no stress or
     moment (springs, `BaraffWitkin`, a `Condition`), where its limit depends on the mesh

@@ -44,10 +44,7 @@ class Term(Protocol):
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
-        """(m, k) integers: the nodes that each of m elements couples, or None for no coupling.
-
-        Their blocks become part of the pattern of the matrix. The diagonal always is.
-        """
+        """(m, k) integers: the nodes that each of m elements couples, or None for no coupling."""
 
     def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> "BoundTerm":
         """Make the bound term for a mesh.
@@ -186,10 +183,7 @@ class BoundTerm:
         return None
 
     def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
-        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out.
-
-        It is for a term that couples all nodes by one mode, such as the pressure of a gas.
-        """
+        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out, as of a gas."""
         return None
 
     # --- energy, power and stress -----------------------------------------------------------------
@@ -218,10 +212,7 @@ class BoundTerm:
         return 0.0
 
     def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
-        """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and the energy per area [J/m²], in place.
-
-        It is for membranes: frames show it.
-        """
+        """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and energy per area [J/m²] of a membrane."""
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(triangles,) energy [J] of the recovered strain minus the strain of the mesh.
@@ -237,11 +228,10 @@ class BoundTerm:
         """The term over this step, or the term itself where it does not depend on the step.
 
         `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term
-        itself, unless it keeps a history.
-        Where ``step.at_mean`` is False, x is the end of the step. An `energy` of what is returned
-        is then its potential over the step, −∂energy/∂x its force, so that the step can minimise.
-        Where it is True, x is the mean of both ends, and the force, where it `conserves`, does the
-        work of the energy.
+        itself, unless it keeps a history. Where ``step.at_mean`` is False, x is the end of the
+        step. An `energy` of what is returned is then its potential over the step, −∂energy/∂x its
+        force, so that the step can minimise. Where it is True, x is the mean of both ends, and the
+        force, where it `conserves`, does the work of the energy.
         """
         return self
 

@@ -184,11 +184,7 @@ def result_figures(
     energies: Mapping[str, np.ndarray],
     observed: Mapping[str, np.ndarray],
 ) -> str:
-    """Return HTML with a title, the energies [J] and the heights [m] over the times [s].
-
-    Energies that are zero throughout are left out; of `observed` the z of each probe, the mean
-    displacement in z and the sag are drawn.
-    """
+    """Return HTML of the nonzero energies [J], and of `observed` heights [m], over time."""
     curves = {name: (times, values) for name, values in energies.items() if np.any(values)}
     heights = {
         name: (times, values)

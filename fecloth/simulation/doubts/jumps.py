@@ -93,10 +93,7 @@ def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, flo
 
 
 def find_jumping_pin(system: System, t: float, dt: float, steps: int) -> str:
-    """Return the name of a pin whose motion jumps in the step from t or the two before, or "".
-
-    `steps` is the number of earlier steps.
-    """
+    """Return the name of a pin whose motion jumps in the step from t or the two before, or ""."""
     times = t + dt * np.arange(-min(BACK, steps), 2)
     for name, (pin, _) in system.constraints.groups.items():
         if pin.motion is not None and any(has_jump(pin, *ends) for ends in pairwise(times)):
@@ -105,10 +102,7 @@ def find_jumping_pin(system: System, t: float, dt: float, steps: int) -> str:
 
 
 def has_jump(pin: Pin, begin: float, end: float) -> bool:
-    """Whether |Δu/Δt − mean of the velocities at both ends| is beyond JUMP of the largest of these.
-
-    A function that fails at such a time counts as smooth.
-    """
+    """Whether Δu/Δt differs by JUMP from the mean velocity of both ends; False where u fails."""
     with suppress(InputError, ArithmeticError, ValueError):
         mean = (pin.displacement(end) - pin.displacement(begin)) / (end - begin)
         v0, v1 = pin.speed(begin), pin.speed(end)

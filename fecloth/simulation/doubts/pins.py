@@ -178,10 +178,7 @@ def find_free_turn(run: PlannedRun) -> Iterator[str]:
 
 
 def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
-    """Return the velocities (n, 3) [m] of a rotation by 1 rad/s that all pins allow.
-
-    None if they allow no rigid motion, or several, or a translation.
-    """
+    """Return velocities (n, 3) [m] of the one rotation by 1 rad/s that all pins allow, or None."""
     constraints = system.constraints
     if not len(constraints.nodes):
         return None

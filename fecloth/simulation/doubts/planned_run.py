@@ -60,10 +60,7 @@ class PlannedRun:
 
 
 def attempt(function: Callable[..., T], *arguments: Any, otherwise: T) -> T:
-    """Return what a function returns that calls functions of the user; `otherwise` if they fail.
-
-    A run that calls them says why they fail; a warning must not.
-    """
+    """Return what a function that calls the user's returns; `otherwise` where those fail."""
     try:
         return function(*arguments)
     except Exception:  # whatever a user's function may raise

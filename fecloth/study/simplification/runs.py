@@ -58,11 +58,7 @@ class Original:
 
     @cached_property
     def full(self) -> Mapping:
-        """The row of the problem.
-
-        Raises `StudyFailed` if the problem itself fails, and `InputError` if all quantities are
-        zero: then nothing changes them.
-        """
+        """The row of the problem: `StudyFailed` if it fails, `InputError` if all are zero."""
         (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
             raise StudyFailed(f"{self.problem.source}: the scene itself fails: {row['cause']}")

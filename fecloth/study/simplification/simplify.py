@@ -52,8 +52,7 @@ def simplify(
     Parameters
     ----------
     problem
-        As for `of`. The terms of a function's system, its h and its dt are varied, not its
-        method.
+        As for `of`. The terms of a function's system, its h and its dt are varied, not its method.
     tolerance
         Largest relative change of each quantity, as 0.01 or "1%".
     quantity

@@ -30,22 +30,20 @@ class HingeBending:
     θ is the angle between the two triangles (`dihedral_angle`), l the rest length of the edge, A₁
     and A₂ the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
 
-    The factor is derived, not fitted: nodes on a cylinder z = κ y²/2 give an edge along its axis
-    the angle θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges
-    lie so, and the sum over the edges is the integral of ½ B κ² over the area for k = c B l²/(A₁ +
-    A₂) with c = 1: in the direction n of the curvature, with t along the edge, θ is proportional to
-    κ_nn − κ_tt/3, so the other two thirds have none. Published forms: Bergou et al. (2006), A
-    Quadratic Bending Model for Inextensible Surfaces, have c = 3 with their own stiffness, Grinspun
-    et al. (2003), Discrete Shells, 3 k_b without the ½, so c = 6: their stiffnesses are not B.
+    Nodes on a cylinder z = κ y²/2 give an edge along its axis the angle
+    θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges lie so, and
+    the others have none, as θ is proportional to κ_nn − κ_tt/3 with n along the curvature and t
+    along the edge: the sum is the integral of ½ B κ². Bergou et al. (2006), A Quadratic Bending
+    Model for Inextensible Surfaces, have 3 times this factor, and Grinspun et al. (2003), Discrete
+    Shells, 6 times: their stiffnesses are not B.
 
     Across an edge whose normal makes the angle φ with the warp
 
         B(φ) = (√B₁ cos²φ + √B₂ sin²φ)²
 
     which is Huber's orthotropic plate in cylindrical bending (Timoshenko and Woinowsky-Krieger
-    1959, Theory of Plates and Shells, section 86: H = √(D_x D_y)): two numbers are all that a
-    fabric states. Where the two triangles differ in fabric or grain, they bend in series under
-    one moment: (A₁ + A₂)/B = A₁/B(1) + A₂/B(2).
+    1959, Theory of Plates and Shells, section 86: H = √(D_x D_y)). Where the two triangles differ
+    in fabric or grain, they bend in series under one moment: (A₁ + A₂)/B = A₁/B(1) + A₂/B(2).
 
     **It does not carry B, and refinement does not help.** What it carries depends on the mesh and
     on what keeps the cloth from curving across; on the regular patterns it is known
@@ -57,13 +55,9 @@ class HingeBending:
         cantilever, width/length 0.25       0.83     1.11     0.93           0.93
         cantilever, width/length 2          0.92     1.29     0.99           0.98
 
-    (small deflection, 80 edges along the cantilever, 20 edges within 0.035 of it;
-    `studies/models/hinge_bias.py`). `right` also couples bending and twist: a strip of it turns
-    out of its plane.
-
-    On equilateral meshes, and nearly on meshes of Gmsh, hinges are an isotropic plate of rigidity B
-    and of Poisson's ratio −1/3, whatever the fabric's: a disk that is simply supported sags 40 %
-    too far for a fabric of ν = 0 and 71 % for ν = 0.3. `PlateBending` has neither fault.
+    (`studies/models/hinge_bias.py`). `right` also couples bending and twist. On equilateral meshes,
+    and nearly on meshes of Gmsh, Poisson's ratio of bending is −1/3, whatever the fabric's: a
+    simply supported disk sags 40 % too far for ν = 0. `PlateBending` has neither fault.
 
     Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
@@ -129,10 +123,7 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
 
 def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """Dihedral angles (h,) at positions x (n, 3) [rad], in the order of ``cloth.hinges``.
-
-    On P2 they are the angles between the four parts of each triangle.
-    """
+    """Dihedral angles (h,) [rad] at x (n, 3), as ``cloth.hinges``; on P2 of the four parts."""
     nodes = cloth.edge_slopes.edges.hinges.nodes
     out = np.empty(len(nodes))
     angles(nodes, np.ascontiguousarray(x, dtype=float), out)
@@ -156,9 +147,8 @@ class QuadraticBending:
     g_a are the four coefficients of θ ≈ Σ g_a z_a of a hinge about flat [1/m],
     k = B l²/(A₁ + A₂) [N m] is `HingeBending`'s, and the three components of x do not couple.
 
-    At flat, Q is the stiffness of `HingeBending` out of the plane, so its B_eff on each mesh is
-    the same, and so is its Poisson's ratio of bending: −1/3 on equilateral meshes, and nearly on
-    meshes of Gmsh, whatever the fabric's. `PlateBending` has the fabric's own.
+    At flat, Q is the stiffness of `HingeBending` out of the plane, with the same B_eff and
+    Poisson's ratio of bending on each mesh.
 
     While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in them that
     point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.

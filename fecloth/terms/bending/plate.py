@@ -51,9 +51,8 @@ class PlateBending:
     Valid for any rotation and for small curvature times edge length. Errors fall with h². In
     bending, P1 membranes lock where Y h⁴κ²/B is large and no edges lie along the folds.
 
-    Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1, definite
-    tangent 0.8 to 1.0; conjugate gradients take 0.96 to 1.05 of its iterations
-    (``python -m studies.benchmarks.bending``). The matrix has about twice the entries.
+    Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1; the matrix
+    has about twice the entries (``python -m studies.benchmarks.bending``).
 
     Parameters
     ----------

@@ -36,10 +36,9 @@ class Condition:
     rigid motion.
 
     A derivative without a function comes from central differences of order 4 with a step of 1e-3
-    of the stencil's size. Where C is smooth on the scale of the stencil, ∂C is then good to 1e-10
-    and ∂²C to 1e-7 of their largest entries (to 1e-10 from a function for ∂C). They call C 12 k
-    times for ∂C and (12 k)² times for ∂²C, each time with all stencils. A function for a derivative
-    is compared with differences when the term is bound, near the rest state.
+    of the stencil's size: where C is smooth, ∂C is good to 1e-10 and ∂²C to 1e-7 of their largest
+    entries, for 12 k calls of C and (12 k)². A function for a derivative is compared with
+    differences when the term is bound, near the rest state.
 
     Parameters
     ----------

@@ -26,14 +26,12 @@ VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 class UserForce:
     """f_a = A_a g(x_a, v_a, t), a user-defined force on each node from its position and velocity.
 
-    A_a is the share of the node in the reference area or in the mass, or 1. On P2 triangles A_a is
-    zero at the corners. This quadrature is exact for g of degree 0, and the displacement keeps its
-    third order in L2 (`Cloth.load` integrates to any degree). For forces between nodes see
-    `Condition`. Check derivatives with `fecloth.verify.check_term`.
+    A_a is the share of the node in the reference area or in the mass, or 1; on P2 triangles zero at
+    the corners, which is exact for g of degree 0, and the displacement keeps its third order in L2
+    (`Cloth.load` integrates to any degree). Check derivatives with `fecloth.verify.check_term`.
 
-    The work of the force is in the column ``work:UserForce`` of the energy ledger. The tangents
-    use `derivatives`, or else central differences of g over ± 1e-5 m and ± 1e-5 m/s, which take
-    twelve evaluations of g.
+    Its work is ``work:UserForce`` in the energy ledger. The tangents use `derivatives`, or else
+    central differences of g over ± 1e-5 m and ± 1e-5 m/s, which take twelve evaluations of g.
 
     Source: the user.
 

@@ -43,8 +43,8 @@ class MembraneLaw:
     themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ : E). That takes a
     second or two for each of force, tangent and definite tangent. The machine code stays on disk
     until the law, its constants or a function that it calls changes. Write out the entries of c: a
-    law with a slice of c took three times as long. When the term is bound, S and ℂ are compared
-    with differences near rest; `fecloth.verify.check_term` does so far from it.
+    slice of c is slow. When the term is bound, S and ℂ are compared with differences near rest;
+    `fecloth.verify.check_term` does so far from it.
 
     Newton's definite tangent clamps the principal values of S, as for all laws, and the eigenvalues
     of ℂ where they are negative: W need not be convex. `System` raises `InputError` for what

@@ -27,15 +27,13 @@ class MassDamping:
     On P2 triangles with a consistent mass M, d = −α M v.
 
     This is the mass-proportional part of Rayleigh damping. A mode of angular frequency ω has the
-    damping ratio ζ = α / (2 ω). The momentum of a free cloth decreases as e^(−α t). The force acts
-    on rigid motion too, as in a viscous fluid, and therefore does not conserve momentum. Use
+    damping ratio ζ = α / (2 ω). The momentum of a free cloth decreases as e^(−α t): use
     `StrainRateDamping` for damping that conserves momentum, and `Drag` for air.
 
     Source: Rayleigh (1877), The Theory of Sound, volume I, sections 81–82. The tangent in v is
     exact and symmetric; the tangent in x is zero.
 
-    Valid at any deformation, as a means to reach a state of rest. It is not a model of air or
-    fabric, because the damping does not depend on direction and speed.
+    Valid at any deformation, as a means to reach a state of rest; no model of air or fabric.
 
     Cost: one loop over the nodes.
 

@@ -30,9 +30,8 @@ class StrainRateDamping:
 
     The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. There are two forms.
 
-    "velocity" takes Ė = sym(FᵀḞ) from the velocity, zero in any rigid motion. In the form of Baraff
-    and Witkin this is d = −k_d (∂C/∂x)ᵀ Ċ with C = 2E. With δE = B(F) δx and Ė = B(F) v the
-    tangents are
+    "velocity" takes Ė = sym(FᵀḞ) from the velocity, zero in any rigid motion. With δE = B(F) δx
+    and Ė = B(F) v the tangents are
 
         ∂d/∂v = −Bᵀ τℂ₀ B                                       symmetric
         ∂d/∂x = −(S_v ⊗ I) − Bᵀ τℂ₀ B(Ḟ)                        the last part is not symmetric
@@ -45,20 +44,17 @@ class StrainRateDamping:
     It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step that
     turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and 2dt/3, so
     that the step minimises if the other terms have energies, and its tangent is symmetric. It is
-    the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ E(xᵢ). The step
-    dissipates Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt, never a negative energy.
+    the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ E(xᵢ).
 
     Both forms are the same as dt → 0, to the order of the method. In the midpoint rule and
     `EnergyMomentum` they are the same at any dt: there sym(FᵀḞ) is (E₁ − E₀)/dt.
 
-    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13; here for the
-    whole tensor C at once. They omit the non-symmetric part of ∂d/∂x. A step as a
-    minimum: Gast and Schroeder (2014), Optimization Integrator for Large Time Steps, SCA; the
-    difference of E as derived above.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, with C = 2E as a
+    whole tensor. A step as a minimum: Gast and Schroeder (2014), Optimization Integrator for Large
+    Time Steps, SCA.
 
-    Valid at any strain; the viscosity does not depend on the strain. Motion without strain, such
-    as bending without stretch, is not damped. The damping of a real fabric is friction between
-    yarns, which depends less on the frequency.
+    Valid at any strain. Motion without strain, such as bending without stretch, is not damped. The
+    damping of a real fabric is friction between yarns, which depends less on the frequency.
 
     Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times, in both forms.
     tangent="exact" also needs a linear solver for general matrices.
@@ -74,10 +70,8 @@ class StrainRateDamping:
     rate
         "velocity"; or "step", for `BackwardEuler` and `BDF2` only. Left out: "step" in these two
         methods, and "velocity" in all others.
-
     strain
-        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
-        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+        As for `StVK`.
 
     Raises
     ------

@@ -30,10 +30,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class Field:
-    """Velocity u(x, t) from a function of positions (m, 3) [m] and time t [s].
-
-    The gradient ∂u/∂x is computed by central differences.
-    """
+    """Velocity u(x, t) from a function of (m, 3) [m] and t [s]; ∂u/∂x by central differences."""
 
     function: Callable[[np.ndarray, float], np.ndarray]
 

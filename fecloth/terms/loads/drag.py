@@ -40,13 +40,12 @@ class Drag:
         D_ab = −(1/9) ∂F/∂w                                   symmetric, semi-definite
         K_ab = −(1/3) (∂F/∂N [e_b]× − ⅓ ∂F/∂w ∂u/∂x)          not symmetric
 
-    Source: the normal and the tangential flow act independently of each other. This is the
-    independence principle of Taylor (1952), Analysis of the swimming of long and narrow animals,
-    Proc. R. Soc. A 214, who applied it to slender bodies.
+    Source: the independence principle of Taylor (1952), Analysis of the swimming of long and narrow
+    animals, Proc. R. Soc. A 214: normal and tangential flow act independently of each other.
 
-    Valid if the inertia of the air (added mass), lift by circulation and shielding are negligible.
-    This holds for cloth that falls, or that the wind meets at a large angle, at a steady speed. Use
-    "linear" for creeping flow only. P1 triangles only.
+    Valid if the inertia of the air (added mass), lift by circulation and shielding are negligible,
+    as for cloth that falls, or that a steady wind meets at a large angle. "linear" is for creeping
+    flow only. P1 triangles only.
 
     Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
 

@@ -29,11 +29,10 @@ class Gas:
         energy   p₀ V₀ ((V₀/V)^(γ−1) − 1)/(γ − 1) + p_ambient (V − V₀), or −p₀ V₀ ln(V/V₀) + …
         K_ab   = −(p − p_ambient) ∂²V_ab + γ p/V ∂V_a ∂V_bᵀ
 
-    The last part of K couples all nodes. It has rank one and is not added to the sparse matrix.
-    Newton's linear solve includes it by the Sherman–Morrison formula (Hager 1989, Updating the
-    Inverse of a Matrix, eq. 2). `System.stiffness` does not contain it; `System.dense` returns it.
-    The pressure is uniform at each instant: waves in the gas are neglected. Start from a dome: for
-    a flat cloth the volume is zero and the forces are not finite.
+    The last part of K couples all nodes. It has rank one, and Newton's linear solve includes it by
+    the Sherman–Morrison formula (Hager 1989, Updating the Inverse of a Matrix, eq. 2).
+    `System.stiffness` does not contain it; `System.dense` returns it. Start from a dome: for a flat
+    cloth the volume is zero and the forces are not finite.
 
     Source: the gas law p V^γ = const of an ideal gas, and the derivatives of V; exact on P1.
 

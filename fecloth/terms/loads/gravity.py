@@ -25,8 +25,7 @@ class Gravity:
     lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall stays flat;
     a P2 strip at rest under it converges as P1 does, h² in L2 in place of h³.
 
-    Valid at any deformation, in a uniform gravity field. Over the height of a cloth the field is
-    uniform.
+    Valid at any deformation, in a uniform gravity field.
 
     Cost: a fiftieth of the force of `StVK`; there is no tangent.
 
@@ -84,8 +83,8 @@ class BoundGravity(BoundTerm):
 class PointForce:
     """f_a = N_a F(t) at a point of the cloth, or f_a = F(t)/k at each of k nodes.
 
-    The resultant is F(t) on any mesh. Its direction does not rotate with the cloth. The work of
-    the force is in the column ``work:PointForce`` of the energy ledger. There is no tangent.
+    The resultant is F(t) on any mesh, in a direction that does not rotate with the cloth. Its work
+    is ``work:PointForce`` in the energy ledger. There is no tangent.
 
     Source: virtual work F · δx of a force at a material point; N_a are the shape functions there.
 

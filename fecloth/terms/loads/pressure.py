@@ -25,9 +25,8 @@ from fecloth.terms.traits import LOAD
 class Pressure:
     """f_a = (p/6) n with n = (x₂ − x₁) × (x₃ − x₁) on each corner a of a triangle.
 
-    n is the unit normal times twice the deformed area. Its sign follows from the orientation of
-    the triangle in the cloth: on a flat cloth in the plane xy, p > 0 pushes along +z. On a P1
-    triangle the normal is constant. Therefore f_a is the exact value of ∫ p N_a n dA. With the
+    n is the unit normal times twice the deformed area: on a flat cloth of the plane xy, p > 0
+    pushes along +z. It is constant on a P1 triangle, so that f_a is exactly ∫ p N_a n dA. With the
     edges e_b opposite to the corners (e₁ = x₃ − x₂, …), ∂n/∂x_b = [e_b]× and
 
         K_ab = −∂f_a/∂x_b = −(p/6) [e_b]×                   exact
@@ -36,18 +35,16 @@ class Pressure:
     Source: Hibbitt (1979), Some follower forces and load stiffness, Int. J. Numer. Meth. Engng 14,
     937–941; here for the P1 triangle, whose normal is quadratic in the positions of its corners.
 
-    For nodes that are not on the border of the cloth the assembled exact matrix is symmetric, and
-    both tangents are equal. If the border is pinned, or slides in one plane, the whole projected
-    matrix is symmetric. With a free border it is not. Then "exact" needs a linear solver for
-    general matrices, and with "symmetric" Newton's method does not converge quadratically.
+    Where the border is pinned, or slides in one plane, the projected exact matrix is symmetric, and
+    both tangents are equal. With a free border "exact" needs a linear solver for general matrices,
+    and with "symmetric" Newton's method does not converge quadratically.
 
     On P2 triangles the normal is n = F₁ × F₂, where F₁ and F₂ are the columns of F. With
     d_b = G_b1 F₂ − G_b2 F₁, and exactly integrated by the 6 points,
 
         f_a = p ∫ N_a n dA,   K_ab = p ∫ N_a [d_b]× dA   or   (p/2) ∫ [N_a d_b − N_b d_a]× dA
 
-    The work of the pressure is in the column ``work:Pressure`` of the energy ledger. In general
-    the pressure has no potential.
+    Its work is ``work:Pressure`` in the energy ledger. In general it has no potential.
 
     Valid at any deformation, for a prescribed pressure. Use `Gas` for an enclosed gas, whose
     pressure depends on the volume, and `Wind` for moving air.

@@ -23,18 +23,18 @@ STRONGEST = 2.0  # intensity of gusts: behind bluff bodies it reaches 1
 class Wind:
     """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
 
-    u is the velocity of the air at the centroids of the triangles. The first part of the force is
-    along the normal n: on a cloth that is inclined to the wind it gives both drag and lift.
+    u is the velocity of the air at the centroids of the triangles. On a cloth that is inclined to
+    the wind the force along the normal n gives both drag and lift.
 
-    Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power of the
-    force is Σ F · v̄ = Σ F · w + Σ F · u. The first part is dissipated and the second part is work
-    of the wind. The energy ledger has both, as ``dissipated:Wind`` and ``work:Wind``.
+    Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power Σ F · v̄
+    = Σ F · w + Σ F · u has a dissipated part, ``dissipated:Wind`` in the energy ledger, and the
+    work of the wind, ``work:Wind``.
 
     Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
     velocity field, Physics of Fluids 13, 22–31 (`fecloth.terms.loads.air_velocity.Gusts`).
 
-    Valid where `Drag` is valid, if the cloth does not change the motion of the air. The model has
-    no wake, no shielding of one part by another, and no flutter caused by the motion of the air.
+    Valid where `Drag` is, if the cloth does not change the motion of the air: no wake, no shielding
+    of one part by another, no flutter that the motion of the air causes.
 
     Parameters
     ----------
@@ -43,8 +43,7 @@ class Wind:
         ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
         exact tangent computes ∂u/∂x by central differences over 2e-5 m.
     normal, tangential
-        k_n and k_t as of `Drag`, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²], equal to ½ ρ C:
-        `normal` is 0.7 for a square plate and 1.2 for a long plate.
+        k_n and k_t as of `Drag`, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²].
     law
         "quadratic" or "linear".
     tangent

@@ -39,10 +39,7 @@ def _scaled_strains(gradients: np.ndarray, scale: np.ndarray, moduli: np.ndarray
 
 
 def stencil_bound(nodes: np.ndarray, blocks: np.ndarray, mass: np.ndarray) -> float:
-    """Bound the largest eigenvalue of M⁻¹A by eigenvalues of the stencils of A's symmetric part.
-
-    A has the blocks (m, k, k, 3, 3) of the stencils (m, k); the mass (n,) [kg] is lumped.
-    """
+    """Bound the largest eigenvalue of M⁻¹A from blocks (m, k, k, 3, 3) of A's stencils (m, k)."""
     return bound_from_squares(nodes, squared_norms(blocks), mass)
 
 

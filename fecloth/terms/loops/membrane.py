@@ -263,10 +263,7 @@ def bind(
     slots: FindSlots,
     strain: object = "interpolated",
 ) -> BoundMembrane:
-    """Bind a law with its constants (m, p) and moduli (m, 6) to a panel.
-
-    On P2 the law takes the Regge-interpolated strain, unless `strain` is "pointwise".
-    """
+    """Bind a law with constants (m, p) and moduli (m, 6) to a panel; `strain` matters on P2."""
     loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
     own = kernels.regge if is_interpolated(strain, panel) else kernels
     its_strain = strain_of(panel, strain)

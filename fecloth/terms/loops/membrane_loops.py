@@ -1,8 +1,7 @@
 """The membrane loops: every law in the Green strain, with every kind of strain, runs through these.
 
-A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain
-E = (E11, E22, E12) and the constants c of the triangle, in the Voigt order (11, 22, 12) with the
-engineering shear 2 E12:
+A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain E = (E11, E22, E12) and
+the constants c of the triangle, in the Voigt order (11, 22, 12) with the engineering shear 2 E12:
 
     W    energy per reference area [J/m²]
     S    second Piola–Kirchhoff stress resultant ∂W/∂E = (S11, S22, S12) [N/m]
@@ -216,11 +215,7 @@ def of_kind(kind: Kind) -> cached_property[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Kernels:
-    """The entry points of a law with a kind of strain.
-
-    Each is a template above, made when it is first asked for, and compiled at its first call, or
-    read from disk.
-    """
+    """The entry points of a law with a kind of strain, made and compiled at their first use."""
 
     law: Callable[..., Any]  # the compiled function (see above)
     # The same law with ℂ positive semi-definite, for the definite tangent.

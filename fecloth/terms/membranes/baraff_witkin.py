@@ -38,9 +38,8 @@ class BaraffWitkin:
     (stretch) and the shear condition after it; force and tangents as in
     `fecloth.terms.loops.condition`.
 
-    Valid for any rotation and small strains, of a few per cent; linear in the stretch, not in E.
-    W is convex in E, but as there is no resistance to a change of area a triangle can collapse
-    with bounded energy.
+    Valid for any rotation and small strains, of a few per cent. W is convex in E, but as there is
+    no resistance to a change of area a triangle can collapse with bounded energy.
 
     Cost of the force relative to `StVK`: 3.6 times, of the tangent 4.9 times.
 

@@ -35,8 +35,8 @@ class StVK:
     in E, but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle
     gives way and can collapse.
 
-    Cost: 15 ns a triangle for the force, 68 for the tangent (one thread); other terms state
-    theirs relative to these, and ``python -m studies.benchmarks.terms`` measures them.
+    Cost: 15 ns a triangle for the force, 68 for the tangent; other terms state theirs relative to
+    these (``python -m studies.benchmarks.terms``).
 
     Parameters
     ----------

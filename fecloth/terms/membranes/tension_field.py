@@ -40,18 +40,16 @@ class TensionField:
     stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
     of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
     static solution needs a load or a mass there, and where much is slack `equilibrium` may need
-    several hundred iterations (``max_iterations=600``), or the end of a damped run as its start. In
-    tension it holds for the small strains of
-    `StVK`. Isotropic fabrics only: for an orthotropic fabric the direction of tension is not the
-    direction of E₁.
+    ``max_iterations=600``, or the end of a damped run as its start. In
+    tension it holds for the small strains of `StVK`. Isotropic fabrics only: for an orthotropic
+    fabric the direction of tension is not the direction of E₁.
 
     Cost relative to `StVK`: force 1.7, tangent 1.2.
 
     Parameters
     ----------
     strain
-        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
-        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+        As for `StVK`.
     """
 
     strain: str = "interpolated"

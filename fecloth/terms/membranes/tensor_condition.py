@@ -20,10 +20,7 @@ from fecloth.terms.traits import MEMBRANE
 class TensorCondition:
     """W = k/2 C:C over all four entries of C = FᵀF − I = 2E, per reference area.
 
-    With φ the map from parameters to the rest triangle (edges v, w) and ψ to the deformed one
-    (edges a, b), F = ∂ψ ∂φ⁻¹ and FᵀF = ∂φ⁻ᵀ [[a·a, a·b], [a·b, b·b]] ∂φ⁻¹: the Gram matrix of the
-    deformed edges, transformed by a constant of the rest triangle. It is the same material as
-    `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost.
+    The same material as `StVK` with ν = 0 and tensile stiffness 4k (so G = 2k), at the same cost.
 
     Source: the condition as the energy k/2 CᵀC follows Baraff and Witkin (1998), Large Steps in
     Cloth Simulation, section 4.1 (above its eq. 7).
@@ -36,8 +33,7 @@ class TensorCondition:
     k
         Stiffness of the condition [N/m], > 0.
     strain
-        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
-        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+        As for `StVK`.
     """
 
     k: Annotated[float, PER_WIDTH]

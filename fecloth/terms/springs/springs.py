@@ -11,10 +11,9 @@ because 4 e · (e₁ − e₀) / (2s) = (l₁² − l₀²)/s = l₁ − l₀: t
 
     −∂f₂/∂e = k ((1 − 2L/s) I + (4L/s²) e ⊗ e₁/l₁)         not symmetric unless l₀ = l₁
 
-This is what the formula of `condition_discrete_gradient` gives for two nodes. But that one divides
-by the deformation over the step, and has to leave the quotient out where the deformation is
-small. In a net that turns by φ in a step without stretch the force then jumped by φ²/8 of itself,
-and Newton's iteration met a jump in place of a solution.
+This is what the formula of `condition_discrete_gradient` gives for two nodes. That one divides by
+the deformation over the step, and where it leaves that out, as in a net that turns without stretch,
+the force jumps and Newton's iteration finds no solution.
 """
 
 import math
