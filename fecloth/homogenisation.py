@@ -33,11 +33,9 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     A strain ε = (ε11, ε22, γ12) is imposed on one period of area A. The nodes of the period may
     move relative to the affine displacement. The minimum of the energy is then A/2 ε·ℂ ε.
 
-    The energy of one period is computed from patches of nx × ny periods at rest. The energy of a
-    patch is ½ u·K u, where u is the affine displacement εX plus a displacement that is equal in all
-    periods. The differences of this energy with respect to nx and to ny give the energy of one
-    period. The contribution of a border is proportional to its length and cancels. Raises
-    `InputError` for an unknown pattern.
+    The energy ½ u·K u of patches of nx × ny periods at rest, with εX plus a displacement that is
+    equal in all periods, is differenced with respect to nx and ny: the contribution of a border is
+    proportional to its length and cancels. Raises `InputError` for an unknown pattern.
 
     Parameters
     ----------

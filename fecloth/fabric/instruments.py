@@ -107,10 +107,7 @@ def _peirce(density: float, bending_length: float) -> float:
 
 
 def secant(force: float, extension: float) -> float:
-    """Y [N/m] with which StVK in uniaxial tension has the `force` [N/m] at the `extension` [-].
-
-    The force is P = (1 + ε) Y E with E = ε + ε²/2. For small ε this is Y = P/ε.
-    """
+    """Y [N/m] = P/((1 + ε) E), E = ε + ε²/2, of StVK with the `force` P [N/m] at ε [-]."""
     return force / ((1 + extension) * _green_strain(extension))
 
 

@@ -271,10 +271,7 @@ class Cloth:
 
     @property
     def stencil(self) -> np.ndarray:
-        """(m, k) int32 nodes of each triangle in scikit-fem's order.
-
-        The corners ascend, whatever the orientation; the midpoints of edges 01, 12, 02 follow.
-        """
+        """(m, k) int32 nodes of each triangle: corners, ascending; then midpoints of 01, 12, 02."""
         return self._kernel_arrays[0]
 
     @property

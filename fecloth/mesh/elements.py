@@ -6,12 +6,10 @@
                                               4: F is linear in X and
                                               StVK's energy quartic in F
 
-The triangles of the flat cloth have straight edges for both elements. Therefore the orders of P2
-hold on polygons. Along a curved border the mesh itself has an error of order h². An input mesh has
-only corners. `add_midpoints` appends the midpoints in scikit-fem's order of the edges, so that the
-nodes are scikit-fem's degrees of freedom. Source of the six points: Dunavant (1985), High degree
-efficient symmetrical Gaussian quadrature rules for the triangle, Int. J. Numer. Meth. Engng 21,
-1129–1148, as implemented in scikit-fem.
+The triangles of the flat cloth have straight edges: along a curved border the mesh itself has an
+error of order h². `add_midpoints` appends the midpoints in scikit-fem's order of the edges. Source
+of the six points: Dunavant (1985), High degree efficient symmetrical Gaussian quadrature rules for
+the triangle, Int. J. Numer. Meth. Engng 21, 1129–1148, as implemented in scikit-fem.
 """
 
 from collections.abc import Collection, Iterator
@@ -128,10 +126,9 @@ def skfem_mesh(X: np.ndarray, triangles: np.ndarray) -> skfem.MeshTri:
 def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh:
     """The mesh with one more node at the midpoint of each edge; these follow the corners.
 
-    Each node set gets the midpoints of its edges. If an edge set has the same name, these are the
-    edges of that set. If a region has the same name, they are the edges of the region's triangles.
-    Otherwise they are the edges with both ends in the node set. The sets named in `corner_sets`
-    get no midpoints.
+    Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
+    edges of the region of that name, else of the edges with both ends in the set. The sets named in
+    `corner_sets` get none.
     """
     n, edges = len(mesh.X), skfem_mesh(mesh.X, mesh.triangles).facets.T
     X = np.concatenate([mesh.X, mesh.X[edges].mean(axis=1)])

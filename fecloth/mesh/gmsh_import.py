@@ -213,10 +213,7 @@ def _check_no_empty_groups(gmsh, groups, where):
 
 
 def check_cells(counts: dict[str, int], where: str) -> None:
-    """Raise `MeshError` if there are unsupported cells; `counts` maps their type to their number.
-
-    Supported are 3-node triangles, lines and points.
-    """
+    """Raise `MeshError` for cells that are no 3-node triangles, lines or points (type: count)."""
     if counts:
         listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         remedy = "Split quadrilaterals, and mesh with order 1."

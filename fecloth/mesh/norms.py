@@ -25,9 +25,9 @@ def nodal_values(cloth, values) -> np.ndarray:
 def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
     """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
 
-    At a point outside the mesh by less than an edge length the polynomial of the nearest triangle
-    is evaluated. This is needed because two meshes of one disk are polygons that do not cover each
-    other completely. Raises `MeshError` if a point lies farther outside.
+    At a point outside the mesh by less than an edge length, as between two polygons of one disk,
+    the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
+    outside.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = locate(cloth.X, cloth.triangles, points)
@@ -107,9 +107,8 @@ def l2_norm(cloth, values: np.ndarray) -> float:
 def l2_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
     """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
 
-    The integral is taken over the cloth with more triangles. The quadrature rule is exact to
-    degree 4 in each triangle. The result is exact if every edge of the coarser mesh is made of
-    edges of the finer mesh.
+    The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if every
+    edge of the coarser mesh is made of edges of the finer mesh.
     """
     weights, (value_a, *_), (value_b, *_) = _on_common_points(cloth, a, other, b)
     return float(np.sqrt(np.sum(weights[:, None] * (value_a - value_b) ** 2)))

@@ -24,12 +24,9 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
 def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
     """Find the pairs (p, 2) of triangles that pass through each other.
 
-    A pair intersects if an edge of one crosses the inside of the other. The five volumes of
-    tetrahedra whose signs decide it must exceed the round-off of the coordinates. Hence triangles
-    that touch, or overlap in a plane, do not count. Pairs with a common node do not count either.
-
-    The candidates are the pairs whose centroids are near, from a k-d tree of SciPy for each class
-    of sizes. The time is proportional to the number of triangles (s, 3).
+    A pair intersects if an edge of one crosses the inside of the other: five volumes of tetrahedra
+    must exceed the round-off of the coordinates, so triangles that touch, or overlap in a plane, do
+    not count, nor do pairs with a common node. The time is proportional to the triangles (s, 3).
 
     Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
     it on the average, as in a cloth that has collapsed.

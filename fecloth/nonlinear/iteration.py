@@ -321,8 +321,7 @@ class _Work:
         """The step of the exact matrix, by conjugate gradients with the factor that made `step`.
 
         A direction without positive curvature ends them and is the result (Nocedal and Wright
-        2006, algorithm 7.1). With the definite matrix alone the residual of a sheet with wrinkles
-        falls by as little as a hundredth in each iteration.
+        2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
         """
         first, equation = self.remedies.order[0], self.equation
         K = BlockMatrix.zeros(self.J.pattern, self.system.team)

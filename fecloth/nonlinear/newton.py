@@ -186,10 +186,7 @@ def solve(
 
 
 def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
-    """The unknowns (n, 3) near q and zero that all contacts allow; twice the same if only one is.
-
-    Raises `NewtonFailed` where neither has such an unknown.
-    """
+    """The unknowns near q and zero that all contacts allow, or one twice; else `NewtonFailed`."""
     guesses = [there for each in (q, zero) if (there := _admitted(system, stage, each)) is not None]
     if not guesses:
         reason = "no positions were found for the start of its iteration that all contacts allow"

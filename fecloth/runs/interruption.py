@@ -21,10 +21,7 @@ def set_handler(handler: Callable | signal.Handlers) -> dict[int, Callable | int
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal that stops at once.
-
-    After a plain KeyboardInterrupt in code run from a text Python ends by SIGINT at its exit.
-    """
+    """A signal that stops at once; after a plain KeyboardInterrupt Python may end by SIGINT."""
 
 
 def stop_at_once(number: int, frame: object) -> None:

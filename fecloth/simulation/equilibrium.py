@@ -78,8 +78,7 @@ def equilibrium(
     3.6a), or, where a force has no potential, at whose end the residual does not push back hard
     (after Matthies and Strang 1979); it is doubled while the potential is concave along it. Where
     it is shorter than s, up to twelve whole steps in a row are tried, and taken if the potential is
-    then lower (the watchdog technique, Chamberlain et al. 1982): a sheet that is stiff in its plane
-    stretches where a step turns it, and the next steps take that back. After three whole steps in a
+    then lower (the watchdog technique, Chamberlain et al. 1982). After three whole steps in a
     row that left more than half of the residual, as in a wrinkled sheet, conjugate gradients with
     the exact K follow, preconditioned by K + σ M; a direction without positive curvature ends them
     and is taken (truncated Newton, algorithm 7.1 there). No node moves by more than the extent of

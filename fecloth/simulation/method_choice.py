@@ -92,11 +92,7 @@ class Auto(ChosenSteps):
     def choose(
         self, system: System, state: State, t_end: float, solver_of, record=lambda *step: None
     ) -> tuple[Adaptive, str]:
-        """Choose the method; return it with the reason in words.
-
-        `solver_of` makes the `SolverContext` for a method; `record(method, old, step)` does the
-        work of recording after each step, whose time counts too.
-        """
+        """Choose the method by trial steps and `record(method, old, step)`; return it and why."""
         if any(term.needs_end for term in system.bound):
             return self._candidate(BDF2()), "contact leaves BDF2 and backward Euler"
         implicit = self._candidate(GeneralizedAlpha())

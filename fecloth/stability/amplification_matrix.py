@@ -24,11 +24,10 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 
     Above 1 the motion grows. In the long run, each step multiplies its energy by the square.
 
-    The system is a single triangle. A `Tether` with damping draws its three nodes to the origin,
-    so that their nine components are nine uncoupled oscillators. Each of them starts from another
-    unit vector of x, dt v and the memory of the method. The method's own `step` then gives the
-    columns of its matrix; no other formula of the method is used. The error is about 1e-12, and
-    about 1e-6 where two eigenvalues are equal, as at ζ = 1.
+    A `Tether` with damping draws the nodes of a single triangle to the origin: nine uncoupled
+    oscillators. Each starts from another unit vector of x, dt v and the memory of the method, and
+    the method's own `step` gives the columns of its matrix. The error is about 1e-12, and about
+    1e-6 where two eigenvalues are equal, as at ζ = 1.
 
     Parameters
     ----------

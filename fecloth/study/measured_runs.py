@@ -38,10 +38,7 @@ known_functions: dict[tuple[str, str], Callable] = {}  # of this process: import
 def run_scene(
     tables: dict, digest: str, trust_geo: bool, recorded: list, modes: int = 0, **timing: Any
 ) -> dict:
-    """Run the scene of these tables; `recorded` are the columns to return over the whole run.
-
-    `digest` is a hash of the files that it reads; `timing` is as for `measure`.
-    """
+    """Run the scene of these tables; `digest` is of its files, `recorded` are whole columns."""
     begin = time.process_time()
     setup = setup_of_scene(scene_of(tables, trust_geo), compiled=True)
     return _measure_all(setup, recorded, modes, timing, begin)

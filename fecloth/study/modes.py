@@ -62,9 +62,8 @@ class Modes(StudyResult):
     def write(self, folder: str | Path) -> Path:
         """Write a frame for each mode, for ParaView; return the .pvd file.
 
-        The frame of time i shows mode i with a largest displacement of a tenth of the extent of
-        the cloth. Its point array `shape` has the displacement, 1 at most; `Warp By Vector` with
-        another factor shows more or less.
+        The frame of time i shows mode i with a largest displacement of a tenth of the extent;
+        its point array `shape`, 1 at most, is for `Warp By Vector` with another factor.
         """
         folder, cloth = Path(folder), self.system.cloth
         with writing(folder):

@@ -58,10 +58,9 @@ def space_error(system: System, state: State) -> SpaceError:
 
         ‖e‖² = ∫ ½ (E* − E):ℂ:(E* − E) + ½ (κ* − κ):D:(κ* − κ) dA
 
-    estimates the error, with the same formula for the exact E and κ; ℂ are the moduli at the
-    state. The relative error is ‖e‖ over the root of the energy of the membranes and plates: the
-    error of stress and moment as a root mean square. It falls with h on P1 and for plates, with
-    h² for P2 membranes; the errors of positions fall with its square or faster.
+    estimates the error, with the same formula for the exact E and κ; ℂ are the moduli at the state.
+    The relative error is ‖e‖ over the root of the energy of the membranes and plates. It falls with
+    h on P1 and for plates, with h² for P2 membranes; errors of positions with its square.
 
     Of the exact error it is between 0.6 and 1.2 (`studies/convergence/space_error.md`).
 

@@ -9,8 +9,7 @@ import numpy as np
 class Increment(NamedTuple):
     """An increment of the loads in place of a step in time; `StepDifference.dt` is its size.
 
-    Nothing depends on speeds then but friction: the way over the increment takes the place of the
-    speed in its potential.
+    Friction alone depends on speeds: its potential takes the way over the increment for them.
     """
 
     t: float  # at its end, of what moves with t

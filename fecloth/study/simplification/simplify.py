@@ -44,10 +44,9 @@ def simplify(
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
     First half of h and half of dt (or a quarter of rtol) show whether the scene itself is resolved.
-    Then each term is left out or replaced by a cheaper one, triangles and steps become larger, and
-    each of these scenes is run. Changes below the tolerance are combined, the greatest saving per
-    change first, as long as the combination stays below the tolerance. The reduced scene is run
-    once more. Sizes that are not resolved stay as they are.
+    Then each term is left out or replaced by a cheaper one, and resolved triangles and steps become
+    larger. Changes below the tolerance are combined, the greatest saving per change first, as long
+    as the combination stays below the tolerance. The reduced scene is run once more.
 
     Parameters
     ----------

@@ -46,10 +46,9 @@ class MembraneLaw:
     slice of c is slow. When the term is bound, S and ℂ are compared with differences near rest;
     `fecloth.verify.check_term` does so far from it.
 
-    Newton's definite tangent clamps the principal values of S, as for all laws, and the eigenvalues
-    of ℂ where they are negative: W need not be convex. `System` raises `InputError` for what
-    is not (W, S, ℂ) or not finite at E = 0, for an entry of S or ℂ that is not the derivative, and
-    for what Numba cannot compile.
+    Newton's definite tangent clamps negative principal values of S and eigenvalues of ℂ: W need not
+    be convex. `System` raises `InputError` for what is not (W, S, ℂ) or not finite at E = 0, for an
+    entry of S or ℂ that is not the derivative, and for what Numba cannot compile.
     """
 
     traits = MEMBRANE

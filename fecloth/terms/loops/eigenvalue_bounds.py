@@ -54,8 +54,8 @@ def bound_from_squares(nodes: np.ndarray, squares: np.ndarray, mass: np.ndarray)
     """Compute `stencil_bound` from `squared_norms`, which a caller may form in parts.
 
     The largest eigenvalue of a sum is at most the largest of the parts' own (Irons and Treharne
-    1971), each with its share of the nodes' masses: here in proportion to the norms of the node's
-    rows. A Frobenius norm bounds an eigenvalue, and equals it where the matrix has rank one.
+    1971), each with a share of the nodes' masses in proportion to the norms of its rows, which
+    bound its eigenvalue.
     """
     rows = np.sqrt(squares.sum(axis=2))  # (m, k)
     around = np.bincount(nodes.ravel(), rows.ravel(), len(mass))[nodes]
