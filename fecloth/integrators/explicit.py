@@ -16,7 +16,7 @@ from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import Step, ending, prescribed_end
+from fecloth.integrators.step import Solution, Step, ending, prescribed_end
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -113,7 +113,8 @@ class Explicit:
     ) -> Step:
         self.check(system)
         opening = self.open(system, state, dt, memory, history)
-        return self.close(opening, opening.acceleration())
+        a = opening.acceleration()
+        return replace(self.close(opening, a), solution=Solution(self, opening, memory, a))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         return explicit_dissipation(system, old, step, self.forces_at)

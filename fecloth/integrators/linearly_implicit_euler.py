@@ -7,7 +7,14 @@ import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.one_stage import BackwardEuler, StageMethod
-from fecloth.integrators.step import UNCOUNTED, Step, ending, prescribed_end, set_prescribed
+from fecloth.integrators.step import (
+    UNCOUNTED,
+    Solution,
+    Step,
+    ending,
+    prescribed_end,
+    set_prescribed,
+)
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
@@ -121,7 +128,8 @@ class LinearlyImplicitEuler:
             if definite or solver.options.definiteness == "none":
                 raise
             dv, counts = _velocity_change(opening, solver, True)
-        return self.close(opening, dv, counts)
+        step = self.close(opening, dv, counts)
+        return replace(step, solution=Solution(self, opening, memory, dv))
 
     numerical = StageMethod.numerical
 

@@ -6,9 +6,9 @@ history. Each part is a function of its own, so that others can evaluate the res
 of the step, at a q that they have.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,16 @@ from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+
+
+class Solution(NamedTuple):
+    """How a step was opened, and its unknown: ``method.close(opening, q)`` is the `Step`."""
+
+    method: Any
+    opening: Any  # of `method.open`
+    memory: Any  # the memory with which the step was opened
+    # (n, 3) the unknown that solves it; of an explicit step the acceleration
+    q: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +68,8 @@ class Step:
     size: float | None = None
     # (n, 3) [N] the force at the begin, of a step whose pins do the work of the mean of both ends
     first_force: np.ndarray | None = None
+    # what was opened and solved, of methods that have `open` and `close`
+    solution: Solution | None = None
 
     def around(self, system: System) -> tuple[System, System]:
         """The system with the history of its terms before, and after the step."""
@@ -189,4 +201,4 @@ def newton_step(
     opening = self.open(system, state, dt, memory, history, solver)
     q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, dt)
     step: Step = self.close(opening, q, counts)
-    return step
+    return replace(step, solution=Solution(self, opening, memory, q))

@@ -1,6 +1,10 @@
-"""The records that restart files can hold, marked where they are defined."""
+"""The records that restart files can hold, marked where they are defined, and their slopes."""
 
-from typing import TypeVar
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
 
 from fecloth.errors import InputError
 
@@ -26,3 +30,55 @@ def remembered(cls: C) -> C:
         raise InputError(f"class {name}", "must have a name of its own", "remembered", remedy)
     RECORDS[name] = cls
     return cls
+
+
+def slope(plus: Any, minus: Any, width: float) -> Any:
+    """(plus − minus)/width of all real numbers in two records; None for what is no real number.
+
+    A record gives a mapping, with the slopes of its fields by their names.
+
+    Raises
+    ------
+    ValueError
+        For arrays of different shapes, and for tuples or mappings of different lengths or keys.
+
+    Examples
+    --------
+    >>> slope((1.5, "a"), (1.0, "a"), 0.25)
+    (2.0, None)
+    """
+    if isinstance(plus, float | np.floating | np.ndarray):
+        array = np.asarray(plus)
+        if array.dtype.kind != "f" or minus is None:
+            return None
+        if array.shape != np.shape(minus):
+            raise ValueError(f"arrays of shapes {array.shape} and {np.shape(minus)}")
+        return (plus - minus) / width
+    if isinstance(plus, tuple):
+        return tuple(slope(p, m, width) for p, m in zip(plus, minus, strict=True))
+    names = _names(plus)
+    if names != _names(minus):
+        raise ValueError(f"different contents: {names} and {_names(minus)}")
+    return {name: slope(_part(plus, name), _part(minus, name), width) for name in names} or None
+
+
+def shift(record: Any, slopes: Any, size: float) -> Any:
+    """The record + size × its slopes, as `slope` has them; the record itself for no slopes."""
+    if slopes is None or record is None:
+        return record
+    if isinstance(record, tuple):
+        return tuple(shift(part, s, size) for part, s in zip(record, slopes, strict=True))
+    if isinstance(slopes, Mapping):
+        parts = {name: shift(_part(record, name), s, size) for name, s in slopes.items()}
+        return {**record, **parts} if isinstance(record, Mapping) else replace(record, **parts)
+    return record + size * slopes
+
+
+def _names(record: Any) -> list[str]:
+    if isinstance(record, Mapping):
+        return list(record)
+    return [field.name for field in fields(record)] if is_dataclass(record) else []
+
+
+def _part(record: Any, name: str) -> Any:
+    return record[name] if isinstance(record, Mapping) else getattr(record, name)

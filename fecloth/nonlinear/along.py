@@ -1,0 +1,61 @@
+"""Derivatives by a parameter of all that a step, or an increment of the loads, begins with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fecloth.nonlinear.linearised import NoDerivative
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms import records
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Derivatives by p, which is a parameter over its width, so that x is in m and v in m/s."""
+
+    x: np.ndarray  # (n, 3) ∂x/∂p [m]
+    v: np.ndarray  # (n, 3) ∂v/∂p [m/s]
+    # As `records.slope` has them: of the memory of the method, and of the records of the terms.
+    memory: Any = None
+    history: Any = None
+
+    @classmethod
+    def between(cls, plus: State, minus: State, width: float, *pairs: tuple[Any, Any]) -> Along:
+        """Central differences of two states, and of pairs of memories and of histories."""
+        try:
+            slopes = [records.slope(*pair, width) for pair in pairs]
+        except ValueError as error:
+            reason = (
+                f"at t = {plus.t:.6g} s what is remembered of the steps before changes its form"
+            )
+            raise NoDerivative(f"{reason}, as where a contact begins: {error}") from None
+        return cls((plus.x - minus.x) / width, (plus.v - minus.v) / width, *slopes)
+
+    def shift(self, state: State, size: float) -> State:
+        """The state at p + size."""
+        return State(state.t, state.x + size * self.x, state.v + size * self.v)
+
+    def longest(self, dt: float = 0.0) -> float:
+        """The largest displacement of a node for a change of p by 1, also within a step dt [m]."""
+        return max(_longest(self.x), dt * _longest(self.v))
+
+
+def _longest(u: np.ndarray) -> float:
+    return math.sqrt(float(np.einsum("ij,ij->i", u, u).max()))
+
+
+class Sides(NamedTuple):
+    """The systems at p + ε and p − ε, with ε = `size`."""
+
+    plus: System
+    minus: System
+    size: float
+
+    @property
+    def signed(self) -> tuple[tuple[System, float], tuple[System, float]]:
+        return (self.plus, self.size), (self.minus, -self.size)

@@ -1,0 +1,118 @@
+"""The linear equation of a derivative, solved by corrections with an approximate tangent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from fecloth.errors import FeclothError, SolveFailed
+
+SWEEPS = 12  # corrections with a matrix
+SLOW = 0.5  # contraction of the corrections above which it is
+FAST = 0.2  # after a contraction below it, slow corrections are the round-off of the residual
+INNER = 1e-2  # relative residual of each linear solve
+FIRST = 0.3  # contraction that is assumed where none is known
+VECTORS, RESTARTS = 60, 5  # of GMRES
+
+Map = Callable[[np.ndarray], np.ndarray]
+
+
+class NoDerivative(FeclothError):
+    """A derivative does not exist, or cannot be computed; the message says why."""
+
+
+class Corrected(NamedTuple):
+    """The unknown, and the contraction of the corrections by each solver that was used."""
+
+    y: np.ndarray  # (n, 3)
+    contractions: dict[str, float]
+
+
+def correct(
+    residual: Map,
+    y: np.ndarray,
+    solvers: Mapping[str, Callable[[], Map]],
+    known: Mapping[str, float],
+    size_of: Callable[[np.ndarray], float],
+    tolerance: float,
+    floor: float,
+) -> Corrected:
+    """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
+
+    Parameters
+    ----------
+    residual
+        Of the free directions.
+    y
+        A first guess.
+    solvers
+        Functions that return b ↦ J⁻¹ b for approximate J, the cheapest first. The next one is taken
+        where corrections do not shrink by half; after all, GMRES with the last.
+    known
+        By what factor corrections of each solver shrink, as far as it is known.
+    size_of
+        The size of y, to which its error is relative.
+    tolerance
+        Relative error of y.
+    floor
+        The size of a correction that round-off causes.
+
+    Raises
+    ------
+    NoDerivative
+        If no matrix has a factor, or GMRES does not end.
+    """
+    solve, contractions = None, dict[str, float]()
+    for name, prepare in solvers.items():
+        try:
+            solve, last, fastest = prepare(), math.inf, SLOW
+            for _ in range(SWEEPS):
+                step = solve(residual(y))
+                y = y - step
+                size = float(np.linalg.norm(step))
+                measured = math.isfinite(last)
+                contraction = size / last if measured else known.get(name, FIRST)
+                if measured and contraction < 1:
+                    contractions.setdefault(name, contraction)
+                left = size * contraction / (1 - contraction) if contraction < 1 else math.inf
+                if size <= floor or left <= tolerance * size_of(y):
+                    return Corrected(y, contractions)
+                if contraction > SLOW and measured:
+                    break
+                last, fastest = size, min(fastest, contraction)
+            if fastest < FAST:  # what is left is the round-off of the residual
+                return Corrected(y, contractions)
+        except SolveFailed:
+            continue
+    if solve is None:
+        raise NoDerivative("the tangent has no factor: it is singular")
+    return Corrected(_by_gmres(residual, y, solve, size_of, tolerance), contractions)
+
+
+def _by_gmres(
+    residual: Map,
+    y: np.ndarray,
+    solve: Map,
+    size_of: Callable[[np.ndarray], float],
+    tolerance: float,
+) -> np.ndarray:
+    """Solve residual(y) = 0 by GMRES, with differences of the residual as products."""
+    r = residual(y)
+
+    def product(z: np.ndarray) -> np.ndarray:
+        z = z.reshape(y.shape)
+        unit = size_of(y) / (np.linalg.norm(z) or 1.0)
+        return ((residual(y + unit * z) - r) / unit).ravel()
+
+    def precondition(b: np.ndarray) -> np.ndarray:
+        return solve(b.reshape(y.shape)).ravel()
+
+    A, M = (LinearOperator((y.size, y.size), f, dtype=float) for f in (product, precondition))
+    step, info = gmres(A, r.ravel(), M=M, rtol=tolerance, restart=VECTORS, maxiter=RESTARTS)
+    if info:
+        raise NoDerivative("the equation of the derivative is singular, as where a fold changes")
+    return y - step.reshape(y.shape)
