@@ -42,6 +42,7 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .study.modes import Modes, modes
+from .study.sensitivity import sensitivity
 from .study.tuning.result import Tuned
 from .study.tuning.tune import tune
 from .system.lay_down import lay_down
@@ -170,6 +171,7 @@ __all__ = [
     "read_frame",
     "run",
     "run_scene",
+    "sensitivity",
     "shapes",
     "solver_for",
     "space_error",

@@ -170,7 +170,7 @@ def _derive_unknown(
     floor = ROUND_OFF * float(norm(q)) / size
 
     def size_of(dq: np.ndarray) -> float:
-        return max(float(norm(dq)), least)
+        return float(max(norm(dq), least))
 
     solvers, known = tangents.solvers(solution), tangents.known
     allowed = size_of, tangents.tolerance, floor

@@ -12,7 +12,7 @@ from fecloth.linalg import select
 from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.equation import Remedy
-from fecloth.nonlinear.increments import LoadIncrement
+from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
 from fecloth.nonlinear.linearised import INNER, Map, correct
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -20,13 +20,6 @@ from fecloth.terms.records import shift
 
 EXACT = Remedy(0.0, False)
 ROUND_OFF = 1e-15  # of positions
-
-
-class SolvedIncrement(NamedTuple):
-    """An increment of the loads, and the positions (n, 3) [m] in equilibrium at its end."""
-
-    increment: LoadIncrement
-    x: np.ndarray
 
 
 class DerivedIncrement(NamedTuple):
@@ -107,7 +100,8 @@ def derive_increment(
         states.append(State(increment.start.t, at, np.zeros_like(at)))
         overs.append(over)
         histories.append(over.commit(states[-1], side.increment.history))
-    end = Along.between(*states, 2 * sides.size, (None, None), tuple(histories))
+    pairs = (None, None), (histories[0], histories[1])
+    end = Along.between(states[0], states[1], 2 * sides.size, *pairs)
     return DerivedIncrement(end, (states[0], states[1]), (overs[0], overs[1]))
 
 

@@ -59,6 +59,13 @@ def static_context(
     return SolverContext(linear, matrix, options)
 
 
+class SolvedIncrement(NamedTuple):
+    """An increment of the loads, and the positions (n, 3) [m] in equilibrium at its end."""
+
+    increment: LoadIncrement
+    x: np.ndarray
+
+
 class Solved(NamedTuple):
     """Positions (n, 3) [m] in equilibrium, and how they were found."""
 
@@ -151,6 +158,7 @@ class Increase(NamedTuple):
     # The system over the last increment, and what its terms remember after that.
     over: System
     history: History | None
+    path: tuple[SolvedIncrement, ...]  # the increments, each from the end of the one before
 
 
 def increase_loads(
@@ -173,7 +181,7 @@ def increase_loads(
     increment that is repeated in smaller ones begins with what they remembered before it.
     """
     x, (reached, end), size, total = start.x, loads, largest, Counts()
-    over, tries_all = system, False
+    over, path, tries_all = system, list[SolvedIncrement](), False
     may_try_all = largest < end - reached and not any(term.needs_path for term in system.bound)
     while reached < end:
         to = reached + size
@@ -193,11 +201,12 @@ def increase_loads(
                 raise EquilibriumFailed(reason, *args) from failure
             continue
         rate = (solved.x - increment.carried) / increment.size
+        path.append(SolvedIncrement(increment, solved.x))
         x, reached, total = solved.x, load, total.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if solved.counts.newton <= QUICK:
             size = min(2 * size, largest)
-    return Increase(solved._replace(counts=total), rate, over, history)
+    return Increase(solved._replace(counts=total), rate, over, history, tuple(path))
 
 
 def solve_increment(

@@ -24,6 +24,9 @@ Map = Callable[[np.ndarray], np.ndarray]
 class NoDerivative(FeclothError):
     """A derivative does not exist, or cannot be computed; the message says why."""
 
+    def __str__(self) -> str:
+        return f"no derivative here: {super().__str__()}"
+
 
 class Corrected(NamedTuple):
     """The unknown, and the contraction of the corrections by each solver that was used."""

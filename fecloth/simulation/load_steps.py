@@ -13,11 +13,12 @@ import numpy as np
 from fecloth.errors import amount
 from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step
+from fecloth.integrators.step import UNCOUNTED, Solution, Step
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.increments import increase_loads, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
+from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.step_times import step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -33,7 +34,7 @@ class LoadRate:
     """After a step: where the next one begins its search, and the force on the pins."""
 
     # (n, 3) ∂x/∂(part of the loads) [m], beyond where the pins carry the cloth
-    rate: np.ndarray
+    rate: np.ndarray | float
     force: np.ndarray  # (n, 3) of all terms [N]
 
 
@@ -114,18 +115,17 @@ class LoadSteps:
         still = np.zeros_like(state.x)
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon
         rate: Any = memory.rate if memory else 0.0
-        opening = system.with_bound(_scaled(system.with_history(history), state.t))
-        first = memory.force if memory else opening.force(state)
+        first = memory.force if memory else force_at(system, state, history)
         try:
-            solved, rate, over, after = increase_loads(
+            increase = increase_loads(
                 system, start, solver, horizon, (state.t, load), rate, history
             )
         except EquilibriumFailed as failure:
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
-        new, over = State(load, solved.x, still), over.with_bound(_scaled(over, load))
-        reached = LoadRate(rate, over.force(new))
-        step = Step(new, new, reached, solved.counts, over=over, first_force=first)
-        return replace(step, history=after, earlier=history)
+        solved, over = increase.solved, increase.over
+        step = close_loads(over, State(load, solved.x, still), first, increase.rate, solved.counts)
+        solution = Solution(self, increase.path, memory, solved.x)
+        return replace(step, history=increase.history, earlier=history, solution=solution)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
@@ -146,6 +146,26 @@ class LoadSteps:
     def __str__(self) -> str:
         steps = amount(self.load_steps, "load step")
         return f"static equilibrium in {steps}, tolerance {self.tolerance}"
+
+
+def force_at(system: System, state: State, history: History | None) -> np.ndarray:
+    """(n, 3) force [N] of all terms where `state.t` is the part of the loads."""
+    return system.with_bound(_scaled(system.with_history(history), state.t)).force(state)
+
+
+def close_loads(
+    over: System,
+    new: State,
+    first: np.ndarray,
+    rate: np.ndarray | float = 0.0,
+    counts: Counts = UNCOUNTED,
+) -> Step:
+    """The step to the equilibrium `new`, whose t is the part of the loads, from the force `first`.
+
+    `over` is the system over its last increment, with whole loads.
+    """
+    over = over.with_bound(_scaled(over, new.t))
+    return Step(new, new, LoadRate(rate, over.force(new)), counts, over=over, first_force=first)
 
 
 def _scaled(system: System, load: float) -> Iterator[Any]:

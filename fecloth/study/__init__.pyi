@@ -22,6 +22,7 @@ from .front import Study, of
 from .overlay import Overlay, compare_runs
 from .reports import write_csv
 from .result import StudyResult, Table
+from .sensitivity import sensitivity
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability
@@ -59,6 +60,7 @@ __all__ = [
     "of",
     "require_packages",
     "run_cases",
+    "sensitivity",
     "simplify",
     "stability",
     "sweep",

@@ -146,8 +146,8 @@ class FunctionProblem(CommonProblem):
             settings["dt"] = dt
         return settings, dt
 
-    def setup(self) -> setups.Setup:
-        """Call the function, and put other terms in place of its own."""
+    def setup(self, cloth: Cloth | None = None) -> setups.Setup:
+        """Call the function, which makes its own cloth, and put other terms in place of its own."""
         settings, dt = self.arguments()
         run = self.function, settings, dt, self.t_end
         made = setups.setup_of_function(*run, self.placed, self.sharper)

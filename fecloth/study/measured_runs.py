@@ -15,7 +15,7 @@ from fecloth.errors import FeclothError, FeclothWarning
 from fecloth.mesh.cloth import Cloth
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.equilibrium import equilibrium
+from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.march import march
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
@@ -32,6 +32,7 @@ from fecloth.study.status import TimeLimit, check_time_limit
 WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 REPEATS, SHORT = 3, 1.0  # runs to compare seconds, as long as all together take less [s]
 Solve = Callable[[Setup, Callable[..., None]], dict]
+Rest = Callable[..., Equilibrium]
 known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
@@ -87,13 +88,16 @@ def measure(
     timed: bool = False,
     repeats: int = REPEATS,  # runs at most
     most: float | None = None,  # longest CPU time of a run [s]
+    rest: Rest = equilibrium,  # finds the equilibrium of a setup without `t_end`
 ) -> dict:
     with (
         setup.system.team.pinned(),
         warnings.catch_warnings(action="ignore", category=FeclothWarning),
     ):
         whole = bool(recorded or function)  # over the run: each step has a row
-        solve: Solve = _solve if setup.t_end is None else partial(_march, whole=whole)
+        solve: Solve = partial(_march, whole=whole)
+        if setup.t_end is None:
+            solve = partial(_solve, rest=rest)
         if modes and not setup.is_static:
             solve = _nothing_run
         if timed:
@@ -181,11 +185,11 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
     }
 
 
-def _solve(setup: Setup, report: Callable[..., None]) -> dict:
+def _solve(setup: Setup, report: Callable[..., None], rest: Rest) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # they are in the row
-        state = equilibrium(setup.system, setup.start, report=report)
+        state = rest(setup.system, setup.start, report=report)
     rows = [observer.row(None, None), observer.row_at_rest(state)]
     ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
     both = [ledger | row for ledger, row in zip(ledgers, rows, strict=True)]

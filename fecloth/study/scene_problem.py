@@ -167,9 +167,9 @@ class SceneProblem(CommonProblem):
     runner = staticmethod(measured_runs.run_scene)
     is_importable = True
 
-    def setup(self) -> Setup:
-        """Build the scene, and compile what its run needs."""
-        return setup_of_scene(self.scene, compiled=True)
+    def setup(self, cloth: Cloth | None = None) -> Setup:
+        """Build the scene, on the cloth if it is given, and compile what its run needs."""
+        return setup_of_scene(self.scene, compiled=cloth is None, cloth=cloth)
 
     def case(self) -> dict[str, object]:
         """Return the arguments of `runner` that say what the problem is: the same, the same run."""

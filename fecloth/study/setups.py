@@ -49,9 +49,9 @@ class Setup:
         return not self.is_static and self.steps.traits.explicit
 
 
-def setup_of_scene(scene: Scene, compiled: bool = False) -> Setup:
+def setup_of_scene(scene: Scene, compiled: bool = False, cloth: Cloth | None = None) -> Setup:
     """Return the setup of a scene, with what its run needs compiled if asked for."""
-    built = scene.build()
+    built = scene.build(cloth)
     if compiled:
         compile_kernels(built)
     run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear

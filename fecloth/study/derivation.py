@@ -1,0 +1,300 @@
+"""Run a problem, and beside it the derivatives of what is recorded by its parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fecloth.integrators.derivatives import DerivedStep, StepTangents, derive_step
+from fecloth.integrators.protocol import has_symmetric_matrix, method_of
+from fecloth.nonlinear.along import Along, Sides
+from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
+from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
+from fecloth.nonlinear.static_equation import EquilibriumFailed
+from fecloth.simulation.derived_loads import DerivedLoads
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.equilibrium import Equilibrium, equilibrium
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.march import StepInfo, march
+from fecloth.simulation.probes import Observer
+from fecloth.simulation.resolve import resolve
+from fecloth.simulation.run import collect, columns
+from fecloth.study.parameters import Parameter
+from fecloth.study.setups import Setup
+from fecloth.system.state import State
+from fecloth.system.system import System
+from fecloth.terms import records
+
+SMALL = 1e-5  # of the edge length, or of a gap: how far nodes are moved for differences
+SHARPEST = (1e-13, 1e-12, 1e-11, 1e-10)  # tolerances of an equilibrium, tried in this order
+LARGEST, LEAST = 1e-4, 1e-9  # change of a parameter for differences, over its width
+
+Row = dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What is derived of a run: rows of each step or of both ends, and whether with the ledger."""
+
+    whole: bool
+    flows: bool  # whether dissipation and work are among what is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """A run, and the derivatives of what it recorded by each parameter over its width."""
+
+    result: Any  # the `Result`, or the `Equilibrium`
+    times: np.ndarray  # (s + 1,) [s]
+    columns: Mapping[str, np.ndarray]  # column → (s + 1,)
+    slopes: tuple[Mapping[str, np.ndarray], ...]  # of each parameter: column → (s + 1,)
+    starts: tuple[Along, ...]  # of each parameter, at the start
+    ends: tuple[Along, ...]  # and at the end
+    sides: tuple[Sides, ...]  # the systems of each parameter, at changes of 1e-4
+    sizes: tuple[float, ...] = ()  # the steps [s]
+    why: str = ""  # how the steps were chosen, or ""
+
+
+@dataclass(eq=False)
+class Follower:
+    """Follows the derivatives by a parameter along a run."""
+
+    parameter: Parameter
+    setup_at: Callable[[float], Setup]  # of a value of the parameter
+    base: Setup
+    recorded: Recorded
+    sides_by_size: dict[float, tuple[Setup, Setup]] = field(default_factory=dict)
+    observers: dict[float, tuple[Observer, Observer]] = field(default_factory=dict)
+    along: Along = field(init=False)
+    start: Along = field(init=False)
+    rows: list[Row] = field(default_factory=list)
+    flows: Any = None  # slopes of the ledger
+
+    def __post_init__(self) -> None:
+        plus, minus = self._setups(LARGEST)
+        history = plus.system.start_history(plus.start), minus.system.start_history(minus.start)
+        pairs = (None, None), history
+        self.start = Along.between(plus.start, minus.start, 2 * LARGEST, *pairs)
+        self.along = self.start
+        first, second = (Ledger.open(setup.system, setup.start) for setup in (plus, minus))
+        self.flows = records.slope(first, second, 2 * LARGEST)
+        observed = [each.row(None, None) for each in self._observers(LARGEST)]
+        rows = [a.row() | b for a, b in zip((first, second), observed, strict=True)]
+        self._add(rows, LARGEST)
+
+    def size(self, dt: float) -> float:
+        """ε, a power of ten: so small that nodes move little, so large that they move at all."""
+        far = self.along.longest(dt)
+        wanted = SMALL * shortest_length(self.base) / far if far else LARGEST
+        decade = 10.0 ** math.floor(math.log10(min(max(wanted, LEAST), LARGEST)) + 1e-9)
+        return decade
+
+    def sides(self, size: float) -> Sides:
+        plus, minus = self._setups(size)
+        return Sides(plus.system, minus.system, size)
+
+    def _setups(self, size: float) -> tuple[Setup, Setup]:
+        if size not in self.sides_by_size:
+            at, p = self.setup_at, self.parameter
+            self.sides_by_size[size] = at(p.at(size)), at(p.at(-size))
+        return self.sides_by_size[size]
+
+    def _observers(self, size: float) -> tuple[Observer, Observer]:
+        if size not in self.observers:
+            plus, minus = (
+                Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+                for setup in self._setups(size)
+            )
+            self.observers[size] = plus, minus
+        return self.observers[size]
+
+    def follow(
+        self, info: StepInfo, derive: Callable[[Along, Sides], DerivedStep], ledger: Ledger,
+        method: Any, is_last: bool,
+    ) -> None:  # fmt: skip
+        """Go on to the end of a step; `ledger` is at its begin."""
+        size = self.size(info.size)
+        sides = self.sides(size)
+        derived = derive(self.along, sides)
+        if self.recorded.whole or is_last:
+            self._record(info, derived, sides, ledger, method)
+        self.along = derived.end
+
+    def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
+        rows, ledgers = [], []
+        for (system, size), step, observer in zip(
+            sides.signed, derived.steps, self._observers(sides.size), strict=True
+        ):
+            old = self.along.shift(info.old, size)
+            if self.recorded.flows:
+                before = records.shift(ledger, self.flows, size)
+                ledgers.append(before.after(system, method, old, step))
+            else:
+                around = system.with_history(step.history)
+                ledgers.append(Ledger.open(around, step.state))
+            rows.append(ledgers[-1].row() | observer.row(old, step))
+        self.flows = records.slope(ledgers[0], ledgers[1], 2 * sides.size)
+        self._add(rows, sides.size)
+
+    def rest(self, derived_states: Sequence[State], sides: Sides) -> None:
+        """Record the row of an equilibrium."""
+        rows = [
+            Ledger.open(system, state).row() | observer.row_at_rest(state)
+            for (system, _), state, observer in zip(
+                sides.signed, derived_states, self._observers(sides.size), strict=True
+            )
+        ]
+        self._add(rows, sides.size)
+
+    def _add(self, rows: Sequence[Row], size: float) -> None:
+        """Add the slopes of the rows at p + size and p − size."""
+        plus, minus = rows
+        self.rows.append({name: (plus[name] - minus[name]) / (2 * size) for name in plus})
+
+
+def shortest_length(setup: Setup) -> float:
+    """The shortest edge of a right triangle of the mean area, or the least gap [m]."""
+    cloth = setup.cloth
+    gaps = [float(gap) for term in setup.system.terms if (gap := getattr(term, "gap", None))]
+    return min([math.sqrt(cloth.area / len(cloth.triangles)), *gaps])
+
+
+def derive_run(
+    setup: Setup,
+    parameters: Sequence[Parameter],
+    setup_at: Callable[[Parameter, float], Setup],
+    recorded: Recorded,
+    tolerance: float,
+    report: Callable[..., None] = lambda *_: None,
+) -> Derivation:
+    """Run a setup, and follow the derivatives by the parameters.
+
+    `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error of
+    a derivative over a step.
+    """
+
+    def follower(parameter: Parameter) -> Follower:
+        return Follower(parameter, lambda value: setup_at(parameter, value), setup, recorded)
+
+    followers = [follower(parameter) for parameter in parameters]
+    if setup.t_end is None:
+        return _derive_rest(setup, followers, report)
+    return _derive_motion(setup, followers, recorded, tolerance, report)
+
+
+def _derive_motion(
+    setup: Setup,
+    followers: Sequence[Follower],
+    recorded: Recorded,
+    tolerance: float,
+    report: Callable[..., None],
+) -> Derivation:
+    system, start, t_end = setup.system, setup.start, setup.t_end
+    assert t_end is not None
+    given = system, setup.steps, start, t_end, setup.linear, setup.newton
+    steps, solver, why = resolve(*given)
+    method, tangents = method_of(steps), None
+    if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
+        symmetric = has_symmetric_matrix(system, method)
+        tangents = StepTangents(system, symmetric, solver, len(followers), tolerance)
+    ledger, observer = (
+        Ledger.open(system, start),
+        Observer.bind(system, start, setup.probes, shape=True),
+    )
+    sizes = list[float]()
+
+    def watch(states) -> Iterator:
+        before = ledger
+        for state, info in states:
+            sizes.append(info.size)
+            loads = None
+            if isinstance(steps, LoadSteps):
+                loads = DerivedLoads.of(system, info.old, info.result)
+
+            def derive(along: Along, sides: Sides, info=info, loads=loads) -> DerivedStep:
+                if loads:
+                    return loads.derive(along, sides)
+                return derive_step(info.result, along, sides, tangents)
+
+            is_last = state.t >= t_end - 1e-12 * abs(t_end)
+            for each in followers:
+                each.follow(info, derive, before, method, is_last)
+            if recorded.flows:
+                before = before.after(system, method, info.old, info.result)
+            report(info)
+            yield state, info
+
+    states = march(system, steps, start, None, t_end, solver=solver)
+    result = collect(watch(states), system, method, ledger, observer, why)
+    all_columns = {**result.energies, **result.observed}
+    times = result.times
+    if not recorded.whole:
+        times = times[[0, -1]]
+        all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
+    chosen = setup.steps.dt is None and not isinstance(steps, LoadSteps)
+    return Derivation(
+        result,
+        times,
+        all_columns,
+        tuple(columns(each.rows) for each in followers),
+        tuple(each.start for each in followers),
+        tuple(each.along for each in followers),
+        tuple(each.sides(LARGEST) for each in followers),
+        tuple(sizes),
+        "the steps that were chosen stay as they are" if chosen else "",
+    )
+
+
+def find_rest(
+    system: System, start: State, report: Callable[..., None] = lambda *_: None
+) -> Equilibrium:
+    """The equilibrium as exactly as round-off allows: twin runs differ by little."""
+    state = equilibrium(system, start, report=report)
+    if any(term.needs_path for term in system.bound):
+        return state
+    for tolerance in SHARPEST:
+        try:
+            return equilibrium(system, state, tolerance=tolerance, report=report)
+        except EquilibriumFailed:  # the round-off of the forces is larger
+            continue
+    return state
+
+
+def _derive_rest(
+    setup: Setup, followers: Sequence[Follower], report: Callable[..., None]
+) -> Derivation:
+    system, start = setup.system, setup.start
+    state = find_rest(system, start, report)
+    history = system.start_history(start)
+    begin = State(start.t, start.x, np.zeros_like(start.x))
+    whole = LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
+    solved = SolvedIncrement(whole, state.x)
+    tangent = StaticTangent.at(solved)
+    for each in followers:
+        sides = each.sides(LARGEST)
+        derived = derive_increment(solved, each.start, sides, tangent)
+        each.along = derived.end
+        size = each.size(0.0)
+        if size < LARGEST:
+            sides = each.sides(size)
+            derived = derive_increment(solved, each.start, sides, tangent)
+            each.along = derived.end
+        each.rest(derived.states, sides)
+    observer = Observer.bind(system, start, setup.probes, shape=True)
+    rows = [
+        Ledger.open(system, start).row() | observer.row(None, None),
+        Ledger.open(system, state).row() | observer.row_at_rest(state),
+    ]
+    return Derivation(
+        state,
+        np.array([start.t, state.t]),
+        columns(rows),
+        tuple(columns(each.rows) for each in followers),
+        tuple(each.start for each in followers),
+        tuple(each.along for each in followers),
+        tuple(each.sides(LARGEST) for each in followers),
+    )

@@ -1,0 +1,218 @@
+"""The cases of a sensitivity: a run with derivatives, and a pair of twin runs that checks them."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fecloth.errors import FeclothWarning
+from fecloth.integrators.protocol import method_of
+from fecloth.nonlinear.along import Along, Sides
+from fecloth.nonlinear.options import Newton
+from fecloth.scene.scene import scene_of
+from fecloth.simulation.fixed_step import GivenSteps
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.quantity import Quantity, parse_quantity
+from fecloth.simulation.quantity_values import value_of
+from fecloth.study import status
+from fecloth.study.derivation import LARGEST, derive_run, find_rest
+from fecloth.study.fingerprint import load_function
+from fecloth.study.function_problem import FunctionProblem
+from fecloth.study.measured_runs import columns_to_record, known_functions, measure, record_of
+from fecloth.study.modes import modes
+from fecloth.study.parameters import Parameter, setup_with
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.quantity_slopes import Slopes, slope_of_frequency, what_to_record
+from fecloth.study.run_problems import Runs, run_here, run_stored
+from fecloth.study.setups import Setup
+from fecloth.study.workload import Workload
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+LOOSE = 1e-2  # the largest relative error of derivatives that can be asked for
+OF_STEPS = 10.0  # times the tolerance: relative error of the derivative of a single step
+OF_NEWTON, OF_TWINS = 1e-2, 1e-11  # times it: Newton's tolerance; Newton's tolerance in twin runs
+
+
+@dataclass(frozen=True, eq=False)
+class Sought:
+    """What is derived: quantities by parameters, and how exactly."""
+
+    parameters: tuple[Parameter, ...]
+    quantities: tuple[Quantity, ...]
+    tolerance: float
+
+    def is_of_start(self, setup: Setup) -> bool:
+        """Whether frequencies about the start of a problem in time are asked for."""
+        return self.quantities[0].how == "mode" and not setup.is_static
+
+    def settings(self) -> list[object]:
+        """What `of` takes, in JSON's types."""
+        listed = [[p.name, p.value, p.width] for p in self.parameters]
+        return [listed, [quantity.text for quantity in self.quantities], self.tolerance]
+
+    @classmethod
+    def of(cls, parameters: list, quantities: list, tolerance: float) -> Sought:
+        listed = tuple(Parameter(*each) for each in parameters)
+        return cls(listed, tuple(map(parse_quantity, quantities)), tolerance)
+
+
+def derive_case(problem: Problem, sought: Sought) -> dict:
+    """Run the problem with derivatives: values, slopes by parameters over their widths, steps."""
+    begin = time.process_time()
+    setup = _sharpened(problem.setup(), sought.tolerance * OF_NEWTON)
+
+    def setup_at(parameter: Parameter, value: float) -> Setup:
+        return setup_with(problem, {parameter.name: value}, setup)
+
+    with _quietly(setup):
+        if sought.is_of_start(setup):
+            answer: dict[str, Any] = _derive_start(setup, sought, setup_at)
+        else:
+            answer = _derive_run(problem, setup, sought, setup_at)
+    return answer | {"cpu_seconds": time.process_time() - begin}
+
+
+SetupAt = Callable[[Parameter, float], Setup]
+
+
+def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
+    recorded = what_to_record(sought.quantities)
+    exactly = sought.tolerance * OF_STEPS, status.check_time_limit
+    derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
+    slopes, state = Slopes(setup, derivation, problem.probes), derivation.result.state
+    shapes = _modes(setup.system, state, sought.quantities)
+    values, rows = [], []
+    for quantity in sought.quantities:
+        of_mode, numbers = quantity.how == "mode", range(len(sought.parameters))
+        if of_mode:
+            values.append(float(shapes.frequencies[quantity.mode - 1]))
+            ends = derivation.ends
+            at = [_at_both(state, *pair) for pair in zip(ends, derivation.sides, strict=True)]
+            pairs = zip(derivation.sides, at, strict=True)
+            rows.append([slope_of_frequency(shapes, quantity.mode, *pair) for pair in pairs])
+        else:
+            values.append(slopes.value(quantity))
+            rows.append([slopes.slope(quantity, i) for i in numbers])
+    steps = {"sizes": list(derivation.sizes), "why": derivation.why}
+    return {"values": values, "slopes": rows, **steps}
+
+
+def _derive_start(setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
+    """Frequencies about the start of a problem in time, which does not run."""
+    shapes, values, rows = _modes(setup.system, setup.start, sought.quantities), [], []
+    for quantity in sought.quantities:
+        values.append(float(shapes.frequencies[quantity.mode - 1]))
+        row = []
+        for p in sought.parameters:
+            plus, minus = setup_at(p, p.at(LARGEST)), setup_at(p, p.at(-LARGEST))
+            sides = Sides(plus.system, minus.system, LARGEST)
+            states = plus.start, minus.start
+            row.append(slope_of_frequency(shapes, quantity.mode, sides, states))
+        rows.append(row)
+    return {"values": values, "slopes": rows, "sizes": [], "why": ""}
+
+
+def _modes(system: System, state: State, quantities: Sequence[Quantity]) -> Any:
+    count = max((quantity.mode for quantity in quantities), default=0)
+    return modes(system, state, count=count) if count else None
+
+
+def _at_both(state: State, end: Along, sides: Sides) -> tuple[State, State]:
+    plus, minus = (end.shift(state, size) for _, size in sides.signed)
+    return plus, minus
+
+
+def run_twin(
+    problem: Problem, sought: Sought, changes: Sequence[float], sizes: Sequence[float]
+) -> dict:
+    """Run the problem with all parameters changed, in units of their widths, and the same steps."""
+    begin = time.process_time()
+    base = problem.setup()
+    pairs = zip(sought.parameters, changes, strict=True)
+    setup = setup_with(problem, {p.name: p.at(change) for p, change in pairs}, base)
+    setup = _sharpened(setup, OF_TWINS)
+    if sizes and not isinstance(setup.steps, LoadSteps):
+        setup = replace(setup, steps=GivenSteps(method_of(setup.steps), tuple(sizes)))
+    quantities = sought.quantities
+    recorded = sorted({name for each in quantities for name in columns_to_record(each)})
+    count = max((quantity.mode for quantity in quantities), default=0)
+    function = next((each.function for each in quantities if each.function), None)
+    row = measure(setup, recorded, count, function, rest=find_rest)
+    cloth = setup.cloth
+    values = [value_of(q, record_of(row, q, cloth, problem.probes)) for q in quantities]
+    return {"values": values, "cpu_seconds": time.process_time() - begin}
+
+
+def _sharpened(setup: Setup, tolerance: float) -> Setup:
+    """The setup with a Newton iteration that goes at least so far."""
+    newton = setup.newton or Newton()
+    known = newton.tolerance
+    sharp = tolerance if known == "auto" else min(tolerance, float(known))
+    return replace(setup, newton=replace(newton, tolerance=sharp))
+
+
+@contextmanager
+def _quietly(setup: Setup) -> Iterator[None]:
+    with (
+        setup.system.team.pinned(),
+        warnings.catch_warnings(action="ignore", category=FeclothWarning),
+    ):
+        yield
+
+
+# --- stored cases ---------------------------------------------------------------------------------
+
+
+def run_scene(
+    task: str, tables: dict, digest: str, trust_geo: bool, sought: list, **more: Any
+) -> dict:
+    """Derive a scene, or run its twin; `digest` is a hash of the files that it reads."""
+    problem = SceneProblem(scene_of(tables, trust_geo), "scene")
+    return TASKS[task](problem, Sought.of(*sought), **more)
+
+
+def run_function(task: str, sought: list, **case: Any) -> dict:
+    """Derive a user's function, or run its twin; `case` is of `FunctionProblem.case`."""
+    more = {key: case.pop(key) for key in ("changes", "sizes") if key in case}
+    function = known_functions.get((case["path"], case["name"])) or load_function(
+        case["path"], case["name"]
+    )
+    probes = tuple(Probe(*each) for each in case["probes"])
+    run = None, case["dt"], case["t_end"], probes, case["settings"], case["terms"], case["sharper"]
+    return TASKS[task](FunctionProblem(function, *run), Sought.of(*sought), **more)
+
+
+TASKS: dict[str, Callable[..., dict]] = {"derive": derive_case, "twin": run_twin}
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A case of a sensitivity, in words for the progress lines, and its predicted size."""
+
+    task: str
+    words: str
+    size: Workload
+    settings: Mapping[str, object]  # of `run_twin`
+
+
+def run_tasks(problem: Problem, sought: Sought, tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """The rows of some tasks, stored where other processes can run the problem."""
+    functions = any(quantity.function for quantity in sought.quantities)
+    if functions or not problem.is_importable:
+
+        def run(task: Task) -> dict:
+            arguments = {"problem": problem, "sought": sought, **task.settings}
+            return status.attempt(TASKS[task.task], arguments, runs.time_limit)
+
+        return run_here(tasks, run, runs.quiet)
+    runner = run_scene if isinstance(problem, SceneProblem) else run_function
+    cases = [
+        {**problem.case(), "task": t.task, "sought": sought.settings(), **t.settings} for t in tasks
+    ]
+    return run_stored(tasks, cases, runner, runs)

@@ -1,0 +1,177 @@
+"""The numbers of a problem that its results depend on, and the problem with other ones."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.errors import InputError, is_number
+from fecloth.study.change import Change
+from fecloth.study.function_problem import FunctionProblem
+from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.setups import Setup
+from fecloth.suggest import did_you_mean
+
+WHERE = "sensitivity"
+TABLES = ("fabric", "fabrics", "terms")  # whose numbers are taken if none are named
+SIZES = ("h", "dt")  # arguments of a function that are no parameters
+Asked = str | Sequence[str] | Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a problem: a key of a scene, or an argument of a function."""
+
+    name: str
+    value: float
+    # The unit of its changes: |value|, or the scale that was given. A change of p by 1 is a change
+    # of the value by the width.
+    width: float
+
+    def at(self, change: float) -> float:
+        """The value after a change in units of the width."""
+        return self.value + change * self.width
+
+
+def choose_parameters(
+    problem: Problem, asked: Asked | None, scale: Mapping[str, float]
+) -> tuple[Parameter, ...]:
+    """The parameters that are asked for, or all numbers of fabric and terms that are not 0.
+
+    Raises
+    ------
+    InputError
+        For a name that is no number of the problem, for a number that changes the mesh, the steps
+        or the solver, and for a value of 0 without a scale.
+    """
+    known = dict(_numbers(problem))
+    if asked is None:
+        names: Sequence[str] = [name for name in _usual(problem, known) if known[name]]
+        if not names:
+            remedy = "Name parameters, with a scale for each value of 0."
+            raise InputError("parameters = None", f"{problem.name} has none", WHERE, remedy)
+    else:
+        names = [asked] if isinstance(asked, str) else list(asked)
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"parameters = {asked!r}", "must be names, each one once", WHERE)
+    for name in sorted(set(scale) - set(names)):
+        raise InputError(f"scale of {name!r}", "is of no parameter here", WHERE)
+    return tuple(_parameter(problem, name, known, scale) for name in names)
+
+
+def _parameter(
+    problem: Problem, name: str, known: Mapping[str, float], scale: Mapping[str, float]
+) -> Parameter:
+    _refuse_sizes(problem, name)
+    if name not in known:
+        listed = ", ".join(known) or "no number"
+        allowed = f"must be a number of the problem: {listed}"
+        raise InputError(f"parameter {name!r}", allowed, WHERE, did_you_mean(name, known))
+    value = known[name]
+    width = scale.get(name, abs(value))
+    if not (is_number(width) and width > 0):
+        what = f"scale of {name!r} = {width!r}" if name in scale else f"parameter {name!r} = 0"
+        remedy = f"Give the size of a usual change, as scale={{{name!r}: 0.01}}."
+        raise InputError(what, "needs a change > 0 to compare with", WHERE, remedy)
+    return Parameter(name, value, float(width))
+
+
+def _refuse_sizes(problem: Problem, name: str) -> None:
+    """Refuse what changes the mesh, the steps or the solver."""
+    if isinstance(problem, SceneProblem):
+        reasons = {
+            "cloth": "changes the mesh, so that nodes cannot be compared",
+            "cloths": "changes the mesh, so that nodes cannot be compared",
+            "time": "is a number of the method, not of the cloth",
+            "equilibrium": "is a number of the method, not of the cloth",
+            "solver": "is a number of the solver, not of the cloth",
+            "output": "changes no result",
+        }
+        table = name.partition(".")[0]
+        if reason := reasons.get(table):
+            remedy = ""
+            if table.startswith("cloth"):
+                remedy = "A function of Python may move the nodes of the same triangles."
+            elif table != "output":
+                remedy = "fecloth converge says what its error is."
+            raise InputError(f"parameter {name!r}", reason, WHERE, remedy)
+    elif name in SIZES:
+        remedy = "study.converge says what the error of h and dt is."
+        raise InputError(f"parameter {name!r}", "changes the mesh or the steps", WHERE, remedy)
+
+
+def _numbers(problem: Problem) -> Iterator[tuple[str, float]]:
+    """Names and values of all numbers that are not whole numbers."""
+    if isinstance(problem, SceneProblem):
+        tables = {k: v for k, v in problem.tables.items() if k not in ("expect", "interest")}
+        yield from _flatten("", tables)
+        return
+    yield from _flatten("", {k: v for k, v in _arguments(problem).items() if k not in SIZES}, int)
+
+
+def _arguments(problem: FunctionProblem) -> dict[str, object]:
+    """The arguments of the function, given or by default."""
+    listed = inspect.signature(problem.function).parameters
+    return {name: item.default for name, item in listed.items()} | dict(problem.settings)
+
+
+def _flatten(name: str, value: object, *also: type) -> Iterator[tuple[str, float]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flatten(f"{name}.{key}" if name else str(key), item, *also)
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            yield from _flatten(f"{name}.{i}", item, *also)
+    elif isinstance(value, (float, *also)) and is_number(value):
+        yield name, float(value)
+
+
+def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
+    if isinstance(problem, SceneProblem):
+        return [name for name in known if name.partition(".")[0] in TABLES]
+    return list(known)
+
+
+def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
+    """The setup of the problem with other values, on nodes that belong to those of `base`.
+
+    Raises
+    ------
+    InputError
+        If the values are refused, or if other triangles or other held nodes come of them.
+    """
+    changed = problem.changed(Change.of(_grouped(problem, values)))
+    setup = changed.setup(base.cloth)
+    cloth, system = setup.cloth, setup.system
+    same = np.array_equal(cloth.triangles, base.cloth.triangles)
+    if not (same and np.array_equal(system.constraints.nodes, base.system.constraints.nodes)):
+        what = " and ".join(values)
+        remedy = "Move the nodes of the same triangles, and hold the same nodes."
+        raise InputError(f"parameter {what}", "changes the mesh or the held nodes", WHERE, remedy)
+    return setup
+
+
+def _grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
+    """Values by the arguments of a function: items of a list together; of a scene as they are."""
+    if isinstance(problem, SceneProblem):
+        return dict(values)
+    arguments, changed = _arguments(problem), dict[str, object]()
+    for name, value in values.items():
+        key, *rest = name.split(".")
+        changed[key] = _replaced(changed.get(key, arguments[key]), rest, value)
+    return changed
+
+
+def _replaced(old: object, keys: Sequence[str], value: float) -> object:
+    """The value in place of an item of `old`."""
+    if not keys:
+        return value
+    first, *rest = keys
+    if isinstance(old, Mapping):
+        return {**old, first: _replaced(old[first], rest, value)}
+    items = list(old)  # type: ignore[call-overload]  # a list or tuple, by `_flatten`
+    items[int(first)] = _replaced(items[int(first)], rest, value)
+    return tuple(items) if isinstance(old, tuple) else items

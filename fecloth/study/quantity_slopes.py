@@ -1,0 +1,133 @@
+"""Derivatives of quantities of interest, from the derivatives of what a run recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear.along import Along, Sides
+from fecloth.simulation.equilibrium import Equilibrium
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord, value_of
+from fecloth.study.derivation import Derivation, Recorded
+from fecloth.study.measured_runs import columns_to_record
+from fecloth.study.modes import Modes
+from fecloth.study.setups import Setup
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+PART = 1e-6  # of the largest value: how far values are moved for differences
+FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
+
+
+def what_to_record(quantities: Sequence[Quantity]) -> Recorded:
+    """Whether rows of each step, and the flows of the ledger, are needed."""
+    functions = any(quantity.function for quantity in quantities)
+    flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
+    whole = any(columns_to_record(quantity) for quantity in quantities)
+    return Recorded(whole or functions or flows, functions or flows)
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Values of quantities, and their derivatives by each parameter over its width."""
+
+    setup: Setup
+    derivation: Derivation
+    probes: tuple[str, ...]
+
+    def value(self, quantity: Quantity) -> float:
+        return self._value_at(quantity, 0, 0.0)
+
+    def slope(self, quantity: Quantity, number: int) -> float:
+        """The derivative by the parameter of this number, from 0."""
+        size = self._size(quantity, number)
+        if not size:
+            return 0.0
+        plus, minus = (self._value_at(quantity, number, sign * size) for sign in (1.0, -1.0))
+        return (plus - minus) / (2 * size)
+
+    def _size(self, quantity: Quantity, number: int) -> float:
+        """The change of the parameter by which values move by a small part."""
+        d, end = self.derivation, self._moved(number)
+        pairs = [(np.abs(self.setup.start.x).max(), np.abs(end.x).max())]
+        names = [name for name in d.columns if name.split(".")[0] == quantity.column.split(".")[0]]
+        for name in names:
+            pairs.append((_largest(d.columns[name]), _largest(d.slopes[number][name])))
+        sizes = [PART * (value or 1.0) / slope for value, slope in pairs if slope > 0]
+        return min(sizes, default=0.0)
+
+    def _moved(self, number: int) -> Along:
+        """Derivatives of the displacement and the velocity at the end."""
+        start, end = self.derivation.starts[number], self.derivation.ends[number]
+        return Along(end.x - start.x, end.v)
+
+    def _value_at(self, quantity: Quantity, number: int, size: float) -> float:
+        d = self.derivation
+        slopes, moved = d.slopes[number], self._moved(number)
+        columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
+        state = d.result.state
+        fields = {
+            "displacement": state.x - self.setup.start.x + size * moved.x,
+            "velocity": state.v + size * moved.v,
+        }
+        record = RunRecord(d.times, columns, self.setup.cloth, fields, self.probes)
+        if quantity.function:
+            value = float(quantity.function(self._result_at(number, size, columns)))
+            record = replace(record, values={quantity.text: value})
+        return value_of(quantity, record)
+
+    def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
+        result, end = self.derivation.result, self.derivation.ends[number]
+        if isinstance(result, Equilibrium):
+            return replace(result, x=result.x + size * end.x)
+        energies = {name: columns[name] for name in result.energies}
+        observed = {name: columns[name] for name in result.observed}
+        state = end.shift(result.state, size)
+        return replace(result, state=state, energies=energies, observed=observed)
+
+
+def _largest(values: np.ndarray) -> float:
+    known = np.abs(values[np.isfinite(values)])
+    return float(known.max()) if known.size else 0.0
+
+
+def slope_of_frequency(
+    shapes: Modes, mode: int, sides: Sides, states: tuple[State, State]
+) -> float:
+    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1.
+
+    It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
+    with the states there.
+    Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
+
+    Raises
+    ------
+    InputError
+        For an unstable mode, or a mode without stiffness.
+    """
+    omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
+    if not omega2 > 0:
+        what = f"frequency({mode}) = {f:.3g} Hz"
+        raise InputError(what, "must be > 0 for a derivative", "sensitivity")
+    phi = shapes.shapes[mode - 1]
+    plus, minus = (
+        _energy(system, state, phi, omega2)
+        for (system, _), state in zip(sides.signed, states, strict=True)
+    )
+    return (plus - minus) / (2 * sides.size) / (8 * math.pi**2 * f)
+
+
+def _energy(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
+    """φ · (K − ω² M) φ."""
+    J = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
+    part = system.coupling(state, wx=1.0)
+    Kphi = (J if part is None else J.plus(part)) @ phi
+    total = np.vdot(phi, Kphi - omega2 * system.mass_times(phi))
+    return float(total + sum(c * np.vdot(u, phi) ** 2 for c, u in system.dense(state)))
