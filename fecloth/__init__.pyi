@@ -42,7 +42,7 @@ from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
 from .study.modes import Modes, modes
-from .study.sensitivity import sensitivity
+from .study.sensitivities import sensitivity
 from .study.tuning.result import Tuned
 from .study.tuning.tune import tune
 from .system.lay_down import lay_down

@@ -22,7 +22,7 @@ from .front import Study, of
 from .overlay import Overlay, compare_runs
 from .reports import write_csv
 from .result import StudyResult, Table
-from .sensitivity import sensitivity
+from .sensitivities import sensitivity
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.march import march
 from fecloth.simulation.resolve import resolve
-from fecloth.study import charts, comparing, converging, sensitivity, stability_map, sweeps
+from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
 from fecloth.study.setups import Setup
@@ -23,7 +23,7 @@ class Study(Opened):
     sweep = sweeps.sweep
     chart = charts.chart
     stability = stability_map.stability
-    sensitivity = sensitivity.sensitivity
+    sensitivity = sensitivities.sensitivity
     simplify = simplify.simplify
     tune = tune.tune
 
