@@ -11,13 +11,16 @@ from dataclasses import dataclass
 from fecloth.cli.options import (
     BUDGET,
     ELEMENTS,
+    EXACTNESS,
     FOLDER,
     MESH,
     METHODS,
+    PARAMETERS,
     QUANTITIES,
     RATIO,
     READING,
     REFINE,
+    SCALE,
     SCENE,
     SCENES_OR_RUNS,
     SET,
@@ -154,6 +157,11 @@ COMMANDS = {
         [over(), names("--methods", "as bdf2,central_difference", "eight"), SET],
         "find the steps at which each method fails, over the values of a key",
         longest=120.0,
+    ),
+    "sensitivity": study(
+        "fecloth.study.sensitivities:sensitivity",
+        [QUANTITIES, PARAMETERS, SCALE, EXACTNESS, SET],
+        "how much quantities depend on each number of a scene",
     ),
     "simplify": study(
         "fecloth.study.simplification.simplify:simplify",

@@ -15,7 +15,7 @@ class Option:
     @property
     def key(self) -> str:
         """Name of its value among the parsed options."""
-        return self.names[-1].lstrip("-").replace("-", "_")
+        return self.keywords.get("dest") or self.names[-1].lstrip("-").replace("-", "_")
 
 
 def option(names: str, words: str | None = None, **keywords: Any) -> Option:
@@ -110,6 +110,33 @@ def over(required: bool = False) -> Option:
     words = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
     more: dict = {"required": True} if required else {}
     return option("--over", words, action="append", metavar="KEY=VALUES", **more)
+
+
+def read_size(text: str) -> tuple[str, float]:
+    """Return the key and the number of KEY=SIZE."""
+    key, _, number = text.partition("=")
+    return key.strip(), float(number)
+
+
+PARAMETERS = option(
+    "--parameter",
+    "a number of the scene, as fabric.bending_rigidity; may be repeated (default: all numbers of "
+    "the fabric and of the terms)",
+    action="append",
+    dest="parameters",
+    metavar="KEY",
+)
+SCALE = option(
+    "--scale",
+    "a usual change of a number that is 0; may be repeated",
+    action="append",
+    type=read_size,
+    default=[],
+    metavar="KEY=SIZE",
+)
+EXACTNESS = option(
+    "--tolerance", "relative error of the derivatives (1e-4)", type=float, default=1e-4, metavar="T"
+)
 
 
 METHODS = names("--methods", "as bdf2,newmark", "the scene's own and the usual others")

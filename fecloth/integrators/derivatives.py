@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
 from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.nonlinear.along import Along, Sides
@@ -143,7 +144,10 @@ def _open(solution: Solution, along: Along, system: System, size: float) -> Any:
     memory = shift(solution.memory, along.memory, size)
     history = shift(opened.history, along.history, size)
     begin = along.shift(opened.begin, size)
-    return solution.method.open(system, begin, opened.dt, memory, history)
+    opening = solution.method.open(system, begin, opened.dt, memory, history)
+    if isinstance(opened, LinearOpening):  # its equation has the tangents
+        return replace(opening, definite=opened.definite)
+    return opening
 
 
 def _derive_unknown(

@@ -39,6 +39,7 @@ class LinearOpening:
     guess: np.ndarray | None
     history: History | None
     held: np.ndarray  # (n, 3) Δv of the held directions: what moves x to its prescribed end
+    definite: bool = False  # whether K and D are clamped
 
     @property
     def inertial(self) -> np.ndarray:
@@ -52,8 +53,8 @@ class LinearOpening:
         system, begin = self.over, self.begin
         v, a = begin.v + (q + self.held), (q + self.inertial) / self.dt
         K, D = (BlockMatrix.zeros(system.pattern) for _ in range(2))
-        system.assemble(K, begin, wx=self.dt)
-        system.assemble(D, begin, wv=1.0)
+        system.assemble(K, begin, wx=self.dt, definite=self.definite)
+        system.assemble(D, begin, wv=1.0, definite=self.definite)
         R = system.scalar_mass @ a - system.force(begin) + K @ v + D @ (v - begin.v)
         R += _times(system, system.dense(begin), self.dt, v)
         free: np.ndarray = system.constraints.project(R)
@@ -62,7 +63,8 @@ class LinearOpening:
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
         """∂R/∂q = M/dt + D + dt K at the begin of the step, along the free directions."""
         system, dt = self.over, self.dt
-        return system.project(system.assemble(J, self.begin, dt, 1.0, 1.0 / dt))
+        at = self.begin, dt, 1.0, 1.0 / dt
+        return system.project(system.assemble(J, *at, definite=self.definite))
 
 
 @dataclass(frozen=True)
@@ -120,26 +122,25 @@ class LinearlyImplicitEuler:
         history: History | None = None,
     ) -> Step:
         """One step over `dt` [s], with the clamped tangent if the exact one is indefinite."""
-        opening = self.open(system, state, dt, memory, history)
         definite = solver.options.definiteness == "clamp"
+        opening = replace(self.open(system, state, dt, memory, history), definite=definite)
         try:
-            dv, counts = _velocity_change(opening, solver, definite)
+            dv, counts = _velocity_change(opening, solver)
         except IndefiniteMatrix:
             if definite or solver.options.definiteness == "none":
                 raise
-            dv, counts = _velocity_change(opening, solver, True)
+            opening = replace(opening, definite=True)
+            dv, counts = _velocity_change(opening, solver)
         step = self.close(opening, dv, counts)
         return replace(step, solution=Solution(self, opening, memory, dv))
 
     numerical = StageMethod.numerical
 
 
-def _velocity_change(
-    opening: LinearOpening, solver: SolverContext, definite: bool
-) -> tuple[np.ndarray, Counts]:
+def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.ndarray, Counts]:
     """Δv of the free directions from the linearised step, and the counts."""
     began = time.perf_counter()
-    system, begin, dt = opening.over, opening.begin, opening.dt
+    system, begin, dt, definite = opening.over, opening.begin, opening.dt, opening.definite
     (linear, J), dv = solver.matrix_solver(), opening.held
     system.assemble(J, begin, wx=dt, definite=definite)
     dense = system.dense(begin)

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.setups import Setup
-from fecloth.suggest import did_you_mean
 
 WHERE = "sensitivity"
 TABLES = ("fabric", "fabrics", "terms")  # whose numbers are taken if none are named

@@ -77,7 +77,7 @@ def sensitivity(
     parameters: AskedParameters | None = None,
     quantity: Asked | Sequence[Asked] | None = None,
     *,
-    scale: Mapping[str, float] | None = None,
+    scale: Mapping[str, float] | Sequence[tuple[str, float]] = (),
     tolerance: float = 1e-4,
     check: bool = True,
     **shared: Any,
@@ -163,7 +163,7 @@ def sensitivity(
     if isinstance(parameters, Mapping):
         opened = opened.changed(Change.of(parameters))
     refuse_huge(opened, runs)
-    chosen = choose_parameters(opened, parameters, scale or {})
+    chosen = choose_parameters(opened, parameters, dict(scale))
     single = quantity is None or isinstance(quantity, str | Quantity) or callable(quantity)
     only: Any = quantity
     asked = (opened.choose_quantity(only),) if single else opened.choose_quantities(quantity)
