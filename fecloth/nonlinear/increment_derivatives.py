@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,7 @@ class StaticTangent:
     """K at an equilibrium, with its factor."""
 
     solve: Map
+    known: dict[str, float] = field(default_factory=dict)  # contractions, see `correct`
 
     @classmethod
     def at(cls, solved: SolvedIncrement) -> StaticTangent:
@@ -63,7 +64,7 @@ def derive_increment(
     along: Along,
     sides: Sides,
     tangent: StaticTangent,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-7,
 ) -> DerivedIncrement:
     """The derivatives at the end of an increment of the loads, from the derivatives at its begin.
 
@@ -92,7 +93,10 @@ def derive_increment(
 
     floor = ROUND_OFF * float(np.linalg.norm(x)) / sides.size
     solvers, first = {"exact": lambda: tangent.solve}, np.zeros_like(x)
-    dx = correct(residual, first, solvers, {}, size_of, tolerance, floor).y
+    corrected = correct(residual, first, solvers, tangent.known, size_of, tolerance, floor)
+    dx = corrected.y
+    for name, contraction in corrected.contractions.items():
+        tangent.known[name] = max(tangent.known.get(name, 0.0), contraction)
     states, overs, histories = [], [], []
     for side, size in zip(ends, (sides.size, -sides.size), strict=True):
         at = side.place(x + size * dx)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from fecloth.integrators.protocol import has_symmetric_matrix, method_of
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
-from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.simulation.derived_loads import DerivedLoads
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
@@ -30,7 +30,7 @@ from fecloth.system.system import System
 from fecloth.terms import records
 
 SMALL = 1e-5  # of the edge length, or of a gap: how far nodes are moved for differences
-SHARPEST = (1e-13, 1e-12, 1e-11, 1e-10)  # tolerances of an equilibrium, tried in this order
+POLISHED = 2  # Newton steps after an equilibrium was found
 LARGEST, LEAST = 1e-4, 1e-9  # change of a parameter for differences, over its width
 
 Row = dict[str, float]
@@ -66,6 +66,7 @@ class Follower:
     parameter: Parameter
     setup_at: Callable[[float], Setup]  # of a value of the parameter
     base: Setup
+    observer: Observer  # of the base
     recorded: Recorded
     sides_by_size: dict[float, tuple[Setup, Setup]] = field(default_factory=dict)
     observers: dict[float, tuple[Observer, Observer]] = field(default_factory=dict)
@@ -105,12 +106,14 @@ class Follower:
 
     def _observers(self, size: float) -> tuple[Observer, Observer]:
         if size not in self.observers:
-            plus, minus = (
-                Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-                for setup in self._setups(size)
-            )
+            plus, minus = (self._observer(setup) for setup in self._setups(size))
             self.observers[size] = plus, minus
         return self.observers[size]
+
+    def _observer(self, setup: Setup) -> Observer:
+        if setup.cloth is self.base.cloth:
+            return replace(self.observer, system=setup.system, start=setup.start)
+        return Observer.bind(setup.system, setup.start, setup.probes, shape=True)
 
     def follow(
         self, info: StepInfo, derive: Callable[[Along, Sides], DerivedStep], ledger: Ledger,
@@ -177,18 +180,17 @@ def derive_run(
     a derivative over a step.
     """
 
-    def follower(parameter: Parameter) -> Follower:
-        return Follower(parameter, lambda value: setup_at(parameter, value), setup, recorded)
-
-    followers = [follower(parameter) for parameter in parameters]
+    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+    followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
     if setup.t_end is None:
-        return _derive_rest(setup, followers, report)
-    return _derive_motion(setup, followers, recorded, tolerance, report)
+        return _derive_rest(setup, followers, observer, report)
+    return _derive_motion(setup, followers, observer, recorded, tolerance, report)
 
 
 def _derive_motion(
     setup: Setup,
     followers: Sequence[Follower],
+    observer: Observer,
     recorded: Recorded,
     tolerance: float,
     report: Callable[..., None],
@@ -201,11 +203,7 @@ def _derive_motion(
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
         tangents = StepTangents(system, symmetric, solver, len(followers), tolerance)
-    ledger, observer = (
-        Ledger.open(system, start),
-        Observer.bind(system, start, setup.probes, shape=True),
-    )
-    sizes = list[float]()
+    ledger, sizes = Ledger.open(system, start), list[float]()
 
     def watch(states) -> Iterator:
         before = ledger
@@ -253,27 +251,35 @@ def find_rest(
     system: System, start: State, report: Callable[..., None] = lambda *_: None
 ) -> Equilibrium:
     """The equilibrium as exactly as round-off allows: twin runs differ by little."""
-    state = equilibrium(system, start, report=report)
-    if any(term.needs_path for term in system.bound):
-        return state
-    for tolerance in SHARPEST:
-        try:
-            return equilibrium(system, state, tolerance=tolerance, report=report)
-        except EquilibriumFailed:  # the round-off of the forces is larger
-            continue
-    return state
+    return _polish(equilibrium(system, start, report=report), _whole(system, start))[0]
+
+
+def _whole(system: System, start: State) -> LoadIncrement:
+    """All loads in one increment, as `equilibrium` takes them without load steps."""
+    begin = State(start.t, start.x, np.zeros_like(start.x))
+    history = system.start_history(begin)
+    return LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
+
+
+def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
+    """The equilibrium after a Newton step or two with K where it was found, and K there."""
+    tangent = StaticTangent.at(SolvedIncrement(whole, state.x))
+    x = state.x
+    for _ in range(POLISHED):
+        x = x - tangent.solve(whole.equation(x).residual(x, 0.0)[0])
+    return replace(state, x=x), tangent
 
 
 def _derive_rest(
-    setup: Setup, followers: Sequence[Follower], report: Callable[..., None]
+    setup: Setup,
+    followers: Sequence[Follower],
+    observer: Observer,
+    report: Callable[..., None],
 ) -> Derivation:
     system, start = setup.system, setup.start
-    state = find_rest(system, start, report)
-    history = system.start_history(start)
-    begin = State(start.t, start.x, np.zeros_like(start.x))
-    whole = LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
+    whole = _whole(system, start)
+    state, tangent = _polish(equilibrium(system, start, report=report), whole)
     solved = SolvedIncrement(whole, state.x)
-    tangent = StaticTangent.at(solved)
     for each in followers:
         sides = each.sides(LARGEST)
         derived = derive_increment(solved, each.start, sides, tangent)
@@ -284,7 +290,6 @@ def _derive_rest(
             derived = derive_increment(solved, each.start, sides, tangent)
             each.along = derived.end
         each.rest(derived.states, sides)
-    observer = Observer.bind(system, start, setup.probes, shape=True)
     rows = [
         Ledger.open(system, start).row() | observer.row(None, None),
         Ledger.open(system, state).row() | observer.row_at_rest(state),
