@@ -35,7 +35,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 LOOSE = 1e-2  # the largest relative error of derivatives that can be asked for
-OF_STEPS = 10.0  # times the tolerance: relative error of the derivative of a single step
+OF_STEPS = 2.0  # times the tolerance: relative error of the derivative of a single step
 OF_NEWTON, OF_TWINS = 1e-2, 1e-11  # times it: Newton's tolerance; Newton's tolerance in twin runs
 
 
