@@ -23,6 +23,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 PART = 1e-6  # of the largest value: how far values are moved for differences
+ROUND_OFF = 1e-12  # of the largest value: slopes below it are none
 FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
@@ -55,13 +56,15 @@ class Slopes:
 
     def _size(self, quantity: Quantity, number: int) -> float:
         """The change of the parameter by which values move by a small part."""
-        d, end = self.derivation, self._moved(number)
-        pairs = [(np.abs(self.setup.start.x).max(), np.abs(end.x).max())]
-        names = [name for name in d.columns if name.split(".")[0] == quantity.column.split(".")[0]]
-        for name in names:
-            pairs.append((_largest(d.columns[name]), _largest(d.slopes[number][name])))
-        sizes = [PART * (value or 1.0) / slope for value, slope in pairs if slope > 0]
-        return min(sizes, default=0.0)
+        d = self.derivation
+        end, start = d.ends[number], self.setup.start.x
+        pairs = [(start, end.x), (start, self._moved(number).x)]
+        kind = quantity.column.split(".")[0]
+        for name, values in d.columns.items():
+            if quantity.function or name.split(".")[0] == kind:
+                pairs.append((values, d.slopes[number][name]))
+        sizes = [(_largest(values) or 1.0, _largest(slopes)) for values, slopes in pairs]
+        return min((PART * v / s for v, s in sizes if s > ROUND_OFF * v), default=0.0)
 
     def _moved(self, number: int) -> Along:
         """Derivatives of the displacement and the velocity at the end."""

@@ -22,7 +22,7 @@ from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
-from fecloth.study.status import OK
+from fecloth.study.status import OK, REFUSED
 from fecloth.study.workload import Workload, check_size
 
 DOUBTFUL = 1e-2  # distance from the twin runs above which there is no derivative
@@ -173,6 +173,8 @@ def sensitivity(
     task = Task("derive", f"run and {amount(len(chosen), 'derivative')}", cost, {})
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
     (row,) = run_tasks(opened, sought, [task], runs)
+    if row["status"] == REFUSED:
+        raise InputError(row["cause"])
     slopes = np.array(row.get("slopes", np.full((len(asked), len(chosen)), np.nan)))
     checked, why = np.full(len(asked), np.nan), row.get("why", "")
     if row["status"] == OK and check:

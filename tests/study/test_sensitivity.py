@@ -1,0 +1,251 @@
+"""`sensitivity`: closed forms, what is refused, what has no derivative, and what it prints."""
+
+import math
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.study import sensitivities
+from fecloth.study.parameters import Parameter
+from fecloth.study.sensitivities import DOUBTFUL
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.25
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = [2000.0, 1500.0]
+poisson_ratio = 0.2
+shear_stiffness = 300.0
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+acceleration = [9.81, 0.0, 0.0]
+[[pins]]
+where = "left"
+[[probes]]
+name = "tip"
+where = "right"
+[interest]
+quantities = ["tip.x"]
+[equilibrium]
+"""
+
+
+def drum(h, stiffness=1000.0, density=0.2, stretch=1.01):
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+    fabric = fc.Fabric(density, stiffness, 0.3)
+    system = fc.System(cloth, fabric, [fc.StVK()], pins=["boundary"])
+    x = np.column_stack([stretch * cloth.X, np.zeros(len(cloth.X))])
+    return cloth, system, fc.BackwardEuler(), system.state(x)
+
+
+def strip(h, stiffness=1000.0, density=0.2, drawn=0.02, length=1.0):
+    """A strip between two grips; its nodes move with the length."""
+    plain = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    cloth = fc.Cloth.from_arrays(
+        plain.X * [length, 1.0], plain.triangles, sets=dict(plain.node_sets)
+    )
+    system = fc.System(cloth, fc.Fabric(density, stiffness, 0.0), [fc.StVK()], ["left", "right"])
+    x = system.rest().x * [1.0 + drawn, 1.0, 1.0]
+    return cloth, system, None, system.state(x)
+
+
+def beam(h, B=1.0, g=1e-3):
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    fabric = fc.Fabric(0.2, 1e4, 0.0, bending_rigidity=B)
+    terms = [fc.StVK(), fc.PlateBending(), fc.Gravity((0, 0, -g))]
+    system = fc.System(cloth, fabric, terms, pins=[fc.Pin("left", clamp=True)])
+    return cloth, system, None, system.rest()
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "strip.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_frequency_of_a_drum_goes_with_the_root_of_tension_over_density():
+    found = fc.sensitivity(
+        drum, ["stiffness", "density"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0
+    )
+    assert found.elasticity == pytest.approx([0.5, -0.5], rel=1e-6)
+    tension = (1.01**2 - 1) / 2 * 1.01 * 1000 / 0.7
+    assert found.value == pytest.approx(math.sqrt(tension / (2 * 0.2)), rel=0.1)
+    assert found.checked < 1e-6
+
+
+def test_frequency_goes_with_the_tension_of_a_stretch():
+    """f is as √(s (s² − 1)/2), T = s S, of a membrane whose stress does not change across."""
+    found = fc.sensitivity(drum, ["stretch"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0)
+    s = 1.01
+    assert found.elasticity[0] == pytest.approx(s**2 / (s**2 - 1), rel=1e-5)
+
+
+def test_tip_of_a_cantilever_goes_with_load_over_rigidity():
+    tip = fc.Probe("tip", "right")
+    found = fc.sensitivity(beam, ["B", "g"], "tip.z", h=0.125, probes=[tip])
+    assert found.elasticity == pytest.approx([-1.0, 1.0], abs=1e-5)
+    assert found.value == pytest.approx(-0.2 * 1e-3 / 8, rel=0.02)
+    assert found.derivative[0] == pytest.approx(-found.value, rel=1e-5)
+
+
+def test_force_of_a_strip_by_its_closed_form():
+    """F = Y W s (s² − 1)/2 with the stretch s = (1 + drawn), whatever the length."""
+    asked = ["stiffness", "drawn", "length"]
+    found = fc.sensitivity(strip, asked, ["reaction.right.x"], h=0.25)
+    s = 1.02
+    assert found.value[0] == pytest.approx(0.5 * 1000 * s * (s**2 - 1) / 2, rel=1e-9)
+    slope = 0.5 * 1000 * (3 * s**2 - 1) / 2
+    assert found.derivative[0] == pytest.approx([found.value[0] / 1000, slope, 0.0], abs=1e-5)
+    assert found.checked[0] < 1e-6
+
+
+def test_a_pair_of_numbers_of_a_scene_has_two_derivatives(scene):
+    keys = ["fabric.tensile_stiffness.0", "fabric.tensile_stiffness.1", "terms.1.acceleration.0"]
+    found = fc.sensitivity(str(scene), keys, "tip.x")
+    along, across, load = found.elasticity * found.value / (found.value - 1.0)
+    assert along + across == pytest.approx(-1.0, abs=0.03)
+    assert load == pytest.approx(1.0, abs=0.03)
+    assert abs(across) < 0.05
+
+
+def test_all_numbers_of_fabric_and_terms_but_zeros_by_default(scene):
+    found = fc.sensitivity(str(scene))
+    assert found.quantities == ("tip.x",)
+    assert "fabric.shear_stiffness" in found.parameters
+    assert "terms.1.acceleration.0" in found.parameters
+    assert "terms.1.acceleration.2" not in found.parameters
+    assert not any(name.startswith(("cloth", "pins")) for name in found.parameters)
+
+
+def test_a_zero_needs_a_scale_and_has_no_elasticity(scene):
+    key = "terms.1.acceleration.1"
+    with pytest.raises(InputError, match="needs a change > 0 to compare with"):
+        fc.sensitivity(str(scene), key, "tip.y")
+    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1.0})
+    assert np.isnan(found.elasticity[0])
+    assert found.derivative[0] > 0
+    assert found.checked < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("cloth.width", "changes the mesh"),
+        ("solver.forcing", "is a number of the solver"),
+        ("equilibrium.tolerance", "is a number of the method"),
+        ("fabric.shear_stifness", "Did you mean 'fabric.shear_stiffness'"),
+        ("fabric.source", "must be a number of the problem"),
+    ],
+)
+def test_what_is_no_parameter_is_refused_by_name(scene, key, words):
+    with pytest.raises(InputError, match=words):
+        fc.sensitivity(str(scene), key)
+
+
+def test_h_and_other_meshes_of_a_function_are_refused():
+    with pytest.raises(InputError, match="changes the mesh or the steps"):
+        fc.sensitivity(strip, "h", "area", h=0.25)
+
+    def wide(h, width=1.0):
+        cloth = fc.Cloth.rectangle(width, 0.5, h if width > 1.0 else 0.5 * h, pattern="right")
+        system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], ["boundary"])
+        return cloth, system, None, system.rest()
+
+    with pytest.raises(InputError, match="changes the mesh or the held nodes"):
+        fc.sensitivity(wide, "width", "area", h=0.25)
+
+
+def test_values_of_arguments_are_those_of_the_mapping():
+    found = fc.sensitivity(strip, {"stiffness": 500.0}, "reaction.right.x", h=0.25, check=False)
+    assert found.value == pytest.approx(0.5 * 500 * 1.02 * (1.02**2 - 1) / 2)
+    assert np.isnan(found.checked)
+    assert "not checked" in found.verdict
+
+
+def test_a_function_of_the_result_is_a_quantity():
+    def longest(result):
+        return float(result.state.x[:, 0].max()) ** 2
+
+    found = fc.sensitivity(strip, ["drawn"], longest, h=0.25)
+    assert found.derivative[0] == pytest.approx(2 * 1.02, rel=1e-6)
+
+
+def crumpled(h, stiffness=1000.0, squeeze=0.6):
+    """A sheet without bending, squeezed and let go: its folds grow without order."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
+    fabric, terms = fc.Fabric(0.2, stiffness), [fc.StVK(), fc.Gravity()]
+    system, X = fc.System(cloth, fabric, terms, pins=["left"]), cloth.X
+    z = 0.05 * np.sin(9 * X[:, 0]) * np.cos(7 * X[:, 1])
+    return cloth, system, fc.BackwardEuler(), system.state(np.column_stack([squeeze * X, z]))
+
+
+@pytest.mark.slow
+def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
+    run = {"h": 0.2, "dt": 0.01, "probes": [fc.Probe("tip", "right")]}
+    asked = crumpled, ["stiffness", "squeeze"], "tip.z"
+    assert fc.sensitivity(*asked, t_end=0.2, **run).checked < 1e-3
+    found = fc.sensitivity(*asked, t_end=1.0, **run)
+    assert found.checked > DOUBTFUL
+    assert np.isnan(found.derivative).all()
+    assert "no derivative here" in found.verdict
+    assert any("folds that change" in words for words in found.notes())
+    assert found.exit_status == 3
+
+
+@pytest.mark.parametrize(("part", "exists"), [(0.8, True), (1.25, False)])
+def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch):
+    def check(opened, sought, slopes, row, size, runs):
+        return np.array([part * 0.01]), ""
+
+    monkeypatch.setattr(sensitivities, "_check", check)
+    found = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
+    assert np.isfinite(found.derivative[0]) == exists
+    assert ("no derivative here" in found.verdict) != exists
+
+
+def test_twin_runs_find_a_wrong_derivative(monkeypatch):
+    right = sensitivities.run_tasks
+
+    def wrong(problem, sought, tasks, runs):
+        rows = right(problem, sought, tasks, runs)
+        for row in rows:
+            if "slopes" in row:
+                row["slopes"] = (1.02 * np.array(row["slopes"])).tolist()
+        return rows
+
+    monkeypatch.setattr(sensitivities, "run_tasks", wrong)
+    found = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
+    assert found.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
+
+
+def test_an_answer_is_read_from_the_store(scene, tmp_path, capsys):
+    asked = {"parameters": "fabric.shear_stiffness", "cache": tmp_path}
+    first = fc.sensitivity(str(scene), **asked)
+    capsys.readouterr()
+    again = fc.sensitivity(str(scene), **asked)
+    assert "cases already stored: 1 of 1" in capsys.readouterr().err
+    assert again.derivative == pytest.approx(first.derivative, abs=0.0)
+
+
+def test_report_has_bars_with_the_largest_first(scene, tmp_path):
+    found = fc.sensitivity(str(scene))
+    sizes = [abs(row["% for 1 %"]) for row in found.table]
+    assert sizes == sorted(sizes, reverse=True)
+    bars = found.figure().axes[0].patches
+    assert [bar.get_width() for bar in bars] == sorted(sizes)
+    assert found.report(tmp_path).exists()
+
+
+def test_the_width_is_the_unit_of_changes():
+    parameter = Parameter("p", -2.0, 2.0)
+    assert parameter.at(0.5) == -1.0
