@@ -241,7 +241,7 @@ def test_rows_need_no_sparse_products_and_no_new_traits(small, isotropic, monkey
             return super().__matmul__(other)
 
     def counted(*arguments, **changes):
-        traits.append(changes)
+        traits.extend([changes] * ("solution" not in changes))  # which is of the step
         return replace(*arguments, **changes)
 
     monkeypatch.setattr("fecloth.integrators.explicit.replace", counted)
