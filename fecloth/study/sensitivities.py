@@ -19,7 +19,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
 from fecloth.study.parameters import Parameter, choose_parameters
 from fecloth.study.problem import Asked
-from fecloth.study.problems import Problem
+from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.status import OK, REFUSED
@@ -180,6 +180,32 @@ def sensitivity(
     if row["status"] == OK and check:
         checked, why = _check(opened, sought, slopes, row, size, runs)
     return _found(opened, sought, row, slopes, checked, why, single, warned)
+
+
+def describe_weak_terms(
+    opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
+) -> str:
+    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or "".
+
+    Hardly means: a number that doubles, or falls to zero, would change no quantity by more than the
+    tolerance, by its derivative.
+    """
+    if not isinstance(opened, SceneProblem):
+        return ""
+    listed = choose_parameters(opened, None, {})
+    chosen = tuple(p for p in listed if p.name.startswith("terms."))
+    if not chosen:
+        return ""
+    task = Task("derive", "how much the numbers of terms count", opened.workload(FIRST), {})
+    (row,) = run_tasks(opened, Sought(chosen, tuple(quantities), LOOSE), [task], runs)
+    if row["status"] != OK:
+        return f"whether numbers of terms count is not known: {row['cause']}"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = np.abs(np.array(row["slopes"])) / np.abs(np.array(row["values"]))[:, None]
+    weak = [p.name for p, part in zip(chosen, parts.T, strict=True) if (part < tolerance).all()]
+    types = [str(table["type"]) for table in opened.tables["terms"]]
+    words = [f"{name} of {types[int(name.split('.')[1])]}" for name in weak]
+    return f"the quantities hardly depend on {', '.join(words)}" if words else ""
 
 
 def _check(

@@ -18,6 +18,7 @@ from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import RTOL_ORDER
 from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
+from fecloth.study.sensitivities import describe_weak_terms
 from fecloth.study.simplification import result
 from fecloth.study.simplification.outcome import (
     LOST,
@@ -77,6 +78,9 @@ def simplify(
     study = open_study(problem, shared)
     opened, runs = study.problem, replace(study.runs(), timed=True, repeats=repeats)
     original = open_original(opened, quantity, chosen, runs)
+    given = original.problem, original.quantities, chosen, replace(runs, timed=False)
+    if weak := describe_weak_terms(*given):
+        print(weak, file=sys.stderr, flush=True)
     tried = original.list_variants()
     at_once = 1 if runs.scheduler else runs.jobs
     check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
@@ -87,7 +91,7 @@ def simplify(
         print(resolution, file=sys.stderr, flush=True)
     others = [variant for variant in tried if not variant.is_check]
     trials = checks + run_variants(original, others)
-    return summarise(original, Findings(trials, chosen, resolutions), folder)
+    return summarise(original, Findings(trials, chosen, resolutions), folder, weak)
 
 
 def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
@@ -159,7 +163,7 @@ def combine_variants(
 
 
 def summarise(
-    original: Original, findings: Findings, folder: str | Path | None
+    original: Original, findings: Findings, folder: str | Path | None, weak: str
 ) -> result.Simplification:
     """Combine the variants, run the reduced scene, and return the result."""
     change, attempts = combine_variants(original, findings.candidates())
@@ -183,5 +187,8 @@ def summarise(
         file=file,
         change=final.change if final else 0.0,
         saved=final.saved if final else 0.0,
-        remarks=tuple(result.describe_resolved(findings.resolutions, "h" in tables["cloth"])),
+        remarks=(
+            *([f"{weak[0].upper()}{weak[1:]}."] if weak else ()),
+            *result.describe_resolved(findings.resolutions, "h" in tables["cloth"]),
+        ),
     )
