@@ -64,7 +64,7 @@ def derive_increment(
     along: Along,
     sides: Sides,
     tangent: StaticTangent,
-    tolerance: float = 1e-7,
+    tolerance: float = 1e-6,
 ) -> DerivedIncrement:
     """The derivatives at the end of an increment of the loads, from the derivatives at its begin.
 

@@ -15,6 +15,7 @@ SWEEPS = 12  # corrections with a matrix
 SLOW = 0.5  # contraction of the corrections above which it is
 FAST = 0.2  # after a contraction below it, slow corrections are the round-off of the residual
 INNER = 1e-2  # relative residual of each linear solve
+CLOSE = 1e-6  # of the unknown: corrections below it that do not shrink are round-off
 FIRST = 0.3  # contraction that is assumed where none is known
 VECTORS, RESTARTS = 60, 5  # of GMRES
 
@@ -87,7 +88,7 @@ def correct(
                 if contraction > SLOW and measured:
                     break
                 last, fastest = size, min(fastest, contraction)
-            if fastest < FAST:  # what is left is the round-off of the residual
+            if fastest < FAST or size <= CLOSE * size_of(y):  # what is left is round-off
                 return Corrected(y, contractions)
         except SolveFailed:
             continue

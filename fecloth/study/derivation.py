@@ -30,6 +30,8 @@ from fecloth.system.system import System
 from fecloth.terms import records
 
 SMALL = 1e-5  # of the edge length, or of a gap: how far nodes are moved for differences
+REST = 0.05  # times the tolerance of a step: the tolerance of an equilibrium
+SHARPEST = 1e-8  # the tolerance of an equilibrium that round-off allows
 POLISHED = 2  # Newton steps after an equilibrium was found
 LARGEST, LEAST = 1e-4, 1e-9  # change of a parameter for differences, over its width
 
@@ -183,7 +185,7 @@ def derive_run(
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
     if setup.t_end is None:
-        return _derive_rest(setup, followers, observer, report)
+        return _derive_rest(setup, followers, observer, max(REST * tolerance, SHARPEST), report)
     return _derive_motion(setup, followers, observer, recorded, tolerance, report)
 
 
@@ -274,6 +276,7 @@ def _derive_rest(
     setup: Setup,
     followers: Sequence[Follower],
     observer: Observer,
+    tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
     system, start = setup.system, setup.start
@@ -282,12 +285,12 @@ def _derive_rest(
     solved = SolvedIncrement(whole, state.x)
     for each in followers:
         sides = each.sides(LARGEST)
-        derived = derive_increment(solved, each.start, sides, tangent)
+        derived = derive_increment(solved, each.start, sides, tangent, tolerance)
         each.along = derived.end
-        size = each.size(0.0)
-        if size < LARGEST:
-            sides = each.sides(size)
-            derived = derive_increment(solved, each.start, sides, tangent)
+        # The error of a central difference goes with the square of how far nodes move.
+        if (LARGEST * each.along.longest() / shortest_length(setup)) ** 2 > tolerance:
+            sides = each.sides(each.size(0.0))
+            derived = derive_increment(solved, each.start, sides, tangent, tolerance)
             each.along = derived.end
         each.rest(derived.states, sides)
     rows = [

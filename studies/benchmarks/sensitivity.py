@@ -43,10 +43,13 @@ def swinging(cloth: fc.Cloth):
 def hanging(cloth: fc.Cloth):
     corner = fc.Pin(lambda X: (X[:, 0] > 0.99) & (X[:, 1] > 0.99))
 
-    def problem(Y=(500.0, 400.0), nu=0.3, G=150.0, B=(1e-3, 2e-3), rho=0.2, p=0.5,
-                g=(0.1, 0.2, -9.81), a=(0.1, 0.2, 0.3), b=(0.1, 0.2, 0.3), c=(0.1, 0.2, 0.3)):  # fmt: skip
+    up = (0.1, 0.2, 0.3)
+
+    def problem(
+        Y=(500.0, 400.0), nu=0.3, G=150.0, B=(1e-3, 2e-3), rho=0.2, p=0.5, a=up, b=up, c=up
+    ):
         fabric = fc.Fabric(rho, Y, nu, shear_stiffness=G, bending_rigidity=B)
-        loads = [fc.Gravity(each) for each in (g, a, b, c)]
+        loads = [fc.Gravity(each) for each in (fc.Gravity().acceleration, a, b, c)]
         terms = [fc.StVK(), fc.PlateBending(), fc.Pressure(p), *loads]
         system = fc.System(cloth, fabric, terms, pins=["left", corner], threads=1)
         return cloth, system, None, system.rest()
