@@ -1,5 +1,7 @@
 """The stiffness Q of a plate between the angles of its hinges."""
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.sparse as sparse
 
@@ -29,7 +31,14 @@ def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
     slopes = panel.cloth.edge_slopes
     copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
     D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
-    return angle_stiffness(slopes, D, np.repeat(panel.material, copies), clamped_edges(panel))
+    given = D, np.repeat(panel.material, copies), clamped_edges(panel)
+    return _known_stiffness(slopes, *((a.tobytes(), a.dtype.str, a.shape) for a in given))
+
+
+@lru_cache(maxsize=4)  # systems on a cloth that differ in other numbers share Q
+def _known_stiffness(slopes: EdgeSlopes, *arrays: tuple) -> sparse.csr_matrix:
+    given = (np.frombuffer(data, kind).reshape(shape) for data, kind, shape in arrays)
+    return angle_stiffness(slopes, *given)
 
 
 def clamped_edges(panel: Panel) -> np.ndarray:
