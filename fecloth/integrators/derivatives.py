@@ -1,7 +1,5 @@
 """Derivatives of a step by a parameter of the problem, by the implicit function theorem."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -109,18 +107,9 @@ def derive_step(
     serves. Both steps are then closed at q ± ε δq, and their difference is the result. An explicit
     step has no equation: q is the acceleration of each side.
 
-    Parameters
-    ----------
-    step, along, sides
-        The step, the derivatives at its begin, and the systems at p ± ε.
-    tangents
-        Of the run; None for explicit methods.
-
-    Raises
-    ------
-    NoDerivative
-        For a method without `open` and `close`, where what terms remember has another form at both
-        sides, as where a contact begins, and if the equation cannot be solved.
+    Explicit methods have no `tangents`. It raises `NoDerivative` for a method without `open` and
+    `close`, where what terms remember has another form at both sides, as where a contact begins,
+    and if the equation cannot be solved.
     """
     solution = step.solution
     if solution is None:

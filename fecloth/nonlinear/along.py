@@ -1,10 +1,8 @@
 """Derivatives by a parameter of all that a step, or an increment of the loads, begins with."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,7 +23,7 @@ class Along:
     history: Any = None
 
     @classmethod
-    def between(cls, plus: State, minus: State, width: float, *pairs: tuple[Any, Any]) -> Along:
+    def between(cls, plus: State, minus: State, width: float, *pairs: tuple[Any, Any]) -> Self:
         """Central differences of two states, and of pairs of memories and of histories."""
         try:
             slopes = [records.slope(*pair, width) for pair in pairs]

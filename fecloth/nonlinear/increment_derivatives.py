@@ -1,9 +1,7 @@
 """Derivatives of an equilibrium by a parameter, by the implicit function theorem."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -38,7 +36,7 @@ class StaticTangent:
     known: dict[str, float] = field(default_factory=dict)  # contractions, see `correct`
 
     @classmethod
-    def at(cls, solved: SolvedIncrement) -> StaticTangent:
+    def at(cls, solved: SolvedIncrement) -> Self:
         """Factorise K; raise `SolveFailed` where it is singular."""
         increment, x = solved
         needs_path = any(term.needs_path for term in increment.system.bound)
@@ -73,12 +71,7 @@ def derive_increment(
         [f(x + ε δx; p + ε) − f(x − ε δx; p − ε)]/(2ε) = 0,
 
     where held directions are where the pins have them at p ± ε. Corrections by K⁻¹ solve it. The
-    normal forces of friction are those at x ± ε δx.
-
-    Raises
-    ------
-    NoDerivative
-        Where K is singular.
+    normal forces of friction are those at x ± ε δx. It raises `NoDerivative` where K is singular.
     """
     increment, x = solved
     ends = [_Side.of(increment, along, *side) for side in sides.signed]
@@ -118,7 +111,7 @@ class _Side:
     fixed: Any  # the equation, where it does not depend on the place
 
     @classmethod
-    def of(cls, increment: LoadIncrement, along: Along, system: System, size: float) -> _Side:
+    def of(cls, increment: LoadIncrement, along: Along, system: System, size: float) -> Self:
         start = along.shift(increment.start, size)
         history = shift(increment.history, along.history, size)
         at = replace(increment, system=system, start=start, history=history)

@@ -1,7 +1,5 @@
 """The linear equation of a derivative, solved by corrections with an approximate tangent."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -47,28 +45,11 @@ def correct(
 ) -> Corrected:
     """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
 
-    Parameters
-    ----------
-    residual
-        Of the free directions.
-    y
-        A first guess.
-    solvers
-        Functions that return b ↦ J⁻¹ b for approximate J, the cheapest first. The next one is taken
-        where corrections do not shrink by half; after all, GMRES with the last.
-    known
-        By what factor corrections of each solver shrink, as far as it is known.
-    size_of
-        The size of y, to which its error is relative.
-    tolerance
-        Relative error of y.
-    floor
-        The size of a correction that round-off causes.
-
-    Raises
-    ------
-    NoDerivative
-        If no matrix has a factor, or GMRES does not end.
+    `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken where
+    corrections do not shrink by half, and after all GMRES with the last. `known` is by what factor
+    corrections of each shrink, as far as it is known. The error is relative to `size_of(y)`, and
+    round-off makes corrections of the size `floor`. Raises `NoDerivative` if no matrix has a
+    factor, or GMRES does not end.
     """
     solve, contractions = None, dict[str, float]()
     for name, prepare in solvers.items():

@@ -1,8 +1,7 @@
 """Derivatives of a load step by a parameter: along its increments if terms remember the way."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -30,7 +29,7 @@ class DerivedLoads:
     path: tuple[tuple[SolvedIncrement, StaticTangent], ...]
 
     @classmethod
-    def of(cls, system: System, old: State, step: Step) -> DerivedLoads:
+    def of(cls, system: System, old: State, step: Step) -> Self:
         assert step.solution is not None
         path = step.solution.opening
         if step.earlier is None and not any(term.needs_path for term in system.bound):

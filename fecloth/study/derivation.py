@@ -1,7 +1,5 @@
 """Run a problem, and beside it the derivatives of what is recorded by its parameters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -44,6 +42,7 @@ class Recorded:
 
     whole: bool
     flows: bool  # whether dissipation and work are among what is asked for
+    only_start: bool = False  # whether nothing runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +183,8 @@ def derive_run(
 
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
+    if recorded.only_start:
+        return _derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
         return _derive_rest(setup, followers, observer, max(REST * tolerance, SHARPEST), report)
     return _derive_motion(setup, followers, observer, recorded, tolerance, report)
@@ -236,17 +237,22 @@ def _derive_motion(
         times = times[[0, -1]]
         all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
     chosen = setup.steps.dt is None and not isinstance(steps, LoadSteps)
-    return Derivation(
-        result,
-        times,
-        all_columns,
-        tuple(columns(each.rows) for each in followers),
-        tuple(each.start for each in followers),
-        tuple(each.along for each in followers),
-        tuple(each.sides(LARGEST) for each in followers),
-        tuple(sizes),
-        "the steps that were chosen stay as they are" if chosen else "",
-    )
+    why = "the steps that were chosen stay as they are" if chosen else ""
+    return _derivation(result, times, all_columns, followers, tuple(sizes), why)
+
+
+def _derivation(
+    result: Any,
+    times: np.ndarray,
+    columns_of: Mapping[str, np.ndarray],
+    followers: Sequence[Follower],
+    sizes: tuple[float, ...] = (),
+    why: str = "",
+) -> Derivation:
+    slopes = tuple(columns(each.rows) for each in followers)
+    starts, ends = tuple(f.start for f in followers), tuple(f.along for f in followers)
+    sides = tuple(each.sides(LARGEST) for each in followers)
+    return Derivation(result, times, columns_of, slopes, starts, ends, sides, sizes, why)
 
 
 def find_rest(
@@ -297,12 +303,4 @@ def _derive_rest(
         Ledger.open(system, start).row() | observer.row(None, None),
         Ledger.open(system, state).row() | observer.row_at_rest(state),
     ]
-    return Derivation(
-        state,
-        np.array([start.t, state.t]),
-        columns(rows),
-        tuple(columns(each.rows) for each in followers),
-        tuple(each.start for each in followers),
-        tuple(each.along for each in followers),
-        tuple(each.sides(LARGEST) for each in followers),
-    )
+    return _derivation(state, np.array([start.t, state.t]), columns(rows), followers)

@@ -1,13 +1,11 @@
 """The cases of a sensitivity: a run with derivatives, and a pair of twin runs that checks them."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 from fecloth.errors import FeclothWarning
 from fecloth.integrators.protocol import method_of
@@ -20,7 +18,7 @@ from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import value_of
 from fecloth.study import status
-from fecloth.study.derivation import LARGEST, derive_run, find_rest
+from fecloth.study.derivation import derive_run, find_rest
 from fecloth.study.fingerprint import load_function
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.measured_runs import columns_to_record, known_functions, measure, record_of
@@ -47,17 +45,13 @@ class Sought:
     quantities: tuple[Quantity, ...]
     tolerance: float
 
-    def is_of_start(self, setup: Setup) -> bool:
-        """Whether frequencies about the start of a problem in time are asked for."""
-        return self.quantities[0].how == "mode" and not setup.is_static
-
     def settings(self) -> list[object]:
         """What `of` takes, in JSON's types."""
         listed = [[p.name, p.value, p.width] for p in self.parameters]
         return [listed, [quantity.text for quantity in self.quantities], self.tolerance]
 
     @classmethod
-    def of(cls, parameters: list, quantities: list, tolerance: float) -> Sought:
+    def of(cls, parameters: list, quantities: list, tolerance: float) -> Self:
         listed = tuple(Parameter(*each) for each in parameters)
         return cls(listed, tuple(map(parse_quantity, quantities)), tolerance)
 
@@ -71,10 +65,7 @@ def derive_case(problem: Problem, sought: Sought) -> dict:
         return setup_with(problem, {parameter.name: value}, setup)
 
     with _quietly(setup):
-        if sought.is_of_start(setup):
-            answer: dict[str, Any] = _derive_start(setup, sought, setup_at)
-        else:
-            answer = _derive_run(problem, setup, sought, setup_at)
+        answer = _derive_run(problem, setup, sought, setup_at)
     return answer | {"cpu_seconds": time.process_time() - begin}
 
 
@@ -82,10 +73,11 @@ SetupAt = Callable[[Parameter, float], Setup]
 
 
 def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
-    recorded = what_to_record(sought.quantities)
+    recorded = what_to_record(sought.quantities, setup)
     exactly = sought.tolerance * OF_STEPS, status.check_time_limit
     derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
-    slopes, state = Slopes(setup, derivation, problem.probes), derivation.result.state
+    slopes = Slopes(setup, derivation, problem.probes)
+    state = getattr(derivation.result, "state", setup.start)
     shapes = _modes(setup.system, state, sought.quantities)
     values, rows = [], []
     for quantity in sought.quantities:
@@ -101,21 +93,6 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
             rows.append([slopes.slope(quantity, i) for i in numbers])
     steps = {"sizes": list(derivation.sizes), "why": derivation.why}
     return {"values": values, "slopes": rows, **steps}
-
-
-def _derive_start(setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
-    """Frequencies about the start of a problem in time, which does not run."""
-    shapes, values, rows = _modes(setup.system, setup.start, sought.quantities), [], []
-    for quantity in sought.quantities:
-        values.append(float(shapes.frequencies[quantity.mode - 1]))
-        row = []
-        for p in sought.parameters:
-            plus, minus = setup_at(p, p.at(LARGEST)), setup_at(p, p.at(-LARGEST))
-            sides = Sides(plus.system, minus.system, LARGEST)
-            states = plus.start, minus.start
-            row.append(slope_of_frequency(shapes, quantity.mode, sides, states))
-        rows.append(row)
-    return {"values": values, "slopes": rows, "sizes": [], "why": ""}
 
 
 def _modes(system: System, state: State, quantities: Sequence[Quantity]) -> Any:

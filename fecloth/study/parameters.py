@@ -1,7 +1,5 @@
 """The numbers of a problem that its results depend on, and the problem with other ones."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -40,11 +38,8 @@ def choose_parameters(
 ) -> tuple[Parameter, ...]:
     """The parameters that are asked for, or all numbers of fabric and terms that are not 0.
 
-    Raises
-    ------
-    InputError
-        For a name that is no number of the problem, for a number that changes the mesh, the steps
-        or the solver, and for a value of 0 without a scale.
+    It raises `InputError` for a name that is no number of the problem, for a number that changes
+    the mesh, the steps or the solver, and for a value of 0 without a scale.
     """
     known = dict(_numbers(problem))
     if asked is None:
@@ -137,10 +132,7 @@ def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
     """The setup of the problem with other values, on nodes that belong to those of `base`.
 
-    Raises
-    ------
-    InputError
-        If the values are refused, or if other triangles or other held nodes come of them.
+    It raises `InputError` if the values are refused, or change the triangles or the held nodes.
     """
     changed = problem.changed(Change.of(_grouped(problem, values)))
     setup = changed.setup(base.cloth)

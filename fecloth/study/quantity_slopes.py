@@ -1,7 +1,5 @@
 """Derivatives of quantities of interest, from the derivatives of what a run recorded."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +25,13 @@ ROUND_OFF = 1e-12  # of the largest value: slopes below it are none
 FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
-def what_to_record(quantities: Sequence[Quantity]) -> Recorded:
-    """Whether rows of each step, and the flows of the ledger, are needed."""
+def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
+    """Whether rows of each step, and the flows of the ledger, are needed, or no step at all."""
     functions = any(quantity.function for quantity in quantities)
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
     whole = any(columns_to_record(quantity) for quantity in quantities)
-    return Recorded(whole or functions or flows, functions or flows)
+    start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
+    return Recorded(whole or functions or flows, functions or flows, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +108,7 @@ def slope_of_frequency(
     It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
     with the states there.
     Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
-
-    Raises
-    ------
-    InputError
-        For an unstable mode, or a mode without stiffness.
+    It raises `InputError` for an unstable mode, or a mode without stiffness.
     """
     omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
     if not omega2 > 0:

@@ -1,7 +1,5 @@
 """`sensitivity`: how much quantities depend on each number of a problem."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -168,15 +166,27 @@ def sensitivity(
     only: Any = quantity
     asked = (opened.choose_quantity(only),) if single else opened.choose_quantities(quantity)
     warned = print_warnings(opened)
-    sought, size = Sought(chosen, asked, tolerance), opened.workload(FIRST)
-    cost = replace(size, steps=round(size.steps * (1 + PRICE * len(chosen))))
-    task = Task("derive", f"run and {amount(len(chosen), 'derivative')}", cost, {})
+    return _answer(opened, Sought(chosen, asked, tolerance), runs, check, single, warned)
+
+
+def _answer(
+    opened: Problem,
+    sought: Sought,
+    runs: Runs,
+    check: bool,
+    single: bool = False,
+    warned: tuple[str, ...] = (),
+) -> Sensitivity:
+    size, count = opened.workload(FIRST), len(sought.parameters)
+    cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
+    task = Task("derive", f"run and {amount(count, 'derivative')}", cost, {})
     (row,) = run_tasks(opened, sought, [task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
-    slopes = np.array(row.get("slopes", np.full((len(asked), len(chosen)), np.nan)))
-    checked, why = np.full(len(asked), np.nan), row.get("why", "")
+    shape = len(sought.quantities), count
+    slopes = np.array(row.get("slopes", np.full(shape, np.nan)))
+    checked, why = np.full(len(slopes), np.nan), row.get("why", "")
     if row["status"] == OK and check:
         checked, why = _check(opened, sought, slopes, row, size, runs)
     return _found(opened, sought, row, slopes, checked, why, single, warned)
@@ -190,21 +200,17 @@ def describe_weak_terms(
     Hardly means: a number that doubles, or falls to zero, would change no quantity by more than the
     tolerance, by its derivative.
     """
-    if not isinstance(opened, SceneProblem):
-        return ""
-    listed = choose_parameters(opened, None, {})
+    listed = choose_parameters(opened, None, {}) if isinstance(opened, SceneProblem) else ()
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:
         return ""
-    task = Task("derive", "how much the numbers of terms count", opened.workload(FIRST), {})
-    (row,) = run_tasks(opened, Sought(chosen, tuple(quantities), LOOSE), [task], runs)
-    if row["status"] != OK:
-        return f"whether numbers of terms count is not known: {row['cause']}"
-    with np.errstate(divide="ignore", invalid="ignore"):
-        parts = np.abs(np.array(row["slopes"])) / np.abs(np.array(row["values"]))[:, None]
-    weak = [p.name for p, part in zip(chosen, parts.T, strict=True) if (part < tolerance).all()]
-    types = [str(table["type"]) for table in opened.tables["terms"]]
-    words = [f"{name} of {types[int(name.split('.')[1])]}" for name in weak]
+    found = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
+    if not np.isfinite(found.value).all():
+        return f"whether numbers of terms count is not known: {found.verdict}"
+    weak = (np.abs(found.elasticity) < tolerance).all(axis=0)
+    types = [table["type"] for table in opened.tables["terms"]]
+    names = [p.name for p, is_weak in zip(chosen, weak, strict=True) if is_weak]
+    words = [f"{name} of {types[int(name.split('.')[1])]}" for name in names]
     return f"the quantities hardly depend on {', '.join(words)}" if words else ""
 
 

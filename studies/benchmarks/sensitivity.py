@@ -14,12 +14,12 @@ import time
 from dataclasses import replace
 
 import fecloth as fc
-from fecloth import study
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.derivation import Recorded, derive_run
 from fecloth.study.derived_cases import Sought, derive_case
 from fecloth.study.parameters import choose_parameters, setup_with
 from fecloth.study.problems import open_problem
+from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts, square
 
 TRIANGLES, FEW = 4000, 300
@@ -107,7 +107,7 @@ def measure_rest(triangles: int, repeats: int) -> list[Measured]:
 
 
 def main() -> int:
-    parser = study.Parser(description=__doc__)
+    parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few triangles, once")
     few = parser.parse_args().quick
     size, repeats = (FEW, 1) if few else (TRIANGLES, 3)
@@ -116,4 +116,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    study.run_main(main)
+    harness.run_main(main)
