@@ -46,6 +46,7 @@ def run_here(monkeypatch, capsys):
         ("benchmarks.kernels", "figures met"),
         ("benchmarks.moved_pin", "figures met"),
         ("benchmarks.fused", "figures met"),
+        ("benchmarks.sensitivity", "figures met"),
         ("benchmarks.terms", "StVK"),
         ("benchmarks.threads", "explicit step"),
         ("convergence.space_error", "0 outside"),
