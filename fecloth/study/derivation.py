@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.integrators.derivatives import DerivedStep, StepTangents, derive_step
-from fecloth.integrators.protocol import has_symmetric_matrix, method_of
+from fecloth.integrators.protocol import chooses_method, has_symmetric_matrix, method_of
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.increment_derivatives import StaticTangent, derive_increment
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
@@ -57,6 +57,7 @@ class Derivation:
     ends: tuple[Along, ...]  # and at the end
     sides: tuple[Sides, ...]  # the systems of each parameter, at changes of 1e-4
     sizes: tuple[float, ...] = ()  # the steps [s]
+    method: str = ""  # the name of the method that `Auto` chose, or ""
     why: str = ""  # how the steps were chosen, or ""
 
 
@@ -238,7 +239,8 @@ def _derive_motion(
         all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
     chosen = setup.steps.dt is None and not isinstance(steps, LoadSteps)
     why = "the steps that were chosen stay as they are" if chosen else ""
-    return _derivation(result, times, all_columns, followers, tuple(sizes), why)
+    chosen_method = type(method).__name__ if chooses_method(setup.steps) else ""
+    return _derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
 
 
 def _derivation(
@@ -247,12 +249,13 @@ def _derivation(
     columns_of: Mapping[str, np.ndarray],
     followers: Sequence[Follower],
     sizes: tuple[float, ...] = (),
+    method: str = "",
     why: str = "",
 ) -> Derivation:
     slopes = tuple(columns(each.rows) for each in followers)
     starts, ends = tuple(f.start for f in followers), tuple(f.along for f in followers)
     sides = tuple(each.sides(LARGEST) for each in followers)
-    return Derivation(result, times, columns_of, slopes, starts, ends, sides, sizes, why)
+    return Derivation(result, times, columns_of, slopes, starts, ends, sides, sizes, method, why)
 
 
 def find_rest(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from fecloth.errors import FeclothWarning
+from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
@@ -91,7 +92,8 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
         else:
             values.append(slopes.value(quantity))
             rows.append([slopes.slope(quantity, i) for i in numbers])
-    steps = {"sizes": list(derivation.sizes), "why": derivation.why}
+    steps: dict[str, Any] = {"sizes": list(derivation.sizes), "method": derivation.method}
+    steps["why"] = derivation.why
     return {"values": values, "slopes": rows, **steps}
 
 
@@ -106,7 +108,7 @@ def _at_both(state: State, end: Along, sides: Sides) -> tuple[State, State]:
 
 
 def run_twin(
-    problem: Problem, sought: Sought, changes: Sequence[float], sizes: Sequence[float]
+    problem: Problem, sought: Sought, changes: Sequence[float], sizes: Sequence[float], method: str
 ) -> dict:
     """Run the problem with all parameters changed, in units of their widths, and the same steps."""
     begin = time.process_time()
@@ -115,7 +117,9 @@ def run_twin(
     setup = setup_with(problem, {p.name: p.at(change) for p, change in pairs}, base)
     setup = _sharpened(setup, OF_TWINS)
     if sizes and not isinstance(setup.steps, LoadSteps):
-        setup = replace(setup, steps=GivenSteps(method_of(setup.steps), tuple(sizes)))
+        named = {type(each()).__name__: each for each in (METHODS | EXPLICIT).values()}
+        chosen = named[method]() if method else method_of(setup.steps)
+        setup = replace(setup, steps=GivenSteps(chosen, tuple(sizes)))
     quantities = sought.quantities
     recorded = sorted({name for each in quantities for name in columns_to_record(each)})
     count = max((quantity.mode for quantity in quantities), default=0)
@@ -156,7 +160,7 @@ def run_scene(
 
 def run_function(task: str, sought: list, **case: Any) -> dict:
     """Derive a user's function, or run its twin; `case` is of `FunctionProblem.case`."""
-    more = {key: case.pop(key) for key in ("changes", "sizes") if key in case}
+    more = {key: case.pop(key) for key in ("changes", "sizes", "method") if key in case}
     function = known_functions.get((case["path"], case["name"])) or load_function(
         case["path"], case["name"]
     )

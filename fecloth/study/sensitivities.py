@@ -27,6 +27,7 @@ DOUBTFUL = 1e-2  # distance from the twin runs above which there is no derivativ
 ROUND_OFF = 1e-9  # of a quantity: differences of twin runs below it tell nothing
 PRICE = 0.5  # of a derivative, in runs
 STEP = 3e-4  # of the twin runs: change of each parameter over its width
+OF_STEPS = ("sizes", "method")  # of the run, which its twin runs repeat
 SHOWN = 20  # bars of the figure
 
 
@@ -224,7 +225,7 @@ def _check(
             "twin",
             f"twin run, numbers {'+' if way > 0 else '-'} {100 * STEP:g} %",
             size,
-            {"changes": (way * STEP * signs).tolist(), "sizes": row["sizes"]},
+            {"changes": (way * STEP * signs).tolist(), **{key: row[key] for key in OF_STEPS}},
         )
         for way in (1.0, -1.0)
     ]
