@@ -160,7 +160,15 @@ COMMANDS = {
     ),
     "sensitivity": study(
         "fecloth.study.sensitivities:sensitivity",
-        [QUANTITIES, PARAMETERS, SCALE, EXACTNESS, SET],
+        [
+            option(
+                "--quantity",
+                'as "max tip.z"; may be repeated (default: the first of [interest])',
+                action="append",
+                metavar="Q",
+            ),
+            *(PARAMETERS, SCALE, EXACTNESS, SET),
+        ],
         "how much quantities depend on each number of a scene",
     ),
     "simplify": study(

@@ -135,7 +135,7 @@ SCALE = option(
     metavar="KEY=SIZE",
 )
 EXACTNESS = option(
-    "--tolerance", "relative error of the derivatives (1e-4)", type=float, default=1e-4, metavar="T"
+    "--tolerance", "relative error of the derivatives (1e-4)", default=1e-4, metavar="T"
 )
 
 

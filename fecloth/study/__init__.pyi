@@ -23,6 +23,7 @@ from .overlay import Overlay, compare_runs
 from .reports import write_csv
 from .result import StudyResult, Table
 from .sensitivities import sensitivity
+from .sensitivity_result import Sensitivity
 from .simplification.result import Simplification
 from .simplification.simplify import simplify
 from .stability_map import StabilityMap, stability
@@ -40,6 +41,7 @@ __all__ = [
     "Difference",
     "Estimate",
     "Overlay",
+    "Sensitivity",
     "Simplification",
     "StabilityMap",
     "Study",

@@ -1,5 +1,6 @@
 """The cases of a sensitivity: a run with derivatives, and a pair of twin runs that checks them."""
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from fecloth.errors import FeclothWarning
+from fecloth.errors import FeclothWarning, InputError
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
 from fecloth.nonlinear.along import Along, Sides
@@ -91,6 +92,10 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
             rows.append([slope_of_frequency(shapes, quantity.mode, *pair) for pair in pairs])
         else:
             values.append(slopes.value(quantity))
+            if not math.isfinite(values[-1]):
+                raise InputError(
+                    f"{quantity} = {values[-1]}", "must be a finite number", "quantity"
+                )
             rows.append([slopes.slope(quantity, i) for i in numbers])
     steps: dict[str, Any] = {"sizes": list(derivation.sizes), "method": derivation.method}
     steps["why"] = derivation.why

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean, is_number
+from fecloth.errors import InputError, brief, did_you_mean, is_number
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.problems import Problem, SceneProblem
@@ -41,6 +41,8 @@ def choose_parameters(
     It raises `InputError` for a name that is no number of the problem, for a number that changes
     the mesh, the steps or the solver, and for a value of 0 without a scale.
     """
+    if not isinstance(asked, str | Sequence | Mapping | None):
+        raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
     known = dict(_numbers(problem))
     if asked is None:
         names: Sequence[str] = [name for name in _usual(problem, known) if known[name]]
@@ -83,13 +85,14 @@ def _refuse_sizes(problem: Problem, name: str) -> None:
             "equilibrium": "is a number of the method, not of the cloth",
             "solver": "is a number of the solver, not of the cloth",
             "output": "changes no result",
+            "probes": "says where the cloth is observed, and changes no result",
         }
         table = name.partition(".")[0]
         if reason := reasons.get(table):
             remedy = ""
             if table.startswith("cloth"):
                 remedy = "A function of Python may move the nodes of the same triangles."
-            elif table != "output":
+            elif table not in ("output", "probes") and name != "time.t_end":
                 remedy = "fecloth converge says what its error is."
             raise InputError(f"parameter {name!r}", reason, WHERE, remedy)
     elif name in SIZES:
@@ -126,7 +129,8 @@ def _flatten(name: str, value: object, *also: type) -> Iterator[tuple[str, float
 def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
     if isinstance(problem, SceneProblem):
         return [name for name in known if name.partition(".")[0] in TABLES]
-    return list(known)
+    arguments = dict(_flatten("", _arguments(problem)))  # without whole numbers, which may count
+    return [name for name in known if name in arguments]
 
 
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
@@ -134,8 +138,12 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
 
     It raises `InputError` if the values are refused, or change the triangles or the held nodes.
     """
-    changed = problem.changed(Change.of(_grouped(problem, values)))
-    setup = changed.setup(base.cloth)
+    try:
+        changed = problem.changed(Change(values=_grouped(problem, values)))
+        setup = changed.setup(base.cloth)
+    except InputError as error:
+        allowed = "needs values on both sides of its own: " + str(error)
+        raise InputError(f"parameter {' and '.join(values)}", allowed, WHERE) from None
     cloth, system = setup.cloth, setup.system
     same = np.array_equal(cloth.triangles, base.cloth.triangles)
     if not (same and np.array_equal(system.constraints.nodes, base.system.constraints.nodes)):

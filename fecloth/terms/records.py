@@ -55,6 +55,8 @@ def slope(plus: Any, minus: Any, width: float) -> Any:
             raise ValueError(f"arrays of shapes {array.shape} and {np.shape(minus)}")
         return (plus - minus) / width
     if isinstance(plus, tuple):
+        if all(isinstance(part, str) for part in (*plus, *minus)):
+            return None
         return tuple(slope(p, m, width) for p, m in zip(plus, minus, strict=True))
     names = _names(plus)
     if names != _names(minus):

@@ -10,7 +10,8 @@ from fecloth.errors import InputError
 from fecloth.study import sensitivities
 from fecloth.study.parameters import Parameter
 from fecloth.study.run_problems import Runs
-from fecloth.study.sensitivities import DOUBTFUL, describe_weak_terms
+from fecloth.study.sensitivities import describe_weak_terms
+from fecloth.study.sensitivity_result import DOUBTFUL
 
 SCENE = """
 [cloth]
@@ -205,7 +206,7 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
 
 @pytest.mark.parametrize(("part", "exists"), [(0.8, True), (1.25, False)])
 def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch):
-    def check(opened, sought, slopes, row, size, runs):
+    def check(opened, sought, slopes, row, size, runs, step):
         return np.array([part * 0.01]), ""
 
     monkeypatch.setattr(sensitivities, "_check", check)
@@ -265,3 +266,84 @@ def test_terms_whose_numbers_hardly_count_are_named_up_to_the_tolerance(scene, c
         words = describe_weak_terms(opened, opened.quantities, tolerance, runs)
         assert ("terms.2.pressure of Pressure" in words) == named
         assert "acceleration.0 of Gravity" not in words or part > 1e-2
+
+
+def test_a_zero_is_in_the_verdict_with_its_scale(scene):
+    key = "terms.1.acceleration.1"
+    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 2.0})
+    change = 2 * found.derivative[0]
+    assert f"it changes for +2 of {key} by {change:+.2g} m;" in found.verdict
+
+
+def test_a_scale_whose_change_is_lost_in_round_off_is_named(scene):
+    key = "terms.1.acceleration.1"
+    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1e-9})
+    assert np.isnan(found.derivative[0])
+    assert any("lost in round-off" in words for words in found.notes())
+
+
+@pytest.mark.parametrize(("z", "word", "colour"), [(0.1, "+", "C0"), (-0.1, "-", "C3")])
+def test_a_quantity_below_zero_that_falls_is_said_to_fall(z, word, colour):
+    def end(result):
+        return z * float(result.state.x[:, 0].max())
+
+    found = fc.sensitivity(strip, ["drawn"], end, h=0.25)
+    assert found.elasticity[0] > 0
+    assert f"1 % more of drawn by {word}0.02 %" in found.verdict
+    from matplotlib.colors import to_rgba
+
+    assert found.figure().axes[0].patches[0].get_facecolor() == to_rgba(colour)
+
+
+def test_energies_are_in_joules(scene):
+    found = fc.sensitivity(str(scene), "fabric.shear_stiffness", ["StVK", "total"])
+    assert all(" J; " in line for line in found.verdict.splitlines())
+
+
+def test_whole_numbers_of_a_function_are_left_out_unless_they_are_named():
+    def counted(h, density=0.2, times=2):
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+        loads = [fc.Gravity((0, 0, -1.0)) for _ in range(times)]
+        system = fc.System(cloth, fc.Fabric(density, 1000.0), [fc.StVK(), *loads], ["boundary"])
+        return cloth, system, None, system.rest()
+
+    assert fc.sensitivity(counted, quantity="sag", h=0.25).parameters == ("density",)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"parameters": 5}, "must be names, or a mapping"),
+        ({"scale": 1.0}, "must be a mapping of names"),
+        ({"quantity": []}, "must be at least one"),
+        ({"tolerance": 0.5}, "must lie between 1e-9 and 0.01"),
+        ({"quantity": lambda result: math.nan}, "must be a finite number"),
+        ({"scale": {"other": 1.0}}, "is of no parameter here"),
+    ],
+)
+def test_wrong_arguments_get_a_sentence(scene, asked, words):
+    with pytest.raises(InputError, match=words):
+        fc.sensitivity(str(scene), **asked)
+
+
+def test_a_number_at_its_limit_has_no_run_on_both_sides(scene):
+    key = "fabric.poisson_ratio"
+    scene.write_text(SCENE.replace("poisson_ratio = 0.2", "poisson_ratio = 0.0"))
+    with pytest.raises(InputError, match="needs values on both sides of its own"):
+        fc.sensitivity(str(scene), key, scale={key: 1e5})
+
+
+def test_friction_changes_no_form_of_records():
+    def sliding(h, friction=0.3, radius=0.3):
+        cloth = fc.Cloth.rectangle(0.3, 0.3, h, pattern="right")
+        ball = fc.Obstacle(
+            fc.shapes.Sphere((0.15, 0.15, -radius - 1e-3), radius), gap=2e-3, friction=friction
+        )
+        terms = [fc.StVK(), fc.Gravity((1.0, 0, -9.81)), ball]
+        system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms)
+        return cloth, system, fc.BackwardEuler(), system.rest()
+
+    found = fc.sensitivity(
+        sliding, ["friction", "radius"], "mean_displacement.x", h=0.15, dt=2e-3, t_end=0.02
+    )
+    assert found.checked < 1e-2
