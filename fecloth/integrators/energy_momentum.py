@@ -44,9 +44,9 @@ class EnergyMomentum(StageMethod):
     Parameters
     ----------
     tangent
-        "exact": not symmetric, needs a direct solver. "symmetric", all derivatives at the mean
-        position: for any solver, but not for steps that turn the cloth by half a radian. "auto":
-        symmetric, and exact in a step that does not converge in 120 iterations.
+        "exact": not symmetric, needs a direct solver. "symmetric": for any solver, but not for
+        steps that turn the cloth by half a radian. "auto": symmetric, and exact in a step that does
+        not converge in 120 iterations.
     """
 
     tangent: str = "auto"

@@ -57,8 +57,9 @@ class PlateBending:
     Parameters
     ----------
     rest
-        The angles without moment: "flat"; "start", the angles of ``System(start=...)`` (in scenes
-        of the table [start]); one angle [rad], or one for each hinge, as from `hinge_angles`.
+        The angles without moment: "flat"; "start", the angles of the positions
+        ``System(start=...)`` (in scenes of the table [start]); one angle [rad]; or one for each
+        hinge, in the order of `hinge_angles`.
 
     Raises
     ------

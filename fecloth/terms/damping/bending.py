@@ -46,7 +46,8 @@ class BendingDamping:
     law
         The bending law whose stiffness is Q, `HingeBending` or `PlateBending`. Default:
         ``HingeBending()``, and on P2, which has no hinges of its own, ``PlateBending()``. Beside a
-        `PlateBending` term take ``PlateBending()``: with hinges ζ is wrong by the mesh's pattern.
+        `PlateBending` term take ``PlateBending()``: with hinges ζ is wrong by the pattern of the
+        mesh, on a cantilever of the pattern "right" by 20 %.
     """
 
     time: Annotated[float, TIME]

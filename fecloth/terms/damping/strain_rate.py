@@ -71,7 +71,8 @@ class StrainRateDamping:
         "velocity"; or "step", for `BackwardEuler` and `BDF2` only. Left out: "step" in these two
         methods, and "velocity" in all others.
     strain
-        As for `StVK`.
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
 
     Raises
     ------

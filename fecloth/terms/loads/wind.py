@@ -43,7 +43,8 @@ class Wind:
         ``u(x, t)`` of all centroids (m, 3) that returns (m, 3), or (3,) for uniform wind. The
         exact tangent computes ∂u/∂x by central differences over 2e-5 m.
     normal, tangential
-        k_n and k_t as of `Drag`, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²].
+        k_n and k_t as of `Drag`, >= 0. Linear: [Pa s/m]. Quadratic: [Pa s²/m²], equal to ½ ρ C:
+        `normal` is 0.7 for a square plate and 1.2 for a long plate.
     law
         "quadratic" or "linear".
     tangent

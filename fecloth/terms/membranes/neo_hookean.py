@@ -63,7 +63,8 @@ class NeoHookean:
     lam
         λ [N/m], ≥ 0, for "compressible" and together with `mu`.
     strain
-        As for `StVK`.
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
 
     Examples
     --------

@@ -49,7 +49,8 @@ class TensionField:
     Parameters
     ----------
     strain
-        As for `StVK`.
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
     """
 
     strain: str = "interpolated"

@@ -33,7 +33,8 @@ class TensorCondition:
     k
         Stiffness of the condition [N/m], > 0.
     strain
-        As for `StVK`.
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
     """
 
     k: Annotated[float, PER_WIDTH]
