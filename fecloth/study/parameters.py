@@ -14,6 +14,14 @@ from fecloth.study.setups import Setup
 
 WHERE = "sensitivity"
 TABLES = ("fabric", "fabrics", "terms")  # whose numbers are taken if none are named
+REFUSED = {  # tables of a scene whose numbers are no parameters
+    "cloth": "changes the mesh, so that nodes cannot be compared",
+    "cloths": "changes the mesh, so that nodes cannot be compared",
+    "time": "is a number of the method, not of the cloth",
+    "equilibrium": "is a number of the method, not of the cloth",
+    "solver": "is a number of the solver, not of the cloth",
+    **dict.fromkeys(("output", "probes", "expect", "interest"), "changes no motion of the cloth"),
+}
 SIZES = ("h", "dt")  # arguments of a function that are no parameters
 Asked = str | Sequence[str] | Mapping[str, float]
 
@@ -78,21 +86,12 @@ def _parameter(
 def _refuse_sizes(problem: Problem, name: str) -> None:
     """Refuse what changes the mesh, the steps or the solver."""
     if isinstance(problem, SceneProblem):
-        reasons = {
-            "cloth": "changes the mesh, so that nodes cannot be compared",
-            "cloths": "changes the mesh, so that nodes cannot be compared",
-            "time": "is a number of the method, not of the cloth",
-            "equilibrium": "is a number of the method, not of the cloth",
-            "solver": "is a number of the solver, not of the cloth",
-            "output": "changes no result",
-            "probes": "says where the cloth is observed, and changes no result",
-        }
         table = name.partition(".")[0]
-        if reason := reasons.get(table):
+        if reason := REFUSED.get(table):
             remedy = ""
             if table.startswith("cloth"):
                 remedy = "A function of Python may move the nodes of the same triangles."
-            elif table not in ("output", "probes") and name != "time.t_end":
+            elif table in ("time", "solver", "equilibrium") and name != "time.t_end":
                 remedy = "fecloth converge says what its error is."
             raise InputError(f"parameter {name!r}", reason, WHERE, remedy)
     elif name in SIZES:
@@ -103,8 +102,7 @@ def _refuse_sizes(problem: Problem, name: str) -> None:
 def _numbers(problem: Problem) -> Iterator[tuple[str, float]]:
     """Names and values of all numbers that are not whole numbers."""
     if isinstance(problem, SceneProblem):
-        tables = {k: v for k, v in problem.tables.items() if k not in ("expect", "interest")}
-        yield from _flatten("", tables)
+        yield from _flatten("", {k: v for k, v in problem.tables.items() if k not in REFUSED})
         return
     yield from _flatten("", {k: v for k, v in _arguments(problem).items() if k not in SIZES}, int)
 
