@@ -109,8 +109,8 @@ def sensitivity(
     >>> tip = fc.Probe("tip", "right")
     >>> def stretch(result):
     ...     return float(result.state.x[:, 0].max()) - 1.0
-    >>> found = fc.sensitivity(strip, ["stiffness", "density"], stretch, h=0.125, probes=[tip])
-    >>> print(found.elasticity.round(2), found.checked < 1e-4)
+    >>> answer = fc.sensitivity(strip, ["stiffness", "density"], stretch, h=0.125, probes=[tip])
+    >>> print(answer.elasticity.round(2), answer.checked < 1e-4)
     [-1.  1.] True
     """
     study = open_study(problem, shared)
@@ -186,10 +186,10 @@ def describe_weak_terms(
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:
         return ""
-    found = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
-    if not np.isfinite(found.value).all():
-        return f"whether numbers of terms count is not known: {found.verdict}"
-    weak = (np.abs(found.elasticity) < tolerance).all(axis=0)
+    answer = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
+    if not np.isfinite(answer.value).all():
+        return f"whether numbers of terms count is not known: {answer.verdict}"
+    weak = (np.abs(answer.elasticity) < tolerance).all(axis=0)
     types = [table["type"] for table in opened.tables["terms"]]
     names = [p.name for p, is_weak in zip(chosen, weak, strict=True) if is_weak]
     words = [f"{name} of {types[int(name.split('.')[1])]}" for name in names]

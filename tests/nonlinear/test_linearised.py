@@ -20,11 +20,11 @@ def solve_by(A, b, solvers, known=None, tolerance=1e-9, floor=0.0):
 
     given = {name: counted(name, inverse) for name, inverse in solvers.items()}
     size_of = np.linalg.norm
-    found = correct(
+    answer = correct(
         lambda y: (A @ y.ravel()).reshape(y.shape) - b,
         np.zeros_like(b), given, known or {}, size_of, tolerance, floor,
     )  # fmt: skip
-    return found, calls
+    return answer, calls
 
 
 @pytest.fixture
@@ -37,8 +37,8 @@ def equation():
 def test_an_exact_matrix_takes_two_corrections_and_one_where_its_contraction_is_known(equation):
     A, b = equation
     exact = np.linalg.inv(A)
-    found, calls = solve_by(A, b, {"exact": exact})
-    assert np.allclose(A @ found.y.ravel(), b.ravel())
+    answer, calls = solve_by(A, b, {"exact": exact})
+    assert np.allclose(A @ answer.y.ravel(), b.ravel())
     assert calls["exact"] == 2
     assert solve_by(A, b, {"exact": exact}, {"exact": 1e-12})[1]["exact"] == 1
 
@@ -54,16 +54,16 @@ def test_the_next_matrix_is_taken_where_corrections_shrink_by_less_than_half(
 ):
     A, b = equation
     exact = np.linalg.inv(A)
-    found, calls = solve_by(A, b, {"held": exact * (1 - part), "exact": exact}, tolerance=1e-4)
+    answer, calls = solve_by(A, b, {"held": exact * (1 - part), "exact": exact}, tolerance=1e-4)
     assert (calls["exact"] > 0) == is_next_taken
-    assert found.contractions["held"] == pytest.approx(part)
-    assert is_solved(A, b, found.y, 1.01e-4)
+    assert answer.contractions["held"] == pytest.approx(part)
+    assert is_solved(A, b, answer.y, 1.01e-4)
 
 
 def test_gmres_solves_what_no_matrix_does(equation):
     A, b = equation
-    found, _ = solve_by(A, b, {"poor": np.eye(12)}, tolerance=1e-8)
-    assert np.allclose(A @ found.y.ravel(), b.ravel(), atol=1e-6)
+    answer, _ = solve_by(A, b, {"poor": np.eye(12)}, tolerance=1e-8)
+    assert np.allclose(A @ answer.y.ravel(), b.ravel(), atol=1e-6)
 
 
 def test_a_matrix_without_a_factor_is_passed_over(equation):
@@ -79,8 +79,10 @@ def test_a_matrix_without_a_factor_is_passed_over(equation):
         return np.linalg.solve(A, r.ravel()).reshape(r.shape)
 
     zero = np.zeros_like(b)
-    good = correct(residual, zero, {"a": fails, "b": lambda: solve}, {}, np.linalg.norm, 1e-9, 0.0)
-    assert np.allclose(A @ good.y.ravel(), b.ravel())
+    answer = correct(
+        residual, zero, {"a": fails, "b": lambda: solve}, {}, np.linalg.norm, 1e-9, 0.0
+    )
+    assert np.allclose(A @ answer.y.ravel(), b.ravel())
     with pytest.raises(NoDerivative, match="no derivative here: the tangent has no factor"):
         correct(residual, zero, {"a": fails}, {}, np.linalg.norm, 1e-9, 0.0)
 

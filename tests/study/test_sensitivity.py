@@ -76,67 +76,67 @@ def scene(tmp_path):
 
 
 def test_frequency_of_a_drum_goes_with_the_root_of_tension_over_density():
-    found = fc.sensitivity(
+    answer = fc.sensitivity(
         drum, ["stiffness", "density"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0
     )
-    assert found.elasticity == pytest.approx([0.5, -0.5], rel=1e-6)
+    assert answer.elasticity == pytest.approx([0.5, -0.5], rel=1e-6)
     tension = (1.01**2 - 1) / 2 * 1.01 * 1000 / 0.7
-    assert found.value == pytest.approx(math.sqrt(tension / (2 * 0.2)), rel=0.1)
-    assert found.checked < 1e-6
+    assert answer.value == pytest.approx(math.sqrt(tension / (2 * 0.2)), rel=0.1)
+    assert answer.checked < 1e-6
 
 
 def test_frequency_goes_with_the_tension_of_a_stretch():
     """f is as √(s (s² − 1)/2), T = s S, of a membrane whose stress does not change across."""
-    found = fc.sensitivity(drum, ["stretch"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0)
+    answer = fc.sensitivity(drum, ["stretch"], "frequency(1)", h=0.25, dt=0.1, t_end=1.0)
     s = 1.01
-    assert found.elasticity[0] == pytest.approx(s**2 / (s**2 - 1), rel=1e-5)
+    assert answer.elasticity[0] == pytest.approx(s**2 / (s**2 - 1), rel=1e-5)
 
 
 def test_tip_of_a_cantilever_goes_with_load_over_rigidity():
     tip = fc.Probe("tip", "right")
-    found = fc.sensitivity(beam, ["B", "g"], "tip.z", h=0.125, probes=[tip])
-    assert found.elasticity == pytest.approx([-1.0, 1.0], abs=1e-5)
-    assert found.value == pytest.approx(-0.2 * 1e-3 / 8, rel=0.02)
-    assert found.derivative[0] == pytest.approx(-found.value, rel=1e-5)
+    answer = fc.sensitivity(beam, ["B", "g"], "tip.z", h=0.125, probes=[tip])
+    assert answer.elasticity == pytest.approx([-1.0, 1.0], abs=1e-5)
+    assert answer.value == pytest.approx(-0.2 * 1e-3 / 8, rel=0.02)
+    assert answer.derivative[0] == pytest.approx(-answer.value, rel=1e-5)
 
 
 def test_force_of_a_strip_by_its_closed_form():
     """F = Y W s (s² − 1)/2 with the stretch s = (1 + drawn), whatever the length."""
     asked = ["stiffness", "drawn", "length"]
-    found = fc.sensitivity(strip, asked, ["reaction.right.x"], h=0.25)
+    answer = fc.sensitivity(strip, asked, ["reaction.right.x"], h=0.25)
     s = 1.02
-    assert found.value[0] == pytest.approx(0.5 * 1000 * s * (s**2 - 1) / 2, rel=1e-9)
+    assert answer.value[0] == pytest.approx(0.5 * 1000 * s * (s**2 - 1) / 2, rel=1e-9)
     slope = 0.5 * 1000 * (3 * s**2 - 1) / 2
-    assert found.derivative[0] == pytest.approx([found.value[0] / 1000, slope, 0.0], abs=1e-4)
-    assert found.checked[0] < 1e-5
+    assert answer.derivative[0] == pytest.approx([answer.value[0] / 1000, slope, 0.0], abs=1e-4)
+    assert answer.checked[0] < 1e-5
 
 
 def test_a_pair_of_numbers_of_a_scene_has_two_derivatives(scene):
     keys = ["fabric.tensile_stiffness.0", "fabric.tensile_stiffness.1", "terms.1.acceleration.0"]
-    found = fc.sensitivity(str(scene), keys, "tip.x")
-    along, across, load = found.elasticity * found.value / (found.value - 1.0)
+    answer = fc.sensitivity(str(scene), keys, "tip.x")
+    along, across, load = answer.elasticity * answer.value / (answer.value - 1.0)
     assert along + across == pytest.approx(-1.0, abs=0.03)
     assert load == pytest.approx(1.0, abs=0.03)
     assert abs(across) < 0.05
 
 
 def test_all_numbers_of_fabric_and_terms_but_zeros_by_default(scene):
-    found = fc.sensitivity(str(scene))
-    assert found.quantities == ("tip.x",)
-    assert "fabric.shear_stiffness" in found.parameters
-    assert "terms.1.acceleration.0" in found.parameters
-    assert "terms.1.acceleration.2" not in found.parameters
-    assert not any(name.startswith(("cloth", "pins")) for name in found.parameters)
+    answer = fc.sensitivity(str(scene))
+    assert answer.quantities == ("tip.x",)
+    assert "fabric.shear_stiffness" in answer.parameters
+    assert "terms.1.acceleration.0" in answer.parameters
+    assert "terms.1.acceleration.2" not in answer.parameters
+    assert not any(name.startswith(("cloth", "pins")) for name in answer.parameters)
 
 
 def test_a_zero_needs_a_scale_and_has_no_elasticity(scene):
     key = "terms.1.acceleration.1"
     with pytest.raises(InputError, match="needs a change > 0 to compare with"):
         fc.sensitivity(str(scene), key, "tip.y")
-    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1.0})
-    assert np.isnan(found.elasticity[0])
-    assert found.derivative[0] > 0
-    assert found.checked < 1e-4
+    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1.0})
+    assert np.isnan(answer.elasticity[0])
+    assert answer.derivative[0] > 0
+    assert answer.checked < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -168,18 +168,18 @@ def test_h_and_other_meshes_of_a_function_are_refused():
 
 
 def test_values_of_arguments_are_those_of_the_mapping():
-    found = fc.sensitivity(strip, {"stiffness": 500.0}, "reaction.right.x", h=0.25, check=False)
-    assert found.value == pytest.approx(0.5 * 500 * 1.02 * (1.02**2 - 1) / 2)
-    assert np.isnan(found.checked)
-    assert "not checked" in found.verdict
+    answer = fc.sensitivity(strip, {"stiffness": 500.0}, "reaction.right.x", h=0.25, check=False)
+    assert answer.value == pytest.approx(0.5 * 500 * 1.02 * (1.02**2 - 1) / 2)
+    assert np.isnan(answer.checked)
+    assert "not checked" in answer.verdict
 
 
 def test_a_function_of_the_result_is_a_quantity():
     def longest(result):
         return float(result.state.x[:, 0].max()) ** 2
 
-    found = fc.sensitivity(strip, ["drawn"], longest, h=0.25)
-    assert found.derivative[0] == pytest.approx(2 * 1.02, rel=1e-6)
+    answer = fc.sensitivity(strip, ["drawn"], longest, h=0.25)
+    assert answer.derivative[0] == pytest.approx(2 * 1.02, rel=1e-6)
 
 
 def crumpled(h, stiffness=1000.0, squeeze=0.6):
@@ -196,12 +196,12 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
     run = {"h": 0.2, "dt": 0.01, "probes": [fc.Probe("tip", "right")]}
     asked = crumpled, ["stiffness", "squeeze"], "tip.z"
     assert fc.sensitivity(*asked, t_end=0.2, **run).checked < 1e-3
-    found = fc.sensitivity(*asked, t_end=1.0, **run)
-    assert found.checked > DOUBTFUL
-    assert np.isnan(found.derivative).all()
-    assert "no derivative here" in found.verdict
-    assert any("folds that change" in words for words in found.notes())
-    assert found.exit_status == 3
+    answer = fc.sensitivity(*asked, t_end=1.0, **run)
+    assert answer.checked > DOUBTFUL
+    assert np.isnan(answer.derivative).all()
+    assert "no derivative here" in answer.verdict
+    assert any("folds that change" in words for words in answer.notes())
+    assert answer.exit_status == 3
 
 
 @pytest.mark.parametrize(("part", "exists"), [(0.8, True), (1.25, False)])
@@ -210,9 +210,9 @@ def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch)
         return np.array([part * 0.01]), ""
 
     monkeypatch.setattr(sensitivities, "_check", check)
-    found = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
-    assert np.isfinite(found.derivative[0]) == exists
-    assert ("no derivative here" in found.verdict) != exists
+    answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
+    assert np.isfinite(answer.derivative[0]) == exists
+    assert ("no derivative here" in answer.verdict) != exists
 
 
 def test_twin_runs_find_a_wrong_derivative(monkeypatch):
@@ -226,8 +226,8 @@ def test_twin_runs_find_a_wrong_derivative(monkeypatch):
         return rows
 
     monkeypatch.setattr(sensitivities, "run_tasks", wrong)
-    found = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
-    assert found.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
+    answer = fc.sensitivity(strip, ["drawn"], "reaction.right.x", h=0.25)
+    assert answer.checked == pytest.approx(0.02 / 1.02, rel=1e-3)
 
 
 def test_an_answer_is_read_from_the_store(scene, tmp_path, capsys):
@@ -240,12 +240,12 @@ def test_an_answer_is_read_from_the_store(scene, tmp_path, capsys):
 
 
 def test_report_has_bars_with_the_largest_first(scene, tmp_path):
-    found = fc.sensitivity(str(scene))
-    sizes = [abs(row["% for 1 %"]) for row in found.table]
+    answer = fc.sensitivity(str(scene))
+    sizes = [abs(row["% for 1 %"]) for row in answer.table]
     assert sizes == sorted(sizes, reverse=True)
-    bars = found.figure().axes[0].patches
+    bars = answer.figure().axes[0].patches
     assert [bar.get_width() for bar in bars] == sorted(sizes)
-    assert found.report(tmp_path).exists()
+    assert answer.report(tmp_path).exists()
 
 
 def test_the_width_is_the_unit_of_changes():
@@ -258,9 +258,9 @@ def test_terms_whose_numbers_hardly_count_are_named_up_to_the_tolerance(scene, c
         "[[pins]]", '[[terms]]\ntype = "Pressure"\npressure = 0.5\n[[pins]]'
     )
     scene.write_text(text)
-    found = fc.sensitivity(str(scene), "terms.2.pressure", "tip.x", check=False)
+    answer = fc.sensitivity(str(scene), "terms.2.pressure", "tip.x", check=False)
     opened = fc.study.of(str(scene)).problem
-    part = abs(found.elasticity[0])
+    part = abs(answer.elasticity[0])
     for tolerance, named in ((1.25 * part, True), (0.8 * part, False)):
         runs = Runs(quiet=True)
         words = describe_weak_terms(opened, opened.quantities, tolerance, runs)
@@ -270,16 +270,16 @@ def test_terms_whose_numbers_hardly_count_are_named_up_to_the_tolerance(scene, c
 
 def test_a_zero_is_in_the_verdict_with_its_scale(scene):
     key = "terms.1.acceleration.1"
-    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 2.0})
-    change = 2 * found.derivative[0]
-    assert f"it changes for +2 of {key} by {change:+.2g} m;" in found.verdict
+    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 2.0})
+    change = 2 * answer.derivative[0]
+    assert f"it changes for +2 of {key} by {change:+.2g} m;" in answer.verdict
 
 
 def test_a_scale_whose_change_is_lost_in_round_off_is_named(scene):
     key = "terms.1.acceleration.1"
-    found = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1e-9})
-    assert np.isnan(found.derivative[0])
-    assert any("lost in round-off" in words for words in found.notes())
+    answer = fc.sensitivity(str(scene), key, "tip.y", scale={key: 1e-9})
+    assert np.isnan(answer.derivative[0])
+    assert any("lost in round-off" in words for words in answer.notes())
 
 
 @pytest.mark.parametrize(("z", "word", "colour"), [(0.1, "+", "C0"), (-0.1, "-", "C3")])
@@ -287,17 +287,17 @@ def test_a_quantity_below_zero_that_falls_is_said_to_fall(z, word, colour):
     def end(result):
         return z * float(result.state.x[:, 0].max())
 
-    found = fc.sensitivity(strip, ["drawn"], end, h=0.25)
-    assert found.elasticity[0] > 0
-    assert f"1 % more of drawn by {word}0.02 %" in found.verdict
+    answer = fc.sensitivity(strip, ["drawn"], end, h=0.25)
+    assert answer.elasticity[0] > 0
+    assert f"1 % more of drawn by {word}0.02 %" in answer.verdict
     from matplotlib.colors import to_rgba
 
-    assert found.figure().axes[0].patches[0].get_facecolor() == to_rgba(colour)
+    assert answer.figure().axes[0].patches[0].get_facecolor() == to_rgba(colour)
 
 
 def test_energies_are_in_joules(scene):
-    found = fc.sensitivity(str(scene), "fabric.shear_stiffness", ["StVK", "total"])
-    assert all(" J; " in line for line in found.verdict.splitlines())
+    answer = fc.sensitivity(str(scene), "fabric.shear_stiffness", ["StVK", "total"])
+    assert all(" J; " in line for line in answer.verdict.splitlines())
 
 
 def test_whole_numbers_of_a_function_are_left_out_unless_they_are_named():
@@ -343,7 +343,7 @@ def test_friction_changes_no_form_of_records():
         system = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.3), terms)
         return cloth, system, fc.BackwardEuler(), system.rest()
 
-    found = fc.sensitivity(
+    answer = fc.sensitivity(
         sliding, ["friction", "radius"], "mean_displacement.x", h=0.15, dt=2e-3, t_end=0.02
     )
-    assert found.checked < 1e-2
+    assert answer.checked < 1e-2
