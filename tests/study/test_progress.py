@@ -94,7 +94,9 @@ def test_a_sweep_builds_each_scene_once(scene, monkeypatch):
     """Its values are checked without their meshes: only the first scene is built to check it."""
     built = []
     build = problems.Scene.build
-    monkeypatch.setattr(problems.Scene, "build", lambda self: built.append(1) or build(self))
+    monkeypatch.setattr(
+        problems.Scene, "build", lambda self, *given: built.append(1) or build(self, *given)
+    )
     study.sweep(scene, "fabric.tensile_stiffness=10,20,40")
     assert len(built) == 4
 
@@ -106,10 +108,12 @@ def test_values_that_only_the_mesh_refuses_are_rows_or_an_error(scene):
         study.sweep(scene, {"pins.0.where": ["nowhere"]}, "tip.x")
 
 
-@pytest.mark.parametrize("command", [study.converge, study.chart, study.simplify])
+@pytest.mark.parametrize(
+    "command", [study.converge, study.chart, study.simplify, study.sensitivity]
+)
 def test_a_huge_scene_is_refused_before_its_mesh_is_made(command, scene, monkeypatch):
     scene.write_text(scene.read_text().replace("h = 0.125", "h = 1e-5"))
-    monkeypatch.setattr(problems.Scene, "build", lambda self: pytest.fail("it was built"))
+    monkeypatch.setattr(problems.Scene, "build", lambda self, *given: pytest.fail("it was built"))
     with pytest.raises(InputError, match="predicted time above 60 min"):
         command(scene)
 
