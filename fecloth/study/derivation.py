@@ -26,6 +26,7 @@ from fecloth.study.setups import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import records
+from fecloth.terms.traits import parameters_of
 
 SMALL = 1e-5  # of the edge length, or of a gap: how far nodes are moved for differences
 REST = 0.05  # times the tolerance of a step: the tolerance of an equilibrium
@@ -164,7 +165,7 @@ class Follower:
 def shortest_length(setup: Setup) -> float:
     """The shortest edge of a right triangle of the mean area, or the least gap [m]."""
     cloth = setup.cloth
-    gaps = [float(gap) for term in setup.system.terms if (gap := getattr(term, "gap", None))]
+    gaps = [float(gap) for term in setup.system.terms if (gap := parameters_of(term).get("gap"))]
     return min([math.sqrt(cloth.area / len(cloth.triangles)), *gaps])
 
 

@@ -20,7 +20,8 @@ from fecloth.study.setups import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-PART = 1e-6  # of the largest value: how far values are moved for differences
+PART = 1e-7  # of the largest value: how far values are moved for differences
+OF_FUNCTIONS = 1e-4  # of the width of a parameter: its largest change, for functions
 ROUND_OFF = 1e-12  # of the largest value: slopes below it are none
 FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
@@ -60,10 +61,12 @@ class Slopes:
         pairs = [(start, end.x), (start, self._moved(number).x)]
         kind = quantity.column.split(".")[0]
         for name, values in d.columns.items():
-            if quantity.function or name.split(".")[0] == kind:
+            if kind and name.split(".")[0] == kind:
                 pairs.append((values, d.slopes[number][name]))
         sizes = [(_largest(values) or 1.0, _largest(slopes)) for values, slopes in pairs]
-        return min((PART * v / s for v, s in sizes if s > ROUND_OFF * v), default=0.0)
+        known = [PART * v / s for v, s in sizes if s > ROUND_OFF * v]
+        # A function may be of energies, too, which change where nothing moves.
+        return min([*known, OF_FUNCTIONS] if quantity.function else known, default=0.0)
 
     def _moved(self, number: int) -> Along:
         """Derivatives of the displacement and the velocity at the end."""

@@ -15,6 +15,7 @@ from fecloth.study.parameters import Parameter
 from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import OK
+from fecloth.terms.traits import parameters_of
 
 DOUBTFUL = 1e-2  # distance from the twin runs above which there is no derivative
 SHOWN = 20  # bars of the figure
@@ -144,7 +145,7 @@ def _change(p: Parameter, slope: float, value: float, unit: str) -> str:
 def _doubts(opened: Problem) -> str:
     """The likely reason why there is no derivative."""
     system = opened.first.system
-    if any(getattr(term, "friction", 0.0) for term in system.terms):
+    if any(parameters_of(term).get("friction") for term in system.terms):
         return "friction: a node that changes between rest and sliding leaves no derivative"
     if opened.has_contact:
         return "contact: where it begins or ends in a run, the motion after it has none"

@@ -182,6 +182,30 @@ def test_a_function_of_the_result_is_a_quantity():
     assert answer.derivative[0] == pytest.approx(2 * 1.02, rel=1e-6)
 
 
+def test_a_function_of_an_energy_has_a_derivative_where_nothing_moves():
+    def held(h, stiffness=1000.0):
+        _, system, _, start = strip(h, stiffness)
+        return system.cloth, system, fc.BackwardEuler(), start
+
+    def energy(result):
+        return float(result.energies["StVK"][-1])
+
+    answer = fc.sensitivity(held, ["stiffness"], energy, h=0.25, dt=0.01, t_end=0.02)
+    assert answer.elasticity[0] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_function_of_all_nodes_is_as_smooth_as_its_nodes(scene):
+    """The stretch of a hanging strip depends on density over stiffness alone."""
+
+    def stretch(result):
+        return float(result.state.x[:, 0].mean()) - 0.5
+
+    keys = "fabric.areal_density", "fabric.tensile_stiffness.0", "fabric.tensile_stiffness.1"
+    answer = fc.sensitivity(str(scene), [*keys, "fabric.shear_stiffness"], stretch)
+    assert answer.elasticity[0] == pytest.approx(-answer.elasticity[1:].sum(), rel=1e-4)
+    assert answer.checked < 1e-5
+
+
 def crumpled(h, stiffness=1000.0, squeeze=0.6):
     """A sheet without bending, squeezed and let go: its folds grow without order."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern="right")
