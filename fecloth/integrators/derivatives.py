@@ -59,7 +59,8 @@ class StepTangents:
             self.solution, self.number = solution, self.number + 1
             self.usual, self.known = {**self.usual, **self.known}, {}
         both = {"held": lambda: self._held(solution), "exact": lambda: self._exact(solution)}
-        if self.exact is solution or (self._saves_solves() and self.number % AGAIN):
+        has_none = not self.context.matrix_solver()[0].prepared  # where no step was solved for
+        if self.exact is solution or has_none or (self._saves_solves() and self.number % AGAIN):
             del both["held"]
         return both
 

@@ -10,7 +10,9 @@ from fecloth.nonlinear.context import PRICES
 
 
 def tangents(count: int, linear: str = "pardiso") -> StepTangents:
-    context = SimpleNamespace(matrix_solver=lambda: (SimpleNamespace(name=linear), None))
+    context = SimpleNamespace(
+        matrix_solver=lambda: (SimpleNamespace(name=linear, prepared=1), None)
+    )
     return StepTangents(None, True, context, count, 1e-4, usual={"held": 0.1, "exact": 1e-4})
 
 
