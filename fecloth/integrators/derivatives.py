@@ -53,14 +53,14 @@ class StepTangents:
     known: dict[str, float] = field(default_factory=dict)
     usual: dict[str, float] = field(default_factory=dict)
 
-    def solvers(self, solution: Solution) -> dict[str, Callable[[], Map]]:
-        """The solvers to try for this step, in their order."""
+    def solvers(self, solution: Solution, has_matrix: bool) -> dict[str, Callable[[], Map]]:
+        """The solvers to try for this step, in their order; whether the run has a matrix of it."""
         if self.solution is not solution:
             self.solution, self.number = solution, self.number + 1
             self.usual, self.known = {**self.usual, **self.known}, {}
         both = {"held": lambda: self._held(solution), "exact": lambda: self._exact(solution)}
-        has_none = not self.context.matrix_solver()[0].prepared  # where no step was solved for
-        if self.exact is solution or has_none or (self._saves_solves() and self.number % AGAIN):
+        saves = self._saves_solves() and self.number % AGAIN
+        if self.exact is solution or saves or not has_matrix:
             del both["held"]
         return both
 
@@ -119,7 +119,7 @@ def derive_step(
     if tangents is None:
         unknowns = [opening.acceleration() for opening in openings]
     else:
-        dq = _derive_unknown(solution, openings, along, sides.size, tangents)
+        dq = _derive_unknown(step, solution, openings, along, sides.size, tangents)
         unknowns = [solution.q + size * dq for _, size in sides.signed]
     close = solution.method.close
     plus, minus = (close(*pair) for pair in zip(openings, unknowns, strict=True))
@@ -141,6 +141,7 @@ def _open(solution: Solution, along: Along, system: System, size: float) -> Any:
 
 
 def _derive_unknown(
+    step: Step,
     solution: Solution,
     openings: list[Any],
     along: Along,
@@ -166,7 +167,7 @@ def _derive_unknown(
     def size_of(dq: np.ndarray) -> float:
         return float(max(norm(dq), least))
 
-    solvers, known = tangents.solvers(solution), tangents.known
+    solvers, known = tangents.solvers(solution, step.counts.newton > 0), tangents.known
     allowed = size_of, tangents.tolerance, floor
     corrected = correct(residual, guess, solvers, known, *allowed)
     for name, contraction in corrected.contractions.items():
