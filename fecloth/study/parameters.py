@@ -58,7 +58,9 @@ def choose_parameters(
             remedy = "Name parameters, with a scale for each value of 0."
             raise InputError("parameters = None", f"{problem.name} has none", WHERE, remedy)
     else:
-        names = [asked] if isinstance(asked, str) else list(asked)
+        listed = [asked] if isinstance(asked, str) else asked
+        # The key of a pair stands for both of its numbers.
+        names = [n for a in listed for n in ([k for k in known if k.startswith(f"{a}.")] or [a])]
     if not names or len(set(names)) < len(names):
         raise InputError(f"parameters = {asked!r}", "must be names, each one once", WHERE)
     for name in sorted(set(scale) - set(names)):

@@ -62,7 +62,7 @@ def sensitivity(
         As for `fecloth.study.of`.
     parameters
         Names: keys of a scene, as "fabric.bending_rigidity" or "terms.1.time", with numbers (from
-        0) for the items of lists; arguments of a function, or {"B": 1e-5}, which gives them
+        0) for single items of lists; arguments of a function, or {"B": 1e-5}, which gives them
         values. By default all numbers of [fabric] and the terms, or all arguments of a function
         but h and dt, that are not 0.
     quantity

@@ -120,6 +120,11 @@ def test_a_pair_of_numbers_of_a_scene_has_two_derivatives(scene):
     assert abs(across) < 0.05
 
 
+def test_the_key_of_a_pair_stands_for_both_numbers(scene):
+    answer = fc.sensitivity(str(scene), "fabric.tensile_stiffness", "tip.x", check=False)
+    assert answer.parameters == ("fabric.tensile_stiffness.0", "fabric.tensile_stiffness.1")
+
+
 def test_all_numbers_of_fabric_and_terms_but_zeros_by_default(scene):
     answer = fc.sensitivity(str(scene))
     assert answer.quantities == ("tip.x",)
