@@ -18,8 +18,6 @@ from fecloth.terms.records import shift
 
 ROUND_OFF = 1e-13  # of the unknown, in the solution of a step
 LEAST = 1e-2  # of the change of the begin: an error of the unknown is relative to no less
-
-
 SAFETY = 2.0  # on a contraction that was measured with another parameter
 AGAIN = 8  # steps after which the factor of the run is tried again
 

@@ -94,8 +94,7 @@ class Follower:
         """ε, a power of ten: so small that nodes move little, so large that they move at all."""
         far = self.along.longest(dt)
         wanted = SMALL * shortest_length(self.base) / far if far else LARGEST
-        decade = 10.0 ** math.floor(math.log10(min(max(wanted, LEAST), LARGEST)) + 1e-9)
-        return decade
+        return float(10.0 ** math.floor(math.log10(min(max(wanted, LEAST), LARGEST)) + 1e-9))
 
     def sides(self, size: float) -> Sides:
         plus, minus = self._setups(size)
@@ -182,7 +181,6 @@ def derive_run(
     `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error of
     a derivative over a step.
     """
-
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
     if recorded.only_start:

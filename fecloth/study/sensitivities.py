@@ -186,9 +186,13 @@ def describe_weak_terms(
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:
         return ""
-    answer = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
+    unknown = "whether numbers of terms count is not known"
+    try:
+        answer = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
+    except InputError as error:  # as for a number at its limit: it is no mistake of `simplify`
+        return f"{unknown}: {error}"
     if not np.isfinite(answer.value).all():
-        return f"whether numbers of terms count is not known: {answer.verdict}"
+        return f"{unknown}: {answer.verdict}"
     weak = (np.abs(answer.elasticity) < tolerance).all(axis=0)
     types = [table["type"] for table in opened.tables["terms"]]
     names = [p.name for p, is_weak in zip(chosen, weak, strict=True) if is_weak]
@@ -221,5 +225,5 @@ def _check(
         return np.full(len(slopes), np.inf), f"a twin run failed: {failed['cause']}"
     change = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * step)
     size_of = np.abs(slopes).sum(axis=1)
-    least = ROUND_OFF * np.abs(row["values"]) / step + np.finfo(float).tiny
+    least = ROUND_OFF * np.abs(row["values"]) / STEPS[0] + np.finfo(float).tiny
     return np.abs(change - slopes @ signs) / np.maximum(size_of, least), row["why"]

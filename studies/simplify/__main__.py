@@ -1,6 +1,6 @@
 """Does `fecloth simplify` find what three scenes with known answers need, and what they do not?
 
-The changes that it measures stand beside those that dimensionless numbers of the scenes predict.
+Beside each measured change stands the change that the dimensionless numbers of the scene predict.
 
 python -m studies.simplify [--quick]
 fecloth simplify my.toml --tolerance 1%      for a scene of yours

@@ -294,7 +294,6 @@ def test_terms_whose_numbers_hardly_count_are_named_up_to_the_tolerance(scene, c
         runs = Runs(quiet=True)
         words = describe_weak_terms(opened, opened.quantities, tolerance, runs)
         assert ("terms.2.pressure of Pressure" in words) == named
-        assert "acceleration.0 of Gravity" not in words or part > 1e-2
 
 
 def test_a_zero_is_in_the_verdict_with_its_scale(scene):
@@ -376,3 +375,35 @@ def test_friction_changes_no_form_of_records():
         sliding, ["friction", "radius"], "mean_displacement.x", h=0.15, dt=2e-3, t_end=0.02
     )
     assert answer.checked < 1e-2
+
+
+def test_a_number_at_its_limit_ends_no_simplify(scene):
+    """An obstacle far away whose restitution is 1 has no values on both sides of it."""
+    obstacle = """[[terms]]
+type = "Obstacle"
+shape = { type = "Plane", point = [0.0, 0.0, -9.0], normal = [0.0, 0.0, 1.0] }
+gap = 0.001
+restitution = 1.0
+"""
+    scene.write_text(scene.read_text().replace("[[pins]]", obstacle + "[[pins]]"))
+    opened = fc.study.of(str(scene)).problem
+    words = describe_weak_terms(opened, opened.quantities, 0.01, Runs(quiet=True))
+    assert "whether numbers of terms count is not known" in words
+    assert "restitution" in words
+
+
+@pytest.mark.parametrize("wrong_by", [0.008, 0.05])
+def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, monkeypatch):
+    """The quantity changes by 1e-5 of its value: its derivative is judged as any other."""
+
+    def rows(problem, sought, tasks, runs):
+        answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
+        if tasks[0].task == "derive":
+            return [answer | {"values": [1.0], "slopes": [[1e-5]]}]
+        changes = [task.settings["changes"][0] for task in tasks]
+        return [answer | {"values": [1 + 1e-5 * (1 + wrong_by) * each]} for each in changes]
+
+    monkeypatch.setattr(sensitivities, "run_tasks", rows)
+    answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
+    assert answer.checked == pytest.approx(wrong_by, rel=1e-3)
+    assert np.isfinite(answer.derivative[0]) == (wrong_by < DOUBTFUL)
