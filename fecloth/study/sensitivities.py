@@ -170,8 +170,7 @@ def _lost(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
     if not len(values):
         return np.zeros(slopes.shape, bool)
     small = np.abs(slopes) < ROUND_OFF * np.abs(values)[:, None]
-    lost: np.ndarray = given & (slopes != 0.0) & small
-    return lost
+    return np.asarray(given & (slopes != 0.0) & small)
 
 
 def describe_weak_terms(

@@ -1,6 +1,8 @@
 """The stiffness Q of a plate between the angles of its hinges."""
 
-from functools import lru_cache
+from hashlib import blake2b
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sparse
@@ -9,6 +11,8 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.edge_slopes import EdgeSlopes, turn_curvature
+
+_last: WeakKeyDictionary[EdgeSlopes, Any] = WeakKeyDictionary()  # Q of the last panel of a cloth
 
 
 def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
@@ -32,13 +36,10 @@ def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
     copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
     D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
     given = D, np.repeat(panel.material, copies), clamped_edges(panel)
-    return _known_stiffness(slopes, *((a.tobytes(), a.dtype.str, a.shape) for a in given))
-
-
-@lru_cache(maxsize=4)  # systems on a cloth that differ in other numbers share Q
-def _known_stiffness(slopes: EdgeSlopes, *arrays: tuple) -> sparse.csr_matrix:
-    given = (np.frombuffer(data, kind).reshape(shape) for data, kind, shape in arrays)
-    return angle_stiffness(slopes, *given)
+    key = blake2b(b"".join(array.tobytes() for array in given)).digest()
+    if _last.get(slopes, (b"",))[0] != key:
+        _last[slopes] = key, angle_stiffness(slopes, *given)
+    return _last[slopes][1]
 
 
 def clamped_edges(panel: Panel) -> np.ndarray:
