@@ -70,7 +70,7 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ('Print.ParameterCommand = "SystemCall";', "Print in line 6"),
     ("Mesh.MaxNumThreads2D = 1e6;", "Mesh.MaxNumThreads2D in line 6"),
     ('Mesh.MeshSizeMax = "CANARY";', "the text"),
-    ('Geometry.OCCTargetUnit = "M";', "Geometry.OCCTargetUnit in line 6"),
+    ('Geometry.OCCTargetUnit = "M";', "the text"),
     ('DefineConstant[ s = {%s, Name "s"} ];\nSystemCall s;', "the text"),
     ('DefineConstant[ a = {1, Name "a", ServerAction %s} ];', "ServerAction in line 6"),
     ('DefineConstant[ a = {1, Macro "Gmsh"} ];', "Macro in line 6"),
@@ -82,7 +82,7 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ("SystemCall = 1;\nSystemCall %s;", "SystemCall in line 7"),
     ("s = 1;\nx = { , ; SystemCall s ; };", "SystemCall in line 7"),
     ("Physical Surface(Str(%s)) = {1};", "Str in line 6"),
-    ('SetFactory("Merge");', 'SetFactory("Merge") in line 6'),
+    ('SetFactory("Merge");', "the text"),
     ("x = GetString(%s);", "GetString in line 6"),
     ('x = GetEnv("HOME");', "GetEnv in line 6"),
     ('x = FileExists("CANARY");', "FileExists in line 6"),
@@ -107,6 +107,7 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ("n = 3;\nFor i In {1:n}\nx = 1;\nEndFor", "For with bounds that are not numbers in line 7"),
     ("For i In {1:4:0}\nx = 1;\nEndFor", "For with bounds that are not numbers in line 6"),
     ("For i In {1:2}\ni = 0;\nEndFor", "an assignment to i"),
+    ("For i In {1:9}\nFor i In {1:1}\nx = 1;\nEndFor\nEndFor", "an assignment to i"),
     ("EndFor", "EndFor without For in line 6"),
 ]
 HARMLESS = [  # attacks that end with the comments, or that Gmsh answers with an error
@@ -138,7 +139,7 @@ ORDINARY = {
           Point{p~{i}} In Surface{1};
         EndFor
         If (#n[] > 2 && n[0] != 0) Printed = 1; ElseIf (h >= 1) Printed = 2; Else Printed = 3; EndIf
-        For (1:3:2) Printed++; EndFor""",
+        For (1:3:2) For (1:2) Printed++; EndFor EndFor""",
     "constants": """
         DefineConstant[ k = {3, Min 1, Max 9, Step 1, Name "Parameters/Number"},
           kind = {1, Choices{1="fine", 2="coarse"}, Name "Parameters/Kind", Visible 0} ];
