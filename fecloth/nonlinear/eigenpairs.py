@@ -1,5 +1,6 @@
 """The least eigenvalues of K, or of M⁻¹K, on the free directions, by a sparse factor."""
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -167,3 +168,26 @@ def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
         if not len(failure.eigenvalues):
             raise SolveFailed(f"no mode was found in {RESTARTS} restarts of ARPACK") from failure
         return failure.eigenvalues, failure.eigenvectors
+
+
+def least_stiffness(system: System, state: State) -> tuple[float, float]:
+    """Return the least eigenvalue of K on the free directions, and what round-off may be [N/m]."""
+    # It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
+    if not system.is_whole or system.admissible.shape[1] < 2:
+        return math.nan, 0.0
+    try:
+        pairs = least_eigenpairs(system, state, 1, unit_mass=True)
+    except SolveFailed:
+        return math.nan, 0.0
+    return float(pairs.values[0]), pairs.zero
+
+
+def describe_instability(least: float, zero: float) -> str:
+    """Return a sentence if the least eigenvalue is below round-off, or else ""."""
+    if not least < -zero:
+        return ""
+    return (
+        f"the equilibrium is unstable: the least eigenvalue of K is {least:.3g} N/m, so "
+        "that a cloth which is disturbed leaves it; bend the start a little, as the first mode "
+        "of `fecloth modes` does, to find a stable one"
+    )

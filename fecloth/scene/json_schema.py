@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from fecloth.fabric import presets
-from fecloth.scene.fabric_table import Shorthands
 from fecloth.scene.scene import Scene
 from fecloth.scene.schedule import METHOD_TABLES
 from fecloth.scene.table_model import Table
+from fecloth.scene.tables import Shorthands
 from fecloth.scene.type_words import dimensions
 
 

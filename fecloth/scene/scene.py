@@ -4,7 +4,7 @@ Scenes mirror the Python calls: the keys of a term, the fabric or the solver are
 classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers and values of
 formulas are in SI; a text may be a number with another unit of the same dimension, as in
 ``dt = "5 ms"`` (see `units`). Each table is described where it is defined: `tables`,
-`fabric_table`, `pin_table`, `start_table`, `time_table`, `output_table` and `probe_tables`.
+`cloth_tables`, `placement`, `schedule` and `probe_tables`.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -21,12 +21,12 @@ from fecloth.scene import tables, toml_text
 from fecloth.scene.build import build
 from fecloth.scene.cloth_tables import join_pieces
 from fecloth.scene.error_words import errors_at, scene_error
-from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.placement import PinTable, Start
 from fecloth.scene.probe_tables import Expectations, Interest, ProbeTable, refuse_times
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Output, Time
 from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
+from fecloth.scene.tables import FabricTable
 from fecloth.scene.toml_text import override
 from fecloth.system.system import System
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, is_number
+from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
 from fecloth.nonlinear.increments import (
     LoadIncrement,
     Report,
@@ -19,7 +20,6 @@ from fecloth.nonlinear.increments import (
     solve_increment,
     static_context,
 )
-from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun

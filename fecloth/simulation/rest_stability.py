@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
-from fecloth.nonlinear.rest_stiffness import describe_instability, least_stiffness
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.system.state import State
 from fecloth.system.system import System

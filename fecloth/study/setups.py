@@ -10,7 +10,7 @@ from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.nonlinear.options import Newton
-from fecloth.runs.warm_up import compile_kernels
+from fecloth.runs.run_scene import compile_kernels
 from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.probes import Probe

@@ -231,7 +231,7 @@ def test_meshio_names_in_field_data():
         field_data={"hem": np.array([5, 1]), "sheet": np.array([5, 2])},
         point_sets={"pin": [3]},
     )
-    from fecloth.mesh.meshio_import import _meshio_sets
+    from fecloth.mesh.gmsh_child import _meshio_sets
 
     nodes, edges = _meshio_sets(named, "s")
     assert {name: np.unique(np.concatenate(v)).tolist() for name, v in nodes.items() if v} == {

@@ -7,7 +7,7 @@ import pytest
 import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.output.frames import read_frame
-from fecloth.runs import run_scene, warm_up
+from fecloth.runs import run_scene
 from fecloth.scene.scene import load_scene
 
 SCENE = """
@@ -72,6 +72,8 @@ def test_a_scene_with_explicit_steps_on_quadratic_triangles(tmp_path, capsys):
 def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):
     file, seen = tmp_path / "s.toml", []
     file.write_text(SCENE)
-    monkeypatch.setattr(warm_up, "run", lambda system, *_, **__: seen.append(system.cloth.element))
-    warm_up.compile_kernels(load_scene(file).build())
-    assert set(seen) == {"P2"}
+    monkeypatch.setattr(
+        run_scene, "run", lambda system, *_, **__: seen.append(system.cloth.element)
+    )
+    run_scene.compile_kernels(load_scene(file).build())
+    assert {cloth.element for cloth in seen} == {"P2"}

@@ -17,7 +17,7 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import SceneError
 from fecloth.linalg import mkl_pardiso
-from fecloth.runs import warm_up
+from fecloth.runs import run_scene as running
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
@@ -376,9 +376,9 @@ def test_half_of_a_path_is_the_path_of_half_the_way(tmp_path):
 def test_compiling_first_takes_a_few_iterations_and_a_whole_run(p, scene, monkeypatch):
     """On two triangles a large pressure has no equilibrium that could be found."""
     scene.write_text(SHEET.replace("p = -2.0", f"p = {p}"))
-    results, original = [], warm_up.run
-    monkeypatch.setattr(warm_up, "run", lambda *a, **k: results.append(original(*a, **k)))
-    warm_up.compile_kernels(load_scene(scene).build())
+    results, original = [], running.run
+    monkeypatch.setattr(running, "run", lambda *a, **k: results.append(original(*a, **k)))
+    running.compile_kernels(load_scene(scene).build())
     assert [result.steps for result in results] == [1]
     assert 1 <= results[0].newton <= 4
 

@@ -11,12 +11,11 @@ from fecloth.cli import main as cli
 from fecloth.cli.commands import FIELD_NAMES
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene.cloth_tables import Disk
-from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.json_schema import json_schema, subclasses
 from fecloth.scene.scene import Scene
 from fecloth.scene.schedule import METHOD_TABLES
 from fecloth.scene.table_model import Table
-from fecloth.scene.tables import SHAPE_TABLES, TERM_TABLES, SolverTable
+from fecloth.scene.tables import SHAPE_TABLES, TERM_TABLES, FabricTable, SolverTable
 from fecloth.scene.type_words import fields, meaning
 from fecloth.view.checker_pattern import CHECKS
 

@@ -15,9 +15,9 @@ import fecloth
 from fecloth.quantities.formula_functions import FUNCTIONS
 from fecloth.scene import placement, probe_tables, schedule, tables
 from fecloth.scene.cloth_tables import Disk, GradingTable, MeshFile, Pieces, Rectangle
-from fecloth.scene.fabric_table import FabricTable
 from fecloth.scene.scene import Scene
 from fecloth.scene.table_model import Table
+from fecloth.scene.tables import FabricTable
 from fecloth.scene.type_words import fields, meaning, phrase
 
 PACKAGE = Path(fecloth.__file__).parent

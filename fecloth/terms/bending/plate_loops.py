@@ -18,8 +18,15 @@ import numpy as np
 
 from fecloth.compiled.jit import inner, kernel
 from fecloth.linalg.block_matrix import find_sorted
-from fecloth.terms.bending.dihedral_angle import angle, arms, cross, gradient, hessian, side
-from fecloth.terms.bending.fold_measure import measure
+from fecloth.terms.bending.dihedral_angle import (
+    angle,
+    arms,
+    cross,
+    gradient,
+    hessian,
+    measure,
+    side,
+)
 
 
 @inner

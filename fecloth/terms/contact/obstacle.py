@@ -17,13 +17,38 @@ from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.friction import CREEP
+from fecloth.terms.contact.inside import starts_inside
 from fecloth.terms.contact.points import MOST, divisions, longest_edges, points_of
 from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
-from fecloth.terms.contact.skeleton_contact import BoundSkeleton
-from fecloth.terms.contact.surfaces import Triangles
+from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.toolkit import ContactSets, is_installed
 from fecloth.terms.contact.triangle_contact import BoundTriangleContact
 from fecloth.terms.traits import CONTACT
+
+
+@dataclass(frozen=True, eq=False)
+class BoundSkeleton(BoundTriangleContact):
+    """The `Skeleton` of a shape and a cloth: pairs of edges, and of a point and a triangle."""
+
+    body: Shape
+
+    def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] from the surface; infinite beyond the gap."""
+        return self.sets.least_distance(self.place(x, t)) - self.sets.thickness
+
+    def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
+        return surface_of(self.body, t, place, reach)
+
+    def room(self, x: np.ndarray, t: float) -> np.ndarray:
+        return self.body.distance(self.place(x, t), t)
+
+    def check_start(self, x: np.ndarray, t: float, where: str) -> None:
+        """Raise `InputError` for a cloth of which a part starts inside the shape."""
+        if not self.allows(x, t):
+            depth = -self.room(x, t)
+            nodes = np.flatnonzero(depth >= 0.0)
+            raise starts_inside(self.body, self.gap, where, nodes, depth[nodes])
+
 
 THIN = 4.0  # eighths of the longest edge: a shape that is not as wide acts by its skeleton
 LARGEST_GAP = 0.1  # of the extent of the cloth

@@ -14,8 +14,8 @@ from support.planned import warnings_before
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.terms.contact import barrier
+from fecloth.terms.contact.obstacle import BoundSkeleton
 from fecloth.terms.contact.points import points_of
-from fecloth.terms.contact.skeleton_contact import BoundSkeleton
 from fecloth.verify import VerificationFailed, check_term
 
 S = fc.shapes

@@ -10,7 +10,7 @@ from fecloth import shapes as S
 from fecloth.errors import InputError
 from fecloth.terms.contact import obstacle as obstacles
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
-from fecloth.terms.contact.skeleton_contact import BoundSkeleton
+from fecloth.terms.contact.obstacle import BoundSkeleton
 
 pytest.importorskip("ipctk")
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
