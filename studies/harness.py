@@ -75,7 +75,7 @@ def parse_arguments(
     description
         The study's docstring; --help shows its first line.
     needs
-        Packages without which the study cannot end, such as "matplotlib".
+        Packages without which the study cannot end, such as "pyvista".
     more
         Further options of the study: name, and keywords of `add_argument`.
     """

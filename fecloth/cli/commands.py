@@ -8,35 +8,8 @@ import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from fecloth.cli.options import (
-    BUDGET,
-    ELEMENTS,
-    EXACTNESS,
-    FOLDER,
-    MESH,
-    METHODS,
-    PARAMETERS,
-    QUANTITIES,
-    RATIO,
-    READING,
-    REFINE,
-    SCALE,
-    SCENE,
-    SCENES_OR_RUNS,
-    SET,
-    THREADS,
-    VARIANTS,
-    Option,
-    changes,
-    flag,
-    levels,
-    names,
-    option,
-    over,
-    quantity,
-    running,
-    tolerance,
-)
+from fecloth.cli import options as shared
+from fecloth.cli.options import Option, flag, option
 
 FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
     *("larger_stretch", "smaller_stretch", "speed", "displacement"),
@@ -68,38 +41,38 @@ def study(
     options: Sequence[Option],
     words: str,
     *,
-    scene: Option = SCENE,
+    scene: Option = shared.SCENE,
     longest: float = 600.0,
 ) -> Command:
     """Return the row of a study; `longest` is the time of a case [s]."""
     name = target.rpartition(":")[2]
-    return Command(target, [scene, *options, *running(name, longest)], words, is_study=True)
+    return Command(target, [scene, *options, *shared.running(name, longest)], words, is_study=True)
 
 
 COMMANDS = {
     "run": Command(
         "fecloth.cli.runs:run",
         [
-            SCENE,
-            *READING,
+            shared.SCENE,
+            *shared.READING,
             option("-o --output", "folder to write (default: out/SCENE)", metavar="DIR"),
             flag("--overwrite", "replace the run in that folder"),
             option("--resume", "go on with the run in that folder", metavar="DIR"),
-            THREADS,
+            shared.THREADS,
         ],
         "run a scene and leave files for ParaView",
         prints=False,
     ),
     "view": Command(
         "fecloth.cli.runs:view",
-        [FOLDER, flag("--no-open", "only write the page")],
+        [shared.FOLDER, flag("--no-open", "only write the page")],
         "make view.html of a run and open it in the browser",
         prints=False,
     ),
     "render": Command(
         "fecloth.cli.runs:render",
         [
-            FOLDER,
+            shared.FOLDER,
             option("-o --output", ".mp4, .gif or .png", metavar="FILE", required=True),
             option("--field", f"one of {', '.join(FIELD_NAMES)}", default="larger_stretch"),
             option("--size", "pixels (1280x720)", metavar="WxH", default="1280x720"),
@@ -111,50 +84,65 @@ COMMANDS = {
     ),
     "check": Command(
         "fecloth.cli.runs:check",
-        [option("scenes", "a .toml file", nargs="+", metavar="scene"), *READING, THREADS],
+        [
+            option("scenes", "a .toml file", nargs="+", metavar="scene"),
+            *shared.READING,
+            shared.THREADS,
+        ],
         "run scenes and verify their [expect] tables",
         prints=False,
     ),
     "converge": study(
         "fecloth.study.converging:converge",
         [
-            quantity("judged"),
-            REFINE,
-            levels(4),
-            RATIO,
+            shared.quantity("judged"),
+            shared.REFINE,
+            shared.levels(4),
+            shared.RATIO,
             flag("--grade", "grade meshes at corners and pins by the space error"),
-            SET,
+            shared.SET,
         ],
         "refine a scene: value, uncertainty, order",
     ),
     "compare": study(
         "fecloth.study.comparing:compare",
-        [VARIANTS, quantity("compared"), REFINE, levels(3), RATIO, SET],
+        [
+            shared.VARIANTS,
+            shared.quantity("compared"),
+            shared.REFINE,
+            shared.levels(3),
+            shared.RATIO,
+            shared.SET,
+        ],
         "compare models, or two scenes, beside the error of each",
-        scene=SCENES_OR_RUNS,
+        scene=shared.SCENES_OR_RUNS,
     ),
     "sweep": study(
         "fecloth.study.sweeps:sweep",
-        [QUANTITIES, SET, over(required=True)],
+        [shared.QUANTITIES, shared.SET, shared.over(required=True)],
         "run a scene for several values of a key",
     ),
     "chart": study(
         "fecloth.study.charts:chart",
         [
-            quantity("compared"),
-            METHODS,
-            ELEMENTS,
-            names("--models", "as StVK,NeoHookean", "the scene's own"),
+            shared.quantity("compared"),
+            shared.METHODS,
+            shared.ELEMENTS,
+            shared.names("--models", "as StVK,NeoHookean", "the scene's own"),
             option("--meshes", "meshes with h, h/2, … (2)", type=int, default=2, metavar="N"),
-            levels(3, "of the limit, from 3"),
-            SET,
+            shared.levels(3, "of the limit, from 3"),
+            shared.SET,
         ],
         "errors of other settings over CPU seconds",
         longest=60.0,
     ),
     "stability": study(
         "fecloth.study.stability_map:stability",
-        [over(), names("--methods", "as bdf2,central_difference", "eight"), SET],
+        [
+            shared.over(),
+            shared.names("--methods", "as bdf2,central_difference", "eight"),
+            shared.SET,
+        ],
         "find the steps at which each method fails, over the values of a key",
         longest=120.0,
     ),
@@ -167,35 +155,35 @@ COMMANDS = {
                 action="append",
                 metavar="Q",
             ),
-            *(PARAMETERS, SCALE, EXACTNESS, SET),
+            *(shared.PARAMETERS, shared.SCALE, shared.EXACTNESS, shared.SET),
         ],
         "how much quantities depend on each number of a scene",
     ),
     "simplify": study(
         "fecloth.study.simplification.simplify:simplify",
-        [QUANTITIES, SET, tolerance("change")],
+        [shared.QUANTITIES, shared.SET, shared.tolerance("change")],
         "find what a scene does not need, and write it without",
     ),
     "tune": study(
         "fecloth.study.tuning.tune:tune",
         [
-            QUANTITIES,
-            SET,
-            tolerance("error", default=None),
-            BUDGET,
+            shared.QUANTITIES,
+            shared.SET,
+            shared.tolerance("error", default=None),
+            shared.BUDGET,
             flag("--model", "leave out terms, or take cheaper ones, where that changes little"),
-            METHODS,
-            ELEMENTS,
+            shared.METHODS,
+            shared.ELEMENTS,
         ],
         "find the cheapest setting that meets a tolerance, and prove its error",
     ),
     "modes": Command(
         "fecloth.cli.studies:print_modes",
         [
-            SCENE,
+            shared.SCENE,
             option("-n --count", "number of frequencies (6)", type=int, default=6),
             option("-o --output", "folder of report, picture and shapes", metavar="DIR"),
-            *READING,
+            *shared.READING,
         ],
         "print the natural frequencies of a scene [Hz]",
     ),
@@ -205,7 +193,7 @@ COMMANDS = {
             option("path", "a .geo, .msh or other mesh file, or a scene"),
             option("--h", "edge length of a .geo file [m]", type=float, metavar="SIZE"),
             option("-o --output", "e.g. cloth.vtu, for ParaView", metavar="FILE"),
-            *MESH,
+            *shared.MESH,
         ],
         "mesh and describe a cloth; write it with -o",
     ),
@@ -213,8 +201,8 @@ COMMANDS = {
         "fecloth.cli.describe:print_info",
         [
             option("scene", "a .toml file", nargs="?"),
-            changes(),
-            *MESH,
+            shared.changes(),
+            *shared.MESH,
             option(
                 "--ranks",
                 "memory of each process, if N of them share the cloth by mpiexec",

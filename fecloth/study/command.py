@@ -5,7 +5,6 @@ import importlib
 from fecloth.errors import FeclothError, InputError
 
 EXTRAS = {  # package: extra of fecloth that installs it
-    "matplotlib": "studies",
     "distributed": "dask",
     "mujoco": "peers",
     "pyvista": "view",

@@ -1,6 +1,5 @@
 """The shape that the results of all studies share: verdict, table, figure, report."""
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,8 +7,7 @@ from pathlib import Path
 from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
-from fecloth.study.command import missing_package
-from fecloth.study.figures import Figure, can_draw
+from fecloth.study.figures import Figure
 from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
@@ -118,20 +116,13 @@ class StudyResult:
         return errors.FAILED if any(row.get("status", OK) != OK for row in self.table) else 0
 
     def report(self, folder: str | Path) -> Path:
-        """Write report.html, results.csv, figure.png and figure.svg; return the page's path.
-
-        Without Matplotlib there is no figure, and a line on standard error says so.
-        """
-        folder = Path(folder)
-        drawing = self.figure() if can_draw() else None
-        if drawing is None:
-            print(f"no figure: {missing_package('matplotlib')}", file=sys.stderr)
+        """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
+        folder, drawing = Path(folder), self.figure()
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self.table.to_csv(folder / "results.csv")
             for kind in ("png", "svg"):
-                if drawing is not None:
-                    drawing.savefig(folder / f"figure.{kind}", dpi=160)
+                drawing.savefig(folder / f"figure.{kind}", dpi=160)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
 
@@ -144,8 +135,7 @@ class StudyResult:
 
     def _fill(self, template: str) -> str:
         table = self.table._repr_html_()
-        values = {"title": self.title, "lines": self.words(), "table": table}
-        return render(template, values | {"has_figure": can_draw()})
+        return render(template, {"title": self.title, "lines": self.words(), "table": table})
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:

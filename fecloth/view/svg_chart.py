@@ -161,7 +161,12 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
         shown.append((title, _components(table, name), "[N]"))
         if least is not None:
             shown.append((f"Least distance from the obstacle {obstacle}", {"d": least}, "[m]"))
-    return [_draw(table["t"], *figure) for figure in shown]
+    return [
+        chart(
+            title, {name: (table["t"], values) for name, values in columns.items()}, "t [s]", unit
+        )
+        for title, columns, unit in shown
+    ]
 
 
 def _title(name: str) -> str:
@@ -172,10 +177,6 @@ def _title(name: str) -> str:
 
 def _components(table, name: str) -> dict[str, np.ndarray]:
     return {component: table[f"{name}.{component}"] for component in "xyz"}
-
-
-def _draw(t: np.ndarray, title: str, columns: Mapping[str, np.ndarray], unit: str) -> str:
-    return chart(title, {name: (t, values) for name, values in columns.items()}, "t [s]", unit)
 
 
 def result_figures(

@@ -123,7 +123,7 @@ def draw(rows: list[dict], out: Path) -> None:
 
 def main() -> int:
     more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"], sizes=more)
+    options = harness.parse_arguments(__doc__, sizes=more)
     sizes, count = ((500, 2_000), 2) if options.quick else (options.sizes, 3)
     file = options.out / "step_costs.csv"
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)

@@ -86,7 +86,7 @@ def error_table(rows: Rows) -> Rows:
 
 def main(argv: list[str] | None = None) -> int:
     """Run all cases, write the figure, the tables and the report; return the exit status."""
-    options = harness.parse_arguments(__doc__ or "", argv, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__ or "", argv)
     running = harness.run_options(options)
     rows = study.run_cases(list_cases(options.quick), run, **running, time_limit=120)
     seams = study.run_cases(list_seams(options.quick), run_seam, **running, time_limit=120)

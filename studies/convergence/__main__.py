@@ -203,7 +203,6 @@ def draw_time(out, rows: Rows) -> None:
 
 def main() -> int:
     options = harness.parse_arguments(__doc__)
-    study.require_packages("matplotlib")
     running = harness.run_options(options)
     rows = study.run_cases(space_cases(options.quick), space, **running, time_limit=300)
     steps = study.run_cases(time_cases(options.quick), in_time, **running, time_limit=300)

@@ -26,7 +26,6 @@ import numpy as np
 from scipy.interpolate import CloughTocher2DInterpolator
 
 import fecloth as fc
-from fecloth import study
 from fecloth.distributed.environment import count_processes
 from fecloth.distributed.launch import run_on_all
 from fecloth.runs.environment import peak_memory
@@ -156,7 +155,6 @@ def main() -> int:
     if options.scene:
         sizes = (QUICK if options.quick else SIZES)[options.scene]
         return make(options.scene, options.sizes or sizes, show if options.quick else keep_in_file)
-    study.require_packages("matplotlib")
     rows: Rows = []
     if options.quick:
         fall(QUICK["trampoline"], rows.append)

@@ -135,7 +135,7 @@ def compare_methods(h: float) -> None:
 def choose_picture(target: Path | None, is_quick: bool) -> Path | None:
     """Return the file of the figure, or None; a missing package is an error only with --picture."""
     try:
-        study.require_packages("pyvista", "imageio", "matplotlib")
+        study.require_packages("pyvista", "imageio")
     except InputError as missing:
         if target:
             raise

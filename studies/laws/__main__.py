@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
-from fecloth import study
 from studies import harness
 from studies.laws import curves as law_curves
 from studies.laws import figures
@@ -175,7 +174,6 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few points, into out/laws")
     parser.add_argument("--out", type=Path, help="folder of laws.md")
     options = parser.parse_args()
-    study.require_packages("matplotlib")
     out = options.out or (Path("out/laws") if options.quick else HERE)
     every = 5 if options.quick else 1
     curves, moments = law_curves.responses(every), law_curves.moments()

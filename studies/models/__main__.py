@@ -162,7 +162,6 @@ def draw_hinges(out, hinges: Rows) -> None:
 
 def main() -> int:
     options = harness.parse_arguments(__doc__)
-    study.require_packages("matplotlib")
     running = harness.run_options(options)
     cases = list_cases(options.quick)
     alone = [case for case in cases if case["scene"] == "cost"]  # timed cases run one after another

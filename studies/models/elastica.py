@@ -122,7 +122,7 @@ def draw(rows: list[dict], out: Path, ratio: float = 1e7) -> None:
 
 
 def main() -> int:
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__)
     rows = study.run_cases(list_cases(options.quick), hang, **harness.run_options(options))
     title = "A thin strip against the heavy elastica"
     harness.require_results(options, title, rows)

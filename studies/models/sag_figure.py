@@ -39,7 +39,6 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two coarse meshes, into out/models")
     parser.add_argument("--out", type=Path, help="folder of the figure")
     options = parser.parse_args()
-    study.require_packages("matplotlib")
     out = options.out or (Path("out/models") if options.quick else Path(__file__).parent)
     sizes = (0.2, 0.1) if options.quick else (0.2, 0.1, 0.05, 0.025)
     words = "edge length h [m]", "mean sag [mm]", "A square under its weight"

@@ -91,7 +91,7 @@ def collect_findings(
 
 
 def main() -> int:
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__)
     names = ("wind",) if options.quick else KNOWN
     done = {name: simplify_scene(name, options) for name in names}
     rows = {name: add_predictions(name, found) for name, found in done.items()}

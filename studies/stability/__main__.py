@@ -139,7 +139,7 @@ def energy_made(row: dict) -> float:
 
 
 def main() -> int:
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__)
     running = harness.run_options(options)
     limits = study.run_cases(sheets.sheet_cases(options.quick), sheets.measure_limit, **running)
     listed = [{"method": m, "times": t} for m in METHODS for t in (1.0, 10.0, 100.0)]

@@ -151,7 +151,7 @@ def describe_result(rows: Rows) -> str:
 
 def main() -> int:
     peers = {"action": "store_true", "help": "add MuJoCo"}
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"], peers=peers)
+    options = harness.parse_arguments(__doc__, peers=peers)
     if options.peers:
         study.require_packages("mujoco")
     running, one = harness.run_options(options), harness.run_options(options, alone=True)

@@ -165,7 +165,7 @@ def conclude(rows: Rows, quick: bool) -> list[harness.Finding]:
 
 
 def main() -> int:
-    options = harness.parse_arguments(__doc__, needs=["matplotlib"])
+    options = harness.parse_arguments(__doc__)
     one = harness.run_options(options, alone=True)
     swings = study.run_cases(list_swings(options.quick), run_swing, **one, time_limit=300)
     swings = mark_failed([{"scene": "swing"} | row for row in swings])

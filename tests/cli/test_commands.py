@@ -136,7 +136,6 @@ def test_the_help_of_a_command_has_its_words_and_options(name, capsys):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_under_the_report_is_named_and_gives_status_3(tmp_path):
-    pytest.importorskip("matplotlib")
     (tmp_path / "results.csv").symlink_to("/dev/full")
     rows = {"x": 1.0, "tip": 2.0, "status": "ok"}, {"x": 2.0, "tip": 3.0, "status": "ok"}
     result = fc.study.Sweep("strip", "a verdict", Table(rows), ("x",), ("tip",), ("m",))

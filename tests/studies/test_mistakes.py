@@ -51,14 +51,6 @@ def test_an_unknown_option_is_one_line(file, capsys, monkeypatch):
     assert "unrecognized arguments: --nonsense" in line
 
 
-@pytest.mark.parametrize("name", [*WITH_REPORT, "laws", "models.sag_figure"])
-def test_a_missing_package_is_noticed_first(name, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    path = f"studies.{name}" if "." in name else f"studies.{name}.__main__"
-    line = fails_with(importlib.import_module(path).main, [], capsys, monkeypatch)
-    assert "matplotlib: is not installed. In the clone, pip install '.[studies]'." in line
-
-
 def test_mujoco_is_missed_before_the_first_case(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     main = importlib.import_module("studies.work_precision.__main__").main

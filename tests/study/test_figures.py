@@ -1,14 +1,12 @@
 """A study's figures."""
 
 import numpy as np
-import pytest
 from support.study_rows import rows_of_two
 
 from studies import harness
 
 
 def test_a_figure_has_lines_crosses_and_slopes(tmp_path):
-    pytest.importorskip("matplotlib")
     with harness.figure(tmp_path, "errors", "time step [s]", "error [m]") as (figure, ax):
         harness.draw_lines(ax, rows_of_two(), x="dt", y="error", by="method")
         limits = ax.get_xlim(), ax.get_ylim()

@@ -57,9 +57,9 @@ def test_a_mistake_is_one_line_and_exit_status_2(capsys, monkeypatch, arguments,
 
 
 def test_a_missing_package_is_noticed_with_the_options(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(InputError, match=r"matplotlib: is not installed.*\.\[studies\]"):
-        harness.parse_arguments("A study.", [], needs=["matplotlib"])
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r"pyvista: is not installed.*\.\[view\]"):
+        harness.parse_arguments("A study.", [], needs=["pyvista"])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """`sweep`: values of keys, rows, refused values, the command."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -134,18 +133,6 @@ def test_each_question_of_the_command_has_its_own_folder(scene, monkeypatch, cap
     name = question(COMMANDS["sweep"], options)
     assert re.fullmatch(r",over=cloth.h=0.25_0.125_lin_2-\w{6}", name)
     assert question(COMMANDS["converge"], main_parser().parse_args(["converge", "a.toml"])) == ""
-
-
-def test_without_matplotlib_a_study_has_a_report_without_a_figure(
-    scene, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    folder = tmp_path / "report"
-    assert cli.main(["sweep", str(scene), "--over", "cloth.h=0.25", "-o", str(folder)]) == 0
-    remedy = "is not installed. In the clone, pip install '.[studies]'."
-    assert f"no figure: the package matplotlib: {remedy}" in capsys.readouterr().err
-    assert "figure.svg" not in (folder / "report.html").read_text()
-    assert not (folder / "figure.svg").exists()
 
 
 def test_a_study_shows_the_warnings_of_the_set_up(scene, tmp_path, capsys):

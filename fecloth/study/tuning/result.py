@@ -4,21 +4,18 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fecloth import errors
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
-from fecloth.study.figures import COLOURS, MARKERS, new_figure, use_plain_ticks
+from fecloth.study.figures import COLOURS, MARKERS, Figure, new_figure, use_plain_ticks
 from fecloth.study.problems import SceneProblem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import FAILED, LATE
 from fecloth.study.tuning.choices import Bench, Trial, change_of, each_once
 from fecloth.study.tuning.proof import Proof
 from fecloth.study.tuning.search import Goal
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OTHER_TERMS = "other terms"  # runs of another model, which the figure leaves out
 
@@ -34,44 +31,26 @@ COLUMNS = {  # of a setting: names in `Choice` and in the table
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(StudyResult):
-    """What `tune` found: the table has a row for each run, with its estimated error.
+    """What `tune` found: the table has a row for each run, with its estimated error."""
 
-    Attributes
-    ----------
-    error
-        Estimated relative error of the tuned setting, the largest of all quantities; 0.01 is 1 %.
-    seconds, predicted
-        Its measured and its predicted CPU time [s].
-    proved
-        Whether a run with a finer mesh or shorter steps shows that the error, or with a budget
-        the time, is as asked for.
-    tolerance, budget
-        The largest relative error, or the CPU seconds [s], that the caller gave; the other is NaN.
-    quantities
-        Texts of the quantities.
-    parts
-        The error by its cause: "space", "time", "solver" and "model", as far as they exist.
-    settings
-        The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s], linear.
-    text
-        The tuned scene as TOML; "" of a function's problem.
-    scene
-        Path of tuned.toml in the folder that was given, or None.
-    search_seconds
-        CPU time of the search with its set-up, without the run that verified the tuned setting [s].
-    """
-
+    # Estimated relative error of the tuned setting, the largest of all quantities; 0.01 is 1 %.
     error: float = math.nan
-    seconds: float = math.nan
-    predicted: float = math.nan
+    seconds: float = math.nan  # its measured CPU time [s]
+    predicted: float = math.nan  # its predicted CPU time [s]
+    # Whether a run with a finer mesh or shorter steps shows that the error, or with a budget the
+    # time, is as asked for.
     proved: bool = False
+    # The largest relative error, or the CPU seconds [s], that the caller gave; the other is NaN.
     tolerance: float = math.nan
     budget: float = math.nan
-    quantities: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()  # texts of the quantities
+    # The error by its cause: "space", "time", "solver" and "model", as far as they exist.
     parts: Mapping[str, float] = field(default_factory=dict)
+    # The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s], linear.
     settings: Mapping[str, Any] = field(default_factory=dict)
-    text: str = ""
-    scene: Path | None = None
+    text: str = ""  # the tuned scene as TOML; "" of a function's problem
+    scene: Path | None = None  # path of tuned.toml in the folder that was given, or None
+    # CPU time of the search with its set-up, without the run that verified the tuned setting [s].
     search_seconds: float = math.nan
     remarks: tuple[str, ...] = ()
 
@@ -101,7 +80,7 @@ class Tuned(StudyResult):
         """Exit status of the command: 0 if the setting is proved, else 1."""
         return 0 if self.proved else errors.MISSED
 
-    def figure(self) -> "Figure":
+    def figure(self) -> Figure:
         """Return the estimated errors of all runs over their CPU seconds."""
         drawing, ax = new_figure(size=(10.0, 6.0))
         rows = [row for row in self.table if _is_shown(row)]
