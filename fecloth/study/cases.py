@@ -216,7 +216,8 @@ def _write_result(
         raise InputError(what, "a setting has that name already", case.file)
     if out is not None and result["status"] in status.REPRODUCIBLE:
         entry = {"settings": case.settings, "time_limit": time_limit, "result": result}
-        replace_file(_path(case, Path(out)), (json.dumps(entry, default=_to_plain) + "\n").encode())
+        text = json.dumps(entry, default=lambda value: value.tolist())
+        replace_file(_path(case, Path(out)), (text + "\n").encode())
 
 
 def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
@@ -241,10 +242,6 @@ def _read_entry(path: Path) -> dict | None:
         return entry if is_whole and result["status"] in status.REPRODUCIBLE else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-
-
-def _to_plain(value):
-    return value.tolist()
 
 
 @cache

@@ -56,16 +56,12 @@ def describe_values(values: Mapping[str, object]) -> str:
 
 @dataclass(frozen=True)
 class Level:
-    """One level: h, dt, two tolerances and gaps of contact are divided by these; at first by 1.
-
-    `sharper` is for the tolerance of the solver, a fixed one; None leaves the solver as the problem
-    has it. `rtol` is for the tolerance of chosen steps.
-    """
+    """One level: h, dt, two tolerances and gaps of contact are divided by these; at first by 1."""
 
     h: float = 1.0
     dt: float = 1.0
-    sharper: float | None = 1.0
-    rtol: float = 1.0
+    sharper: float | None = 1.0  # of a fixed tolerance of the solver; None leaves it as it is
+    rtol: float = 1.0  # of the tolerance of chosen steps
     gap: float = 1.0
 
     def __str__(self) -> str:

@@ -74,13 +74,19 @@ class Chart(StudyResult):
 def find_front(rows: Sequence[Mapping]) -> set[int]:
     """Return the numbers of the rows that no other beats in both seconds and error."""
     # Errors below their uncertainty count as equal to it: there the cheapest is the best.
-    known = [(row["seconds"], known_error(row), i) for i, row in enumerate(rows) if is_known(row)]
-    front, least = set(), math.inf
-    for _, error, i in sorted(known):
-        if error < least:
-            front.add(i)
-            least = error
-    return front
+    known = [(i, row) for i, row in enumerate(rows) if is_known(row)]
+    best = [id(row) for row in best_rows([row for _, row in known], 1.0)]
+    return {i for i, row in known if id(row) in best}
+
+
+def best_rows(rows: Sequence[Mapping], better: float) -> list[Mapping]:
+    """Return the rows, the cheapest first, whose error is `better` times all before, or less."""
+    best, least = [], math.inf
+    for row in sorted(rows, key=lambda row: (row["seconds"], known_error(row))):
+        if known_error(row) < better * least:
+            best.append(row)
+            least = known_error(row)
+    return best
 
 
 def seconds_of(row: Mapping) -> float:
@@ -92,9 +98,9 @@ def is_known(row: Mapping) -> bool:
     return row["status"] == OK and math.isfinite(row["error"])
 
 
-def known_error(row: Mapping, unit: str = "") -> float:
-    """Return the error of a row, at least its uncertainty; `unit` is "" or " %"."""
-    return max(row[f"error{unit}"], row[f"uncertainty{unit}"])
+def known_error(row: Mapping) -> float:
+    """Return the error of a row, at least its uncertainty."""
+    return max(row["error"], row["uncertainty"])
 
 
 def describe_chart(table: Table, limit: Convergence) -> str:
@@ -113,7 +119,9 @@ def describe_chart(table: Table, limit: Convergence) -> str:
     for level in LEVELS:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
         if not reached:
-            last = [_not_reached(level, rows)]
+            known_to = rows[0]["uncertainty %"]
+            last = [f"no setting is proved to reach {level:g} %"]
+            last = [f"the limit is known to {known_to:.2g} % only"] if known_to >= level else last
             break
         cheapest = min(reached, key=seconds_of)
         named.setdefault(id(cheapest), (cheapest, []))[1].append(f"{level:g}")
@@ -130,13 +138,6 @@ def _stated_error(row: Mapping) -> str:
     if row["error %"] > row["uncertainty %"]:
         return f"error {row['error %']:.2g} %"
     return f"error at most {row['error %'] + row['uncertainty %']:.2g} %"
-
-
-def _not_reached(level: float, rows: Iterable[Mapping]) -> str:
-    known_to = next(iter(rows))["uncertainty %"]
-    if known_to >= level:
-        return f"the limit is known to {known_to:.2g} % only"
-    return f"no setting is proved to reach {level:g} %"
 
 
 def describe_row(row: Mapping, with_model: bool = True) -> str:
@@ -162,7 +163,7 @@ Series = dict[str, list[Mapping]]
 
 def series_of(rows: Iterable[Mapping]) -> Series:
     """Return the rows with an error by "method element model"; the model only if it varies."""
-    measured = [row for row in rows if row["status"] == OK and math.isfinite(row["error"])]
+    measured = list(filter(is_known, rows))
     several = len({row.get("model") for row in measured}) > 1
     series: Series = {}
     for row in measured:
@@ -178,7 +179,7 @@ def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
 
     def rank(name: str) -> tuple:
         points = series[name]
-        product = min(row["seconds"] * max(row["error"], row["uncertainty"]) for row in points)
+        product = min(row["seconds"] * known_error(row) for row in points)
         return -sum(bool(row.get("on front")) for row in points), product
 
     names = sorted(series, key=rank)
@@ -212,12 +213,16 @@ def draw_chart(chart: Any) -> Figure:
     for i, (name, rows) in enumerate(lines.items()):
         style = line_style(i)
         _draw_marks(ax, rows, unit, {**style, "ls": "", "ms": 4, "alpha": 0.35})
-        x, y = _draw_marks(ax, best_rows(rows), unit, style)
+        x, y = _draw_marks(ax, best_rows(rows, BETTER), unit, style)
         ends.append((name, str(style["color"]), x[-1], y[-1]))
-    x, y = _points(sorted(chart.front, key=lambda row: row["seconds"]), unit)
+    x, y = _points(chart.front, unit)
     ax.plot(x, y, color="0.2", lw=9, alpha=0.2, zorder=1, solid_capstyle="round")
-    _set_limits(ax, [*_rows(lines), *_rows(rest)], unit)
-    _draw_band(ax, floor)
+    x, y = _points([*_rows(lines), *_rows(rest)], unit)
+    ax.set(xlim=(min(x) / 1.4, max(x) * 1.4), ylim=(min(*y, floor or math.inf) / 2, max(y) * 1.6))
+    if floor > 0:
+        ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
+        text = "below: within the uncertainty of the limit"
+        ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")
     use_plain_ticks(ax)
     label_ends(ax, ends)
     return drawing
@@ -230,17 +235,6 @@ def _draw_marks(ax, rows: Sequence[Mapping], unit: str, style: Mapping) -> tuple
     bounds = [row for row in rows if row not in measured]
     ax.plot(*_points(bounds, unit), **{**style, "ls": "", "mfc": "white"})
     return _points(rows, unit)
-
-
-def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
-    """Return the front of one series, the cheapest first."""
-    better, least = [], math.inf
-    for row in sorted(rows, key=lambda row: (row["seconds"], row["error"])):
-        error = max(row["error"], row["uncertainty"])
-        if error < BETTER * least:
-            better.append(row)
-            least = error
-    return better
 
 
 def _rows(series: Series) -> Iterable[Mapping]:
@@ -256,18 +250,3 @@ def bound_of(row: Mapping, unit: str = "") -> float:
     """Return the error of a row; below its uncertainty it is not known, but at most their sum."""
     error, uncertainty = row[f"error{unit}"], row[f"uncertainty{unit}"]
     return error if error > uncertainty else error + max(uncertainty, LEAST)
-
-
-def _set_limits(ax, rows: Sequence[Mapping], unit: str) -> None:
-    x, y = _points(rows, unit)
-    ax.set_xlim(min(x) / 1.4, max(x) * 1.4)
-    ax.set_ylim(min(*y, rows[0][f"uncertainty{unit}"] or math.inf) / 2, max(y) * 1.6)
-
-
-def _draw_band(ax, floor: float) -> None:
-    """Shade the errors below the uncertainty of the limit."""
-    if floor <= 0:
-        return
-    ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
-    text = "below: within the uncertainty of the limit"
-    ax.text(0.01, 0.012, text, transform=ax.transAxes, fontsize=9, color="0.35")

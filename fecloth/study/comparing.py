@@ -42,8 +42,6 @@ from fecloth.study.variants import (
     vary,
     with_first_values,
 )
-from fecloth.system.state import State
-from fecloth.system.system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +93,13 @@ def compare(
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
     warned, chosen = run_problems.print_warnings(first), first.choose_quantity(quantity)
-    made = make_or_refuse(
-        lambda variant: _levels(variant, chosen, refine, levels, ratio), opened.values()
-    )
+
+    def plan(variant: Problem) -> list[Level]:
+        variant.check(refine)
+        variant.check_quantity(chosen)
+        return levels_to_run(variant, chosen, refine, levels, ratio)
+
+    made = make_or_refuse(plan, opened.values())
     plans, more = split_refused(dict(zip(opened, made, strict=True)))
     refused |= more
     if len(plans) < 2:
@@ -134,14 +136,6 @@ def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     for name, variant in pairs:
         named[name if name not in named else f"{name} ({len(named) + 1})"] = variant
     return named
-
-
-def _levels(
-    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
-) -> list[Level]:
-    opened.check(refine)
-    opened.check_quantity(quantity)
-    return levels_to_run(opened, quantity, refine, levels, ratio)
 
 
 def _run(
@@ -230,12 +224,9 @@ def _difference(
 def _refine_difference(
     a: _Studied, b: _Studied, quantity: Quantity, scale: float, both: Difference
 ) -> Difference:
-    """Return the difference with the uncertainty of its own refinement, if that is the smaller one.
-
-    `both` has the uncertainties of both variants, added. Most of their errors is the same on one
-    mesh: the difference of each pair of levels converges by itself, with less error. Its
-    uncertainty has the same parts as a variant's: of the levels, and of further pairs of runs.
-    """
+    """Return the difference with the uncertainty of its own refinement, if that is smaller."""
+    # `both` has the uncertainties of both variants, added. Most of their errors is the same on one
+    # mesh: the difference of each pair of levels converges by itself, with less error.
     column = "dt" if a.study.refine == "dt" else "h"
     sizes, others = (np.array(each.study.table[column], dtype=float) for each in (a, b))
     is_whole = len(a.more) == len(b.more) and all(r["status"] == OK for r in (*a.more, *b.more))
@@ -287,14 +278,8 @@ def _overlay(pair: Sequence[_Studied], quantity: Quantity) -> tuple[Overlay | No
     """Return the ends of two variants as given, and why there are none."""
     if len(pair) < 2 or quantity.how == "mode":
         return None, ()
-    first, second = (_end(each.rows[0]) for each in pair)
+    first, second = (run_problems.end_of(each.rows[0]) for each in pair)
     try:
         return Overlay.of(first, second), ()
     except MeshError as error:  # as where a node is on one cloth only
         return None, (f"There is no overlay: {error}",)
-
-
-def _end(row: Mapping) -> tuple[System, State]:
-    setup = row["point"].problem.first
-    moved, v = np.array(row["displacement"]), np.array(row["velocity"])
-    return setup.system, State(row["times"][-1], setup.start.x + moved, v)

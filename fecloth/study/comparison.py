@@ -104,12 +104,9 @@ def find_scale(study: Convergence) -> float:
 
 
 def difference_of_numbers(a: Convergence, b: Convergence, scale: float) -> Difference:
-    """Return the difference b − a of numbers.
-
-    In per cent it is d = 100 (b/a − 1). Its uncertainty is the sum of the parts of both,
-    U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two models on one mesh are not independent. Where
-    the difference itself was refined, its own uncertainty takes this place.
-    """
+    """Return the difference b − a of numbers, in per cent d = 100 (b/a − 1)."""
+    # Its uncertainty is the sum of the parts of both, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of
+    # two models on one mesh are not independent.
     first, other = best_value(a), best_value(b)
     given = b.table[0]["value"], a.table[0]["value"]
     if math.isnan(scale):

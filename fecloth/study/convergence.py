@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.mesh.grading import Grading
 from fecloth.study.figures import new_figure, use_plain_ticks
-from fecloth.study.result import StudyResult, in_percent, with_uncertainty
+from fecloth.study.result import StudyResult, in_percent
 from fecloth.study.uncertainty import Estimate, observed_order
 
 CLOSE = 0.25  # an order that is lower by less than this part is in the asymptotic range
@@ -107,12 +107,10 @@ def judge(
     size: float = 0.0,
     doubt: str = "",
 ) -> tuple[bool, str]:
-    """Return whether values converge, and a sentence that says so and why not.
-
-    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by a
-    small part of the `size` of the quantity, without an order, that part is what is known. `doubt`
-    is the warning of the finest run by which its values are no evidence.
-    """
+    """Return whether values converge, and a sentence that says so and why not."""
+    # `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by
+    # a small part of the `size` of the quantity, without an order, that part is what is known.
+    # `doubt` is the warning of the finest run by which its values are no evidence.
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"
     theory, order = estimate.theory, estimate.order
@@ -128,11 +126,8 @@ def judge(
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
     if order >= (1 - CLOSE) * theory and estimate.scatter < estimate.data_range:
-        faster = order > (1 + CLOSE) * theory
-        return (
-            True,
-            f"converges {'faster than its theory' if faster else 'as it should'} ({orders})",
-        )
+        how = "faster than its theory" if order > (1 + CLOSE) * theory else "as it should"
+        return True, f"converges {how} ({orders})"
     next_level = _level_in_range(np.array(h), np.array(values), theory)
     return False, f"not yet in the asymptotic range ({orders}): {next_level}.{why}"
 
@@ -147,16 +142,9 @@ def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
     distance, distance_before = abs(theory - local[0]), abs(theory - local[1])
     if distance >= distance_before:
         return "the order does not approach the theory from level to level"
-    close = CLOSE * theory
-    more = (
-        math.ceil(math.log(close / distance) / math.log(distance / distance_before))
-        if distance > close
-        else 1
-    )
+    close, more = CLOSE * theory, 1
+    if distance > close:
+        more = math.ceil(math.log(distance / close) / math.log(distance_before / distance))
     if more > MOST_LEVELS:
         return "the order hardly approaches the theory from level to level"
-    return f"about {max(more, 1)} more, to {h[0] * (h[0] / h[1]) ** max(more, 1):.3g}, would be"
-
-
-def describe_value(result_name: str, value: float, uncertainty: float, unit: str) -> str:
-    return f"{result_name} = {with_uncertainty(value, uncertainty, unit)}"
+    return f"about {more} more, to {h[0] * (h[0] / h[1]) ** more:.3g}, would be"

@@ -19,7 +19,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, refine_problem
 from fecloth.study.result import Table
-from fecloth.study.run_problems import Runs, print_warnings, record_at, refuse_huge
+from fecloth.study.run_problems import Runs, end_of, print_warnings, record_at, refuse_huge
 from fecloth.study.status import OK
 from fecloth.system.space_error import space_error
 
@@ -105,11 +105,9 @@ def refine_graded(
     uniform, rows = refine_problem(opened, quantity, refine, levels, ratio, runs)
     if any(row["status"] != OK for row in rows):
         return uniform
-    setup, moved = opened.first, np.array(rows[0]["displacement"])
-    end = replace(setup.start, x=setup.start.x + moved, v=np.array(rows[0]["velocity"]))
     assert opened.h is not None
-    gradings = choose_gradings(setup, end, opened.h)
-    pinned = len(alone(setup))
+    gradings = choose_gradings(opened.first, end_of(rows[0])[1], opened.h)
+    pinned = len(alone(opened.first))
     remarks = (POINT_PINS.format(pinned),) if pinned else ()
     if not gradings:
         return replace(uniform, remarks=(*uniform.remarks, EVEN, *remarks))

@@ -9,9 +9,9 @@ from fecloth.simulation.doubts.course import WRINKLES
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.change import Level, make_levels
-from fecloth.study.convergence import Convergence, describe_value, judge
+from fecloth.study.convergence import Convergence, judge
 from fecloth.study.problems import Problem
-from fecloth.study.result import Table
+from fecloth.study.result import Table, with_uncertainty
 from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
@@ -101,7 +101,7 @@ def summarise(
     obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
     doubt = next((words for words in rows[-1]["warnings"] if WRINKLES in words), "")
     converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
-    answer = describe_value(quantity.text, values[-1], uncertainty, shown["unit"])
+    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, shown['unit'])}"
     lines = [
         _table_row(row) | {"value": value, "error": abs(difference - estimate.limit)}
         for row, value, difference in zip(rows, values, sequence, strict=True)
@@ -121,9 +121,7 @@ def summarise(
     )
 
 
-def _values_of_levels(
-    quantity: Quantity, rows: Sequence[Mapping]
-) -> tuple[list[float], list[float]]:
+def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
     """Return the values, and the numbers that are judged."""
     # These are the values or, of fields, paths and vectors, the sum of the differences between
     # levels up to the finest one: it falls with the same order, to the error of the finest level.

@@ -7,6 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.simulation.energy_balance import DISTRUST
@@ -18,6 +20,8 @@ from fecloth.study.change import FIRST, Level
 from fecloth.study.measured_runs import REPEATS, columns_to_record, measure, record_of
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.workload import LONGEST, Workload, check_size
+from fecloth.system.state import State
+from fecloth.system.system import System
 
 
 @dataclass(frozen=True)
@@ -161,6 +165,13 @@ def run_here(listed: Sequence[Any], run: Callable[[Any], dict], quiet: bool = Fa
         rows.append(run(item))
         progress.print(item.words, rows[-1], cost)
     return rows
+
+
+def end_of(row: Mapping) -> tuple[System, State]:
+    """Return the system and the last state of a run, of a row of `run_points`."""
+    setup = row["point"].problem.first
+    moved, v = np.array(row["displacement"]), np.array(row["velocity"])
+    return setup.system, State(row["times"][-1], setup.start.x + moved, v)
 
 
 def record_at(row: Mapping, quantity: Quantity) -> RunRecord:

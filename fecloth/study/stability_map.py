@@ -9,7 +9,7 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
 from fecloth.scene.scene import Scene
-from fecloth.study import variants
+from fecloth.study import stability_words, variants
 from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
 from fecloth.study.figures import Figure
@@ -17,21 +17,8 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
-from fecloth.study.stability_words import (
-    FAILED,
-    JUDGED,
-    MOST_PANELS,
-    OK,
-    WRONG,
-    describe_best,
-    describe_limit,
-    describe_range,
-    describe_ratio,
-    draw_map,
-    range_of,
-    shorten,
-)
-from fecloth.study.status import REFUSED
+from fecloth.study.stability_words import JUDGED, MOST_PANELS, WRONG, draw_map, range_of
+from fecloth.study.status import FAILED, OK, REFUSED
 
 LONGEST_CASE = 120.0  # s
 
@@ -63,8 +50,7 @@ class StabilityMap(StudyResult):
             "Predicted limit: critical_dt at the start; none if every step is stable in small "
             "motions.",
         ]
-        stopped = [row for row in self.cells if row["status"] not in JUDGED]
-        if stopped:
+        if stopped := [row for row in self.cells if row["status"] not in JUDGED]:
             words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
             count = "1 run says" if len(stopped) == 1 else f"{len(stopped)} runs say"
             lines.append(f"{count} nothing about the step; the first: {words}")
@@ -158,16 +144,16 @@ def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     own = _cells_of(method, values, cells)
     longest, predicted = range_of(own), own[0]["predicted"]
     first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]
-    above = f"{first[0]['status']}: {shorten(first[0]['cause'])}" if first else ""
+    above = f"{first[0]['status']}: {stability_words.shorten(first[0]['cause'])}" if first else ""
     if own[0]["status"] == REFUSED:
         above = f"{REFUSED}: {own[0]['cause']}"
     return {
         "method": method,
         **values,
-        "longest step": describe_range(longest),
-        "does not fail up to": describe_range(range_of(own, (OK, WRONG))),
-        "predicted limit": describe_limit(predicted),
-        "measured over predicted": describe_ratio(longest, predicted),
+        "longest step": stability_words.describe_range(longest),
+        "does not fail up to": stability_words.describe_range(range_of(own, (OK, WRONG))),
+        "predicted limit": stability_words.describe_limit(predicted),
+        "measured over predicted": stability_words.describe_ratio(longest, predicted),
         "next step": above,
     }
 
@@ -177,8 +163,8 @@ def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Seq
     words = {}
     for values in combinations:
         ranges = {method: range_of(_cells_of(method, values, cells)) for method in methods}
-        words[describe_values(values)] = describe_best(ranges)
+        words[describe_values(values)] = stability_words.describe_best(ranges)
     if len(set(words.values())) == 1:
-        words_of_all = next(iter(words.values()))
-        return words_of_all if len(words) == 1 else f"at every value {words_of_all}"
-    return "\n".join(f"{name}: {words_of_all}" for name, words_of_all in words.items())
+        (best,) = set(words.values())
+        return best if len(words) == 1 else f"at every value {best}"
+    return "\n".join(f"{name}: {best}" for name, best in words.items())

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,14 +73,6 @@ def span_of(setup: Setup) -> float:
     return setup.t_end - setup.start.t
 
 
-def predict_limit(setup: Setup, method: str) -> float | None:
-    """Return `critical_dt` at the start [s]; None where it is not found."""
-    try:
-        return critical_dt(setup.system, setup.start, make_method(method))
-    except SolveFailed:
-        return None
-
-
 def make_method(name: str):
     """Return the method with its defaults; explicit methods may exceed their limit."""
     return ALL_METHODS[name](beyond_limit=True) if name in EXPLICIT else ALL_METHODS[name]()
@@ -97,14 +90,14 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
-    problem = problem.refined(FIRST)
-    limits = {name: predict_limit(problem.first, name) for name in methods}
-    span = span_of(problem.first)
-    return [
-        Run(values, problem, name, steps, limits[name])
-        for name in methods
-        for steps in counts_of(span, limits[name])
-    ]
+    problem, listed = problem.refined(FIRST), list[Run]()
+    setup, span = problem.first, span_of(problem.first)
+    for name in methods:
+        limit = None
+        with suppress(SolveFailed):  # then it is not known
+            limit = critical_dt(setup.system, setup.start, make_method(name))
+        listed += [Run(values, problem, name, steps, limit) for steps in counts_of(span, limit)]
+    return listed
 
 
 def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
@@ -121,7 +114,12 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
         runner = run_scene_with if of_scene else run_function_with
         rows = run_stored(listed, cases, runner, runs)
     else:
-        rows = run_here(listed, lambda run: _run_here(run, runs.time_limit))
+
+        def run_now(run: Run) -> dict:
+            settings = {"setup": run.problem.first, "method": run.method, "count": run.steps}
+            return status.attempt(run_with, settings, runs.time_limit)
+
+        rows = run_here(listed, run_now)
     return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
 
 
@@ -141,11 +139,6 @@ def offer_less(listed: Sequence[Run], jobs: int) -> str:
             ways.append(f"all methods with h = {k * h:.3g} m")
             break
     return f"within a minute: {', or '.join(ways)}" if ways else ""
-
-
-def _run_here(run: Run, time_limit: float | None) -> dict:
-    settings = {"setup": run.problem.first, "method": run.method, "count": run.steps}
-    return status.attempt(run_with, settings, time_limit)
 
 
 def run_scene_with(method: str, count: int, tables: dict, digest: str, trust_geo: bool) -> dict:

@@ -108,7 +108,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     FAILED: {"marker": "X", "color": "#D55E00"},
     "stopped": {"marker": "s", "color": "0.6", "mfc": "none"},
 }
-LIMIT: dict[str, Any] = {"color": "black", "lw": 2}
+LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "label": "predicted limit"}
 COLUMNS = 4
 
 
@@ -134,7 +134,10 @@ def draw_map(stability: Any) -> Figure:
     drawing.supylabel("time step [s]")
     if stability.keys:
         drawing.supxlabel(", ".join(stability.keys))
-    _draw_legend(drawing, [cell for cell in stability.cells if cell["method"] in methods])
+    shown = [zip(*ax.get_legend_handles_labels(), strict=True) for ax in panels]
+    lines = {label: handle for pairs in shown for handle, label in pairs}
+    look: dict[str, Any] = {"loc": "outside upper center", "ncols": len(lines), "frameon": False}
+    drawing.legend(list(lines.values()), list(lines), **look)
     return drawing
 
 
@@ -163,7 +166,8 @@ def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence[float]) -> None:
             for place, cell in zip(x, cells, strict=True)
             if (cell["status"] if cell["status"] in JUDGED else "stopped") == state
         ]
-        ax.plot(*zip(*at, strict=True) if at else ((), ()), ls="", ms=7, **look)
+        if at:
+            ax.plot(*zip(*at, strict=True), ls="", ms=7, label=state, **look)
     limits = {
         place: cell["predicted"]
         for place, cell in zip(x, cells, strict=True)
@@ -187,14 +191,3 @@ def _set_places(ax, keys: Sequence[str], places: list, labelled: bool) -> None:
     turned = {"rotation": 30, "ha": "right"} if max(map(len, names), default=0) > 6 else {}
     ax.set_xticks(range(len(places)), names if labelled and keys else [""] * len(places), **turned)
     ax.set_xlim(-0.6, len(places) - 0.4)
-
-
-def _draw_legend(drawing, cells: Sequence[Mapping]) -> None:
-    from matplotlib.lines import Line2D
-
-    states = {cell["status"] if cell["status"] in JUDGED else "stopped" for cell in cells}
-    looks = [{"label": s, "ls": "", "ms": 7, **look} for s, look in LOOKS.items() if s in states]
-    if any(cell["predicted"] and math.isfinite(cell["predicted"]) for cell in cells):
-        looks.append({"label": "predicted limit", **LIMIT})
-    lines = [Line2D([], [], **look) for look in looks]
-    drawing.legend(handles=lines, loc="outside upper center", ncols=len(lines), frameon=False)

@@ -47,17 +47,11 @@ class Workload:
         return Workload(self.triangles / k**2, steps, self.is_explicit, self.unit)
 
     @classmethod
-    def of(cls, scene: Scene, refined: float = 1.0, dt: float | None = None) -> "Workload":
-        """Predict the size of a scene with the edge length h / refined, and with another dt [s]."""
-        steps = count_steps(scene) if dt is None else _span(scene) / dt
-        is_explicit = dt is None and not scene.equilibrium and scene.time.method.type in EXPLICIT
+    def of(cls, scene: Scene) -> "Workload":
+        """Predict the size of a scene."""
+        is_explicit = not scene.equilibrium and scene.time.method.type in EXPLICIT
         unit = ITERATIONS if scene.equilibrium else cls.unit
-        return cls(refined**2 * count_triangles(scene), steps, is_explicit, unit)
-
-    @classmethod
-    def explicit(cls, scene: Scene) -> "Workload":
-        """Predict the size of a scene with central differences at their stable step."""
-        return cls(count_triangles(scene), _explicit_steps(scene), True)
+        return cls(count_triangles(scene), count_steps(scene), is_explicit, unit)
 
 
 def count_triangles(scene: Scene) -> float:

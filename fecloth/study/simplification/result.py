@@ -54,9 +54,10 @@ class Simplification(StudyResult):
         rows = [row for row in self.table if not str(row["verdict"]).startswith(COMBINED)]
         drawing, ax = new_figure(1, 1, (11.0, 2.0 + 0.36 * len(rows)))
         at = np.arange(len(rows))
-        shown = [min(max(_number(row, "change [%]"), LEAST), MOST) for row in rows]
+        changes = [row.get("change [%]") or 0.0 for row in rows]
+        shown = np.clip(np.array(changes, dtype=float), LEAST, MOST)
         colours = [SHADES.get(str(row["verdict"]), COLOURS[0]) for row in rows]
-        ax.barh(at, np.array(shown) - LEAST, left=LEAST, color=colours)
+        ax.barh(at, shown - LEAST, left=LEAST, color=colours)
         ax.axvline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         ax.set(xscale="log", xlim=(LEAST, MOST), ylim=(-0.6, len(rows) - 0.4))
         ax.set(xlabel="change of the quantities of interest [%]")
@@ -69,11 +70,6 @@ class Simplification(StudyResult):
         words = f"Blue can go at {in_percent(self.tolerance)}, orange is needed, grey are checks"
         drawing.suptitle(f"{self.title}\n{words} of the scene itself", fontsize=12)
         return drawing
-
-
-def _number(row: Mapping, key: str) -> float:
-    value = row.get(key)
-    return 0.0 if value is None else float(value)
 
 
 def _seconds(row: Mapping) -> str:

@@ -10,6 +10,7 @@ from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import COSTLY, Bench, Trial
 from fecloth.study.tuning.prediction import Candidate, Prediction
 from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.shared_steps import half_of_h
 
 BEST = 3  # candidates that are looked at
 COUNTS = 0.2  # part of the predicted error from which the error in time matters
@@ -24,12 +25,10 @@ FASTER = 0.85  # times the seconds, for another solver to be taken
 def measure_growth(
     bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
 ) -> Prediction:
-    """Return the prediction with the growth of the errors in time of the best candidates.
-
-    Finer meshes have shorter waves, so that errors in time grow. Each rule runs on a mesh with half
-    of h beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured
-    get the largest power. The runs are added to `search`.
-    """
+    """Return the prediction with the growth of the errors in time of the best candidates."""
+    # Finer meshes have shorter waves, so that errors in time grow. Each rule runs with half of h
+    # beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured get
+    # the largest power. The runs are added to `search`.
     times = prediction.times
     candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
     implicit = [
@@ -40,7 +39,7 @@ def measure_growth(
     if not candidates or not implicit or prediction.coarse.choice.h is None:
         return prediction
     reference = min(implicit, key=lambda run: float(bench.distance(times.reference, run).max()))
-    finest = _on_finer_mesh(bench, reference)
+    (finest,) = bench.run([half_of_h(reference.choice)])
     search.append(finest)
     growth = dict(prediction.growth)
     for candidate in candidates:
@@ -48,7 +47,7 @@ def measure_growth(
         trial = candidate.rule.trials[int(np.argmin(apart))]
         if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
             continue
-        finer = _on_finer_mesh(bench, trial)
+        (finer,) = bench.run([half_of_h(trial.choice)])
         search.append(finer)
         if finer.is_ok:
             before = float(bench.distance(reference, trial).max())
@@ -64,11 +63,6 @@ def _errs_in_time(candidate: Candidate) -> bool:
     """Whether steps are chosen whose error is a part of the whole that counts."""
     is_chosen = candidate.rule.kind in ("steps", "rtol")
     return is_chosen and candidate.time.max() > COUNTS * candidate.error
-
-
-def _on_finer_mesh(bench: Bench, trial: Trial) -> Trial:
-    choice = replace(trial.choice, h=float(f"{(trial.choice.h or 1) / 2:.6g}"))
-    return bench.run([choice])[0]
 
 
 def time_candidates(

@@ -41,13 +41,11 @@ class Curve:
 def error_curve(
     x: Sequence[float], apart: Sequence[np.ndarray], theory: np.ndarray, left: np.ndarray | float
 ) -> Curve:
-    """Return errors that do not grow with x, with their order beyond the measured ones.
-
-    `apart` are distances to a reference, and `left` is its own error, which is added. An error that
-    is smaller than the error of a finer run is small by chance: the error of the finer run replaces
-    it. The order beyond is the order between the last two runs, but at least 1/2 and at most the
-    theory; below the first run it is the order between the first two, but at least 1.
-    """
+    """Return errors that do not grow with x, with their order beyond the measured ones."""
+    # `apart` are distances to a reference, and `left` is its own error, which is added. An error
+    # smaller than the error of a finer run is small by chance: the finer run's replaces it. The
+    # order beyond is the order between the last two runs, but at least 1/2 and at most the theory;
+    # below the first run it is the order between the first two, but at least 1.
     order = np.argsort(x)
     sizes, values = np.asarray(x, dtype=float)[order], np.asarray(apart, dtype=float)[order] + left
     values = np.maximum.accumulate(values[::-1])[::-1]
@@ -83,12 +81,10 @@ def error_of_finest(
     sizes: Sequence[float],
     theory: np.ndarray | float,
 ) -> np.ndarray:
-    """Return (q,) errors of the finest of two or more runs: the grid convergence index.
-
-    With d the change by the last refinement, r the ratio of its sizes and p the observed order,
-    these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of 1.25
-    comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
-    """
+    """Return (q,) errors of the finest of two or more runs: the grid convergence index."""
+    # With d the change by the last refinement, r the ratio of its sizes and p the observed order,
+    # these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of
+    # 1.25 comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
     ratio = sizes[-1] / sizes[-2]
     change = distance(runs[-1], runs[-2])
     if len(runs) == 2:

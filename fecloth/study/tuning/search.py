@@ -161,12 +161,10 @@ def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[floa
 
 
 def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
-    """Return the mesh to refine next; None if no run is needed.
-
-    While no setting should meet the goal, or the error of the best run is not known well enough,
-    it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
-    first candidate, if that is far finer than what was run.
-    """
+    """Return the mesh to refine next; None if no run is needed."""
+    # While no setting should meet the goal, or the error of the best run is not known well enough,
+    # it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
+    # first candidate, if that is far finer than what was run.
     if not candidates or space.error.max() > KNOWN * goal.scale:
         return space.rival or space.most_accurate
     first = candidates[0]
@@ -234,5 +232,5 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal) -> str:
 
 
 def _causes(space: SpaceErrors) -> str:
-    causes = list(space.reference.row["obstacles"])
-    return f": {'; '.join(causes)}" if causes else ""
+    causes = "; ".join(space.reference.row["obstacles"])
+    return f": {causes}" if causes else ""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 from fecloth.integrators import METHODS
 from fecloth.study.tuning.choices import COSTLY, Bench, Choice, Trial
@@ -23,13 +24,11 @@ def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> li
 
 
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take.
-
-    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
-    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
-    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
-    taken; if there is none, the most accurate.
-    """
+    """Return the run whose steps all meshes take."""
+    # Methods that damp the shortest waves are preferred: the others keep the waves that each finer
+    # mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
+    # lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
+    # taken; if there is none, the most accurate.
 
     def error(trial: Trial) -> float:
         return float((bench.distance(times.reference, trial) + times.error).max())
@@ -47,19 +46,13 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
     def is_calm(trial: Trial) -> bool:
         return error(trial) <= CALM * tolerance
 
-    able = [trial for trial in times.trials if trial.is_ok and _fits_all_meshes(trial.choice)]
+    def fits_all_meshes(choice: Choice) -> bool:  # not half of a limit, which the mesh changes
+        return not choice.rtol and not (choice.is_explicit and choice.steps)
+
+    able = [trial for trial in times.trials if trial.is_ok and fits_all_meshes(trial.choice)]
     rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_calm]
     preferred = prefer(able, by=rules)
-    return min(preferred, key=_seconds if is_calm(preferred[0]) else error)
-
-
-def _fits_all_meshes(choice: Choice) -> bool:
-    """Whether the steps are equal, and not half of a stability limit, which the mesh changes."""
-    return not choice.rtol and not (choice.is_explicit and choice.steps)
-
-
-def _seconds(trial: Trial) -> float:
-    return trial.seconds
+    return min(preferred, key=attrgetter("seconds") if is_calm(preferred[0]) else error)
 
 
 def half_of_h(choice: Choice) -> Choice:

@@ -10,6 +10,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.quantity_values import size_of
 from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.problems import FunctionProblem, Problem
+from fecloth.study.run_problems import end_of
 from fecloth.study.tuning.choices import ZERO, Bench, Choice, Trial
 from fecloth.study.tuning.curves import (
     STALLED,
@@ -80,10 +81,8 @@ class SpaceErrors:
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
-    """Return the curves of all meshes: distances to the best run, plus the error of that run.
-
-    `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
-    """
+    """Return the curves of all meshes: distances to the best run, plus the error of that run."""
+    # `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     able = [trial for trial in trials if trial.is_ok]
     kinds = grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
     theory = [orders[int(runs[0].choice.element == "P2")] for runs in kinds]
@@ -125,13 +124,11 @@ def _disagreement(
 
 
 def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
-    """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities.
-
-    Two meshes may have nodes equally near to the lowest point by accident, so that their values
-    agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
-    nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
-    h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
-    """
+    """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities."""
+    # Two meshes may have nodes equally near to the lowest point by accident, so that their values
+    # agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
+    # nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
+    # h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
     errors = np.zeros(len(bench.quantities))
     for k, (quantity, record) in enumerate(zip(bench.quantities, trial.records, strict=True)):
         if quantity.name == "sag":
@@ -181,9 +178,7 @@ def _graded(trial: Trial) -> list[Choice]:
     """Return the choice of a trial with its gradings, if there are any."""
     choice = trial.choice
     assert choice.h is not None
-    setup = trial.row["point"].problem.first
-    x = setup.start.x + np.array(trial.row["displacement"])
-    end = replace(setup.start, x=x, v=np.array(trial.row["velocity"]))
+    setup, (_, end) = trial.row["point"].problem.first, end_of(trial.row)
     gradings = choose_gradings(setup, end, choice.h, LEAST_SAVED)
     pattern = "unstructured" if choice.pattern else ""
     return [replace(choice, pattern=pattern, grading=gradings)] if gradings else []

@@ -87,12 +87,9 @@ def order_of(method: str) -> float:
 def measure_methods(
     bench: Bench, mesh: Choice, methods: Sequence[str], tolerance: float, limit: float
 ) -> TimeErrors:
-    """Run the methods on a coarse mesh with steps of several lengths.
-
-    The run with the least error, which follows from the change by its last refinement, is the
-    reference of all others. `limit` is the CPU time for all of it [s]. Raises `StudyFailed` if no
-    run reaches its end.
-    """
+    """Run the methods on a coarse mesh with steps of several lengths, for `limit` CPU seconds."""
+    # The run with the least error, which follows from the change by its last refinement, is the
+    # reference of all others. `StudyFailed` if no run reaches its end.
     if not can_choose_steps(bench.opened):
         trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)

@@ -20,24 +20,14 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import print_warnings
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
+from fecloth.study.tuning import shared_steps
 from fecloth.study.tuning.answer import answer, choose_yardstick
 from fecloth.study.tuning.choices import SEARCH, Bench, Choice, Trial, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
 from fecloth.study.tuning.prediction import Prediction
 from fecloth.study.tuning.proof import prove
 from fecloth.study.tuning.result import Tuned, summarise
-from fecloth.study.tuning.search import (
-    Goal,
-    coarse_meshes,
-    measure_meshes,
-    obstacle_of,
-)
-from fecloth.study.tuning.shared_steps import (
-    blame_steps,
-    shared_run,
-    shorten_steps,
-    with_half_of_dt,
-)
+from fecloth.study.tuning.search import Goal, coarse_meshes, measure_meshes, obstacle_of
 from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.workload import in_words
 from fecloth.terms import Springs
@@ -136,19 +126,20 @@ def tune(
         dropped, of_terms = [*dropped, *changed], [*of_terms, *of_gaps]
     _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], names, goal.scale, METHODS_TIME)
-    coarse = shared_run(bench, times, goal.scale)
+    coarse = shared_steps.shared_run(bench, times, goal.scale)
     bench.check_sizes(coarse)
     _say("errors in space: all meshes with the same steps")
-    coarse, more = shorten_steps(bench, times, coarse, goal.scale)
+    coarse, more = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
     search += [*times.trials, *more]
     for _ in range(REPEATED):
         space, prediction = measure_meshes(bench, meshes, times, coarse, goal, search)
         search += space.trials
         if not (space.rival or space.stalls(bench, goal.scale)):
             break
-        is_to_blame, more = blame_steps(bench, space, goal.scale)
+        is_to_blame, more = shared_steps.blame_steps(bench, space, goal.scale)
         search += more
-        shorter = bench.run([with_half_of_dt(coarse.choice)]) if is_to_blame else []
+        finer = shared_steps.with_half_of_dt(coarse.choice)
+        shorter = bench.run([finer]) if is_to_blame else []
         search += shorter
         if not shorter or not shorter[0].is_ok or bench.spent(search) > SEARCH / 2:
             break
@@ -247,12 +238,9 @@ def narrow_gaps(
 def drop_terms(
     bench: Bench, choice: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
-    """Leave out terms, or replace them by cheaper ones, as long as their changes are small.
-
-    Return the reduced problem, (q,) its change of the quantities, the names of the changes and
-    all runs; the runs take `choice`. Membranes are replaced, but not left out: in free fall they
-    change nothing, and a cloth without a membrane is none.
-    """
+    """Leave out terms, or replace them by cheaper ones, as long as their changes are small."""
+    # Returns the reduced problem, (q,) its change of the quantities, the names of the changes and
+    # all runs. Membranes are not left out: in free fall they change nothing.
     assert isinstance(bench.opened, SceneProblem)
     (full,) = bench.run([choice], timed=True)
     total = np.zeros(len(bench.quantities))
