@@ -12,6 +12,7 @@ from fecloth import validation
 from fecloth.cli.options import reading
 from fecloth.errors import InputError, amount, did_you_mean
 from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.uncertainty import Uncertainty
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import write_mesh
@@ -113,7 +114,22 @@ def list_fabrics() -> list[str]:
         number = numbers.setdefault(source, len(numbers) + 1)
         what.append(f"{name}: {kind} [{number}]")
     sources = [_wrap(f"[{number}] {source}") for source, number in numbers.items()]
-    return [_header(), *table, "", *what, "", *sources]
+    return [_header(), *table, "", *_list_uncertainties(fabrics), "", *what, "", *sources]
+
+
+def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
+    """Return lines with the standard uncertainties of the constants, and where they come from."""
+    rows, letters = [], dict[str, str]()
+    for name, fabric in fabrics.items():
+        assert isinstance(fabric.uncertainty, Uncertainty)
+        letter = letters.setdefault(fabric.uncertainty.source, chr(ord("a") + len(letters)))
+        found, value = dict(fabric.uncertainty.deviations), "{:.2f}".format
+        nu = value(found.pop("poisson_ratio"))
+        warp, weft, shear, *bending = (str(text).removesuffix(" %") for text in found.values())
+        tensile, bent = f"{warp} / {weft}", " / ".join(bending[:2])
+        rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{bent:>12}  ({letter})")
+    head = f"{'standard uncertainty':<26}{'Y [%]':>15}{'G [%]':>9}{'ν':>6}{'B [%]':>12}"
+    return [head, *rows, "", *(_wrap(f"({letter}) {words}") for words, letter in letters.items())]
 
 
 def _header() -> str:

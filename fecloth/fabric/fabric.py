@@ -1,14 +1,17 @@
 """The measured constants of a fabric."""
 
 import math
+import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError, brief, did_you_mean, is_number
 from fecloth.fabric import instruments, presets
+from fecloth.fabric.uncertainty import Uncertainty
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_WIDTH
 
@@ -53,6 +56,9 @@ class Fabric:
         only; no term uses it.
     source
         Who measured the constants, and how.
+    uncertainty
+        Standard uncertainties of the constants by key, as ``{"tensile_stiffness.0": 12.0,
+        "shear_stiffness": "5 %"}``, and their `correlation`. No result depends on it.
 
     Examples
     --------
@@ -72,8 +78,10 @@ class Fabric:
     bias_rigidity: Annotated[float | None, MOMENT] = None
     bending_hysteresis: Annotated[Pair | None, HYSTERESIS] = None
     source: str = ""
+    uncertainty: Uncertainty | Mapping[str, Any] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "uncertainty", Uncertainty.read(self.uncertainty))
         _check_positive("areal_density", self.areal_density, "kg/m²")
         if not is_number(self.poisson_ratio):
             raise InputError(
@@ -130,6 +138,14 @@ class Fabric:
         0.083
         """
         return cls(**presets.constants(name))
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read the table [fabric] of a TOML file: constants, and their uncertainty.
+
+        Raises `InputError` if the file has no such table, or another key than the fields.
+        """
+        return cls(**constants_in(path))
 
     @staticmethod
     def presets() -> tuple[str, ...]:
@@ -336,6 +352,23 @@ class Fabric:
         determinant = 1 - nu**2 * weft / warp
         c22 = weft / determinant
         return np.array([warp / determinant, c22, self.shear, nu * c22, 0.0, 0.0])
+
+
+def constants_in(path: str | Path) -> dict[str, Any]:
+    """Arguments of `Fabric` in the table [fabric] of a TOML file."""
+    names, where = [each.name for each in fields(Fabric)], "Fabric.read"
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})", where=where) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not TOML ({error})", where=where) from None
+    if not isinstance(table := tables.get("fabric"), dict):
+        raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
+    for key in sorted(table.keys() - set(names)):
+        allowed, what = f"unknown key; the keys are {', '.join(names)}", f"{path}: fabric.{key}"
+        raise InputError(f"{what} = {brief(table[key])}", allowed, where, did_you_mean(key, names))
+    return {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
 
 
 def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:

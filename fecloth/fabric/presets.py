@@ -3,12 +3,17 @@
 The head of fabrics.toml says what was measured, how the numbers are read, and what is uncertain.
 """
 
+import itertools
+import math
+import statistics
 import tomllib
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 from fecloth.errors import InputError, did_you_mean
+from fecloth.fabric.uncertainty import numbers_of
 
 
 def constants(name: str) -> dict:
@@ -33,14 +38,15 @@ def clyde(density: float, thickness: float, moduli: list[float]) -> dict:
     return {"areal_density": density / 1000, **orthotropic(warp, coupling, weft, shear / 2)}
 
 
-def wang(density: float, stretching: list[float], bending: list[float]) -> dict:
-    """Constants from the density [kg/m²], `stretching` [N/m] and `bending` [µN m].
+def wang(density: float, stretching: list[float], bending: list[float], least: float = 0.0) -> dict:
+    """Constants from the density [kg/m²], `stretching` [N/m], the coupling not below `least`, and
+    `bending` [µN m].
 
     `bending` is in the order of edges along u, at 45° and along v. An edge along u resists a
     curvature along v, the warp.
     """
     c11, c12, c22, c33 = stretching
-    moduli = orthotropic(2 * c22, 2 * max(c12, 0.0), 2 * c11, c33)
+    moduli = orthotropic(2 * c22, 2 * max(c12, least), 2 * c11, c33)
     warp, bias, weft = (1e-6 * k / 4 for k in bending)
     return {
         "areal_density": density,
@@ -65,10 +71,46 @@ _CONVERSIONS: dict[str, Callable[..., dict]] = {"clyde": clyde, "wang": wang}
 
 @cache
 def _fabrics() -> dict[str, dict]:
-    fabrics = {}
+    fabrics, kinds, printed = dict[str, dict](), dict[str, tuple](), dict[str, dict]()
     tables = tomllib.loads((files("fecloth.fabric") / "fabrics.toml").read_text(encoding="utf-8"))
     for family, table in tables.items():
         for name, row in table["fabrics"].items():
-            source = f"{row.pop('what')}. {table['source']}"
-            fabrics[name] = _CONVERSIONS[family](**row) | {"source": source}
+            what = f"{row.pop('what')}. {table['source']}"
+            kinds[name] = family, row.pop("kind", family), row.pop("thicknesses", [])
+            fabrics[name] = _CONVERSIONS[family](**row) | {"source": what}
+            printed[name] = wang(**row, least=-math.inf) if family == "wang" else fabrics[name]
+    for name, (family, kind, thicknesses) in kinds.items():
+        source, alike = ([printed[n] for n in kinds if k in kinds[n]] for k in (family, kind))
+        fabrics[name]["uncertainty"] = _uncertainty(source, alike, kind, thicknesses)
     return fabrics
+
+
+def _uncertainty(source: list[dict], alike: list[dict], kind: str, thicknesses: list) -> dict:
+    """Table of the spread among the fabrics of the source or the kind, or of both thicknesses."""
+    table, words = spread(source), f"spread of {len(source)} fabrics of the source"
+    if thicknesses:
+        taken, other = thicknesses
+        part = f"{100 * abs(taken - other) / math.sqrt(2) / taken:.0f} %"
+        stiff = ["tensile_stiffness.0", "tensile_stiffness.1", "shear_stiffness"]
+        table |= dict.fromkeys(stiff, part)
+        table["correlation"] = tuple((a, b, 1.0) for a, b in itertools.combinations(stiff, 2))
+        words = f"two printed thicknesses, {taken} and {other} mm; of ν the {words}"
+    elif alike != source:
+        table |= spread(alike)
+        words = f"spread of {len(alike)} fabrics of the kind {kind}; where these have none: {words}"
+    return table | {"source": words}
+
+
+def spread(fabrics: list[dict]) -> dict[str, Any]:
+    """Standard deviation of the logarithms of each constant, in per cent; of ν the deviation."""
+    rows = [numbers_of(each) for each in fabrics]
+    table = dict[str, Any]()
+    for key in [key for row in rows for key in row if key != "areal_density"]:
+        values = [row[key] for row in rows if key in row]
+        if len(values) < 2:
+            continue
+        if key == "poisson_ratio":
+            table[key] = round(statistics.stdev(values), 2)
+        else:
+            table[key] = f"{100 * statistics.stdev(map(math.log, values)):.0f} %"
+    return table

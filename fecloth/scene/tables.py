@@ -7,20 +7,29 @@ import dataclasses
 import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 
 from fecloth import terms
 from fecloth.errors import InputError, brief
 from fecloth.fabric import presets
-from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.fabric import Fabric, constants_in
+from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty, merged
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import Made, one_of, table_of
+from fecloth.scene.toml_text import file_problem
 from fecloth.terms.contact import shapes
 from fecloth.terms.protocol import is_description
 
@@ -91,7 +100,18 @@ Term: Any
 TERM_TABLES, Term = terms_with({})
 
 
-_FabricFields: Any = table_of(Fabric)  # a base class made at run time
+def _check_uncertainty(table: dict | None) -> dict | None:
+    read = Uncertainty.read(table)
+    return read.table() if read else None
+
+
+_KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source"]
+_SCHEMA = {"type": "object", "properties": {k: {} for k in _KEYS}, "additionalProperties": False}
+_Uncertain: Any = Annotated[
+    dict | None, AfterValidator(_check_uncertainty), WithJsonSchema(_SCHEMA)
+]
+# a base class made at run time
+_FabricFields: Any = table_of(Fabric, uncertainty=(_Uncertain, None))
 
 
 class Shorthands(BaseModel, use_attribute_docstrings=True):
@@ -99,6 +119,8 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
 
     preset: str | None = None
     """Name of a published fabric, which gives the constants that are left out."""
+    file: str | None = None
+    """A TOML file beside the scene whose table [fabric] gives the constants that are left out."""
     kes: dict | None = None
     """What a KES-F instrument prints; see `fecloth/fabric/README.md`."""
     fast: dict | None = None
@@ -106,7 +128,7 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
 
 
 class FabricTable(_FabricFields):
-    """A fabric's constants; ``preset``, ``kes`` or ``fast`` gives the constants that are left out.
+    """A fabric's constants; a ``preset``, a ``file``, ``kes`` or ``fast`` gives what is left out.
 
     `kes` and `fast` have the fields of `Fabric.from_kes` and `Fabric.from_fast`, in the
     units of the instruments, with `load` and `tensile` among them.
@@ -116,7 +138,7 @@ class FabricTable(_FabricFields):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_from_shorthand(cls, data: Any) -> Any:
+    def _fill_from_shorthand(cls, data: Any, info: ValidationInfo) -> Any:
         if isinstance(data, str):  # fabric = "cotton"
             data = {"preset": data}
         if not isinstance(data, dict):
@@ -127,16 +149,23 @@ class FabricTable(_FabricFields):
         rest = {key: value for key, value in data.items() if key not in used}
         if not used:
             return rest
-        constants = _constants(used[0], data[used[0]])
+        folder = Path((info.context or {}).get("folder", "."))
+        constants = _constants(used[0], data[used[0]], folder)
+        replaced = set(rest)
         if "bending_rigidity" in rest:  # the rigidity on the bias belongs to the replaced pair
             constants.pop("bias_rigidity", None)
+            replaced.add("bias_rigidity")
+        if own := constants.get("uncertainty"):
+            rest["uncertainty"] = merged(own, replaced, rest.get("uncertainty") or {})
         return {**constants, **rest}
 
 
-def _constants(key: str, value: Any) -> dict:
-    """Return the constants of a preset, or constants from the readings of an instrument."""
+def _constants(key: str, value: Any, folder: Path) -> dict:
+    """Return the constants of a preset, of a file, or from the readings of an instrument."""
     if key == "preset":
         return presets.constants(value)
+    if key == "file":
+        return _from_file(value, folder)
     if not isinstance(value, dict):
         allowed = 'must be a table of instrument readings, as in { W = 20.0, "2HB" = 0.05 }'
         raise InputError(f"{key} = {brief(value)}", allowed)
@@ -147,6 +176,19 @@ def _constants(key: str, value: Any) -> dict:
         return dataclasses.asdict(make(fields, **settings))
     except InputError as error:
         raise InputError(f"{key}.{error.what}", error.allowed, "", error.remedy) from None
+
+
+def _from_file(name: Any, folder: Path) -> dict:
+    """Return the constants of a file; its path is relative to the folder of the scene."""
+    if not isinstance(name, str):
+        raise InputError(f"file = {brief(name)}", "must be the path of a TOML file")
+    if problem := file_problem(folder / name):
+        raise InputError(f"file = {name!r}", f"{folder / name}: {problem[0]}", "", problem[1])
+    try:
+        return constants_in(folder / name)
+    except InputError as error:
+        what = f"file = {name!r}: {error.what}"
+        raise InputError(what, error.allowed, "", error.remedy) from None
 
 
 _INSTRUMENTS: dict[str, tuple[Callable[..., Fabric], tuple[str, ...]]] = {

@@ -1,6 +1,7 @@
 """The numbers of a problem that its results depend on, and the problem with other ones."""
 
 import inspect
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ REFUSED = {  # tables of a scene whose numbers are no parameters
     "solver": "is a number of the solver, not of the cloth",
     **dict.fromkeys(("output", "probes", "expect", "interest"), "changes no motion of the cloth"),
 }
+_UNCERTAINTY = re.compile(r"(fabric|fabrics\.[^.]+)\.uncertainty\.")  # of numbers, no numbers
 SIZES = ("h", "dt")  # arguments of a function that are no parameters
 Asked = str | Sequence[str] | Mapping[str, float]
 
@@ -104,7 +106,8 @@ def _refuse_sizes(problem: Problem, name: str) -> None:
 def _numbers(problem: Problem) -> Iterator[tuple[str, float]]:
     """Names and values of all numbers that are not whole numbers."""
     if isinstance(problem, SceneProblem):
-        yield from _flatten("", {k: v for k, v in problem.tables.items() if k not in REFUSED})
+        listed = _flatten("", {k: v for k, v in problem.tables.items() if k not in REFUSED})
+        yield from (item for item in listed if not _UNCERTAINTY.match(item[0]))
         return
     yield from _flatten("", {k: v for k, v in _arguments(problem).items() if k not in SIZES}, int)
 

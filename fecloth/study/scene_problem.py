@@ -174,11 +174,20 @@ class SceneProblem(CommonProblem):
     def case(self) -> dict[str, object]:
         """Return the arguments of `runner` that say what the problem is: the same, the same run."""
         tables = {key: value for key, value in self.tables.items() if key not in WORDS}
+        if "fabric" in tables:
+            tables["fabric"] = _constants(tables["fabric"])
+        if "fabrics" in tables:
+            tables["fabrics"] = {name: _constants(f) for name, f in tables["fabrics"].items()}
         digest, trust_geo = digest_of_files(self.scene), self.scene.trusts_geo
         return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
         return self.scene.mesh() if quantity.is_field else None
+
+
+def _constants(fabric: dict) -> dict:
+    """Return the table of a fabric without its uncertainty, which changes no result."""
+    return {key: value for key, value in fabric.items() if key != "uncertainty"}
 
 
 def digest_of_files(scene: Scene) -> str:

@@ -1,0 +1,183 @@
+"""How uncertain the constants of a fabric are: standard uncertainties and their correlations."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from fecloth.errors import InputError, brief, did_you_mean, is_number
+from fecloth.quantities import units
+from fecloth.quantities.units import Dimension, quantity
+
+CONSTANTS: dict[str, Dimension | None] = {
+    **{"areal_density": units.AREAL, "tensile_stiffness": units.PER_WIDTH, "poisson_ratio": None},
+    **{"shear_stiffness": units.PER_ANGLE, "bending_rigidity": units.MOMENT},
+    **{"bending_poisson_ratio": None, "bias_rigidity": units.MOMENT},
+    "bending_hysteresis": units.HYSTERESIS,
+}
+PAIRS = ("tensile_stiffness", "bending_rigidity", "bending_hysteresis")
+ROUNDED = 1e-6  # eigenvalues of correlations of seven digits may be negative by less than this
+WHERE = "uncertainty"
+PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard uncertainties of the constants of a fabric, and the correlations between them.
+
+    A key is the name of a constant, as "shear_stiffness", or of one number of a pair (warp, weft),
+    as "tensile_stiffness.0". The name of a pair stands for each of its numbers that has no key of
+    its own. `read` makes one from a table.
+    """
+
+    # (key, standard uncertainty): in SI, or a text such as "10.0 %", a part of the constant
+    deviations: tuple[tuple[str, float | str], ...]
+    correlation: tuple[tuple[str, str, float], ...] = ()  # (key, key, -1 to 1); else 0
+    source: str = ""  # where the numbers come from
+
+    @classmethod
+    def read(cls, table: Any) -> Self | None:
+        """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair.
+
+        Its keys `correlation`, a list of [key, key, number], and `source` may be left out.
+        `InputError` for an unknown key, a negative number, or a correlation beyond ±1.
+        """
+        if table is None or isinstance(table, cls):
+            return table
+        if not isinstance(table, Mapping):
+            allowed = 'must be a table, as { shear_stiffness = "5 %" }'
+            raise InputError(f"uncertainty = {brief(table)}", allowed, WHERE)
+        given = dict(_flat(table))
+        listed, source = given.pop("correlation", ()), given.pop("source", "")
+        if not isinstance(source, str):
+            raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
+        deviations = tuple((key, _deviation(key, value)) for key, value in given.items())
+        return cls(deviations, _correlations(listed, dict(deviations)), source)
+
+    def table(self) -> dict[str, Any]:
+        """Return the table of which `read` makes the same uncertainty."""
+        words = {"correlation": self.correlation, "source": self.source}
+        return dict(self.deviations) | {key: value for key, value in words.items() if value}
+
+    def standard(self, fabric: Any) -> dict[str, float]:
+        """Return the standard uncertainty of each number of the fabric that has one, in SI.
+
+        `InputError` for a key that the fabric has no number for, or a percentage of 0.
+        """
+        numbers, found = numbers_of(vars(fabric)), dict[str, float]()
+        for key, value in sorted(self.deviations, key=lambda item: item[0].count(".")):
+            for name in _stands_for(key, numbers):
+                if isinstance(value, float):
+                    found[name] = value
+                elif not numbers[name]:
+                    remedy = "Give the uncertainty as a number."
+                    raise InputError(f'{key} = "{value}"', "is a part of 0", WHERE, remedy)
+                else:
+                    found[name] = float(value.removesuffix("%")) / 100 * abs(numbers[name])
+        return {name: found[name] for name in numbers if name in found}
+
+    def covariance(self, fabric: Any, keys: Iterable[str] | None = None) -> np.ndarray:
+        """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI.
+
+        Without `keys` they are those of `standard`. `InputError` for a key without an uncertainty,
+        and for correlations that contradict each other: the matrix ρ has a negative eigenvalue.
+        """
+        standard = self.standard(fabric)
+        place = {name: i for i, name in enumerate(standard)}
+        rho = np.eye(len(place))
+        for *pair, value in self.correlation:
+            i, j = ([place[name] for name in _stands_for(key, place)] for key in pair)
+            rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
+        if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -ROUNDED:
+            what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
+            remedy = "Correlations contradict each other: make them smaller."
+            raise InputError(what, "must be at least 0", WHERE, remedy)
+        asked = list(standard if keys is None else keys)
+        rows = [place[name] for key in asked for name in _stands_for(key, place)]
+        u = np.array(list(standard.values()))[rows]
+        return rho[np.ix_(rows, rows)] * np.outer(u, u)
+
+
+def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
+    """Return the numbers among the constants of a fabric; of a pair KEY.0 and KEY.1."""
+    numbers = dict[str, float]()
+    for name in CONSTANTS:
+        value: Any = constants.get(name)
+        if np.ndim(value):
+            numbers |= {f"{name}.{i}": float(item) for i, item in enumerate(value)}
+        elif value is not None:
+            numbers[name] = float(value)
+    return numbers
+
+
+def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
+    """Return the table `own` with the keys of `new`, without constants that were replaced."""
+    if not isinstance(new, Mapping):
+        return new  # which is refused where it is read
+    new = dict(_flat(new))
+    gone = {*new, *(CONSTANTS.keys() & set(replaced))}
+    kept = {k: v for k, v in _flat(own) if not {k, _constant(k)} & gone}
+    rows = kept.pop("correlation", ())
+    rows = [row for row in rows if all({k, _constant(k)} & kept.keys() for k in row[:2])]
+    return kept | ({"correlation": rows} if rows else {}) | new
+
+
+def _constant(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    """Yield the values by key; those of KEY = [a, b] as KEY.0 and KEY.1."""
+    for key, value in table.items():
+        if key in PAIRS and isinstance(value, list | tuple):
+            value = {str(i): item for i, item in enumerate(value)}
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{i}", item) for i, item in value.items())
+        else:
+            yield key, value
+
+
+def _deviation(key: str, value: Any) -> float | str:
+    name, _, item = key.partition(".")
+    if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
+        allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
+        remedy = did_you_mean(key, CONSTANTS)
+        raise InputError(f"{key} = {brief(value)}", allowed, WHERE, remedy)
+    dimension, number = CONSTANTS[name], value
+    if isinstance(value, str) and (part := PART.fullmatch(value.strip())):
+        return f"{float(part[1]):.15g} %"
+    if isinstance(value, str) and dimension:
+        number = quantity(key, value, dimension, ', or a part such as "10 %"')
+    if not (is_number(number) and number >= 0):
+        unit = f" [{dimension.si}]" if dimension else ""
+        allowed = f'must be a standard uncertainty >= 0{unit}, or a part such as "10 %"'
+        raise InputError(f"{key} = {brief(value)}", allowed, WHERE)
+    return float(number)
+
+
+def _correlations(listed: Any, known: Mapping[str, Any]) -> tuple[tuple[str, str, float], ...]:
+    rows = list[tuple[str, str, float]]()
+    for row in listed if isinstance(listed, list | tuple) else [listed]:
+        fits = isinstance(row, list | tuple) and len(row) == 3 and is_number(row[2])
+        if not (fits and abs(row[2]) <= 1 and row[0] != row[1]):
+            allowed = "must be [key, another key, a number from -1 to 1]"
+            raise InputError(f"correlation {brief(row)}", allowed, WHERE)
+        for key in (key for key in row[:2] if not {key, _constant(str(key))} & {*known}):
+            what = f"correlation of {key!r}, which has no uncertainty"
+            allowed = f"must be one of {', '.join(known)}"
+            raise InputError(what, allowed, WHERE, did_you_mean(key, known))
+        if {row[0], row[1]} in [{a, b} for a, b, _ in rows]:
+            raise InputError(f"correlation {brief(row)}", "is given twice", WHERE)
+        rows.append((row[0], row[1], float(row[2])))
+    return tuple(rows)
+
+
+def _stands_for(key: str, numbers: Mapping[str, Any]) -> list[str]:
+    """Return the key, or the keys of both numbers of a pair."""
+    names = [name for name in numbers if name == key or name.startswith(f"{key}.")]
+    if not names:
+        allowed = f"must be a number of the fabric, with an uncertainty: {', '.join(numbers)}"
+        raise InputError(f"key {key!r}", allowed, WHERE, did_you_mean(key, numbers))
+    return names
