@@ -43,14 +43,9 @@ class InputError(FeclothError, ValueError):
         The file and key, or the function, of the value.
     remedy
         A sentence that says how to correct it.
-
-    Attributes
-    ----------
-    also
-        Other errors found in the same input. The message has one line for each.
     """
 
-    also: tuple[InputError, ...] = ()
+    also: tuple[InputError, ...] = ()  # others of the same input; the message has a line for each
 
     def __init__(self, what: str, allowed: str = "", where: str = "", remedy: str = ""):
         self.what, self.allowed, self.where, self.remedy = what, allowed, where, remedy
@@ -75,16 +70,9 @@ class SceneError(InputError):
 
 
 class SolveFailed(FeclothError):
-    """A linear solve that did not reach the required relative residual.
+    """A linear solve that did not reach the required relative residual."""
 
-    Attributes
-    ----------
-    reason
-        The cause, in words.
-    residual, rtol
-        The relative residual of the solution and the required one; NaN if there is none.
-    """
-
+    # The cause in words, the relative residual and the required one; NaN if there is none.
     def __init__(self, reason: str, residual: float = float("nan"), rtol: float = float("nan")):
         self.reason, self.residual, self.rtol = reason, residual, rtol
         detail = f" (relative residual {residual:.2e}, required {rtol:.2e})"
@@ -92,14 +80,9 @@ class SolveFailed(FeclothError):
 
 
 class IndefiniteMatrix(SolveFailed):
-    """A matrix that is not positive definite, in a solver for definite matrices.
+    """A matrix that is not positive definite, in a solver for definite matrices."""
 
-    Attributes
-    ----------
-    so_far
-        The iterate (n, 3) of conjugate gradients before it found this; None without one.
-    """
-
+    # The iterate (n, 3) of conjugate gradients before it found this; None without one.
     so_far: np.ndarray | None = None
 
 

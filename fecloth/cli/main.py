@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from fecloth import __version__
 from fecloth.cli.commands import COMMANDS
@@ -143,24 +143,13 @@ def _status(options: Namespace) -> int:
 
 
 def _parser() -> ArgumentParser:
-    parser = SuggestingParser(
-        prog="fecloth",
-        description="A continuum cloth solver.",
-        epilog=STATUS,
-        formatter_class=RawDescriptionHelpFormatter,
-    )
+    layout: dict[str, Any] = {"epilog": STATUS, "formatter_class": RawDescriptionHelpFormatter}
+    parser = SuggestingParser("fecloth", description="A continuum cloth solver.", **layout)
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
-    commands = parser.add_subparsers(
-        required=True, title="commands", metavar="COMMAND", dest="command"
-    )
+    words: dict[str, Any] = {"title": "commands", "metavar": "COMMAND", "dest": "command"}
+    commands = parser.add_subparsers(required=True, **words)
     for name, command in COMMANDS.items():
-        sub = commands.add_parser(
-            name,
-            help=command.words,
-            description=command.words,
-            epilog=STATUS,
-            formatter_class=RawDescriptionHelpFormatter,
-        )
+        sub = commands.add_parser(name, help=command.words, description=command.words, **layout)
         for each in command.options:
             sub.add_argument(*each.names, **each.keywords)
     return parser

@@ -64,12 +64,13 @@ def place_in_words(t: float, unit: str) -> str:
 def finished_message(outcome: SceneResult) -> str:
     """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
     counts, seconds = outcome.summary, outcome.summary["seconds"]
+    threads = counts.get("threads", 1)
     errors = "".join(f"{words}\n" for words in outcome.accounts.words())
     return (
         f"{_shape_message(counts)}\n"
         f"{errors}"
         f"{amount(counts['steps'], 'step')} and {amount(counts['newton'], 'Newton iteration')} in "
-        f"{seconds['total']:.1f} s{_on_threads(counts)}; "
+        f"{seconds['total']:.1f} s{f' on {threads} threads' if threads > 1 else ''}; "
         f"open {outcome.folder / counts['open']} in ParaView"
         f"{warning_count(outcome)}"
     )
@@ -82,11 +83,6 @@ def _shape_message(summary: Mapping) -> str:
     if pairs is None:
         counts = f"{inverted} in any frame; intersections were not counted"
     return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"
-
-
-def _on_threads(counts: Mapping) -> str:
-    threads = counts.get("threads", 1)
-    return "" if threads == 1 else f" on {threads} threads"
 
 
 def warning_count(outcome: SceneResult) -> str:

@@ -11,17 +11,11 @@ from fecloth.errors import FeclothError, InputError, StepFailed, amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import SUMMED
 from fecloth.output.atomic_files import WriteError
+from fecloth.runs import outcome
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import Watch, peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import (
-    FAILED,
-    INTERRUPTED,
-    SceneResult,
-    count_sizes,
-    place_in_words,
-    read_columns,
-)
+from fecloth.runs.outcome import FAILED, INTERRUPTED, SceneResult, place_in_words
 from fecloth.runs.restart import Progress, Restart
 from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
@@ -208,13 +202,9 @@ class Recorder:
         return due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
-        problem = self.problem
-        due = (
-            info.t in problem.stops
-            if problem.frame_steps is None
-            else not info.step % problem.frame_steps
-        )
-        return due or info.t >= problem.t_end
+        every, ended = self.problem.frame_steps, info.t >= self.problem.t_end
+        due = info.t in self.problem.stops if every is None else not info.step % every
+        return due or ended
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write the last good state as a frame, the summary, the last line of the log."""
@@ -261,7 +251,7 @@ class Recorder:
             "t": self.progress.state.t,
             "t_end": self.problem.t_end,
             "unit": self.problem.unit,
-            **count_sizes(self.problem.system),
+            **outcome.count_sizes(self.problem.system),
             "method": str(self.problem.method),
             "frames": len(self.files.frames.times),
             "open": self.files.frames.opens.name,
@@ -292,7 +282,8 @@ class Recorder:
 
     def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
         tables = self.files.tables
-        energies, observed = (read_columns(tables[name].path) for name in ("energies", "observed"))
+        files = (tables[name].path for name in ("energies", "observed"))
+        energies, observed = map(outcome.read_columns, files)
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)
         return SceneResult(

@@ -130,10 +130,8 @@ def _pack(value, arrays: list):
     """Return the value in JSON's types; append its arrays."""
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
-        values = {
-            one.name: _pack(getattr(value, one.name), arrays) for one in fields(RECORDS[name])
-        }
-        return {"record": name, "fields": values}
+        names = [each.name for each in fields(RECORDS[name])]
+        return {"record": name, "fields": {n: _pack(getattr(value, n), arrays) for n in names}}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -217,18 +215,14 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     if restart.start != start:
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
-    to_go = now.get("time.t_end", 1.0) - restart.progress.state.t  # of [equilibrium]: all loads
-    if to_go < 0 or (to_go == 0 and _has_summary_at(folder, restart.progress.state.t)):
+    t = restart.progress.state.t
+    to_go = now.get("time.t_end", 1.0) - t  # of [equilibrium]: all loads
+    if to_go < 0 or (to_go == 0 and _summary(folder).get("t") == t):  # a killed run may have none
         if "time.t_end" not in now:
             raise InputError(f"the run in {folder} is complete", "nothing is left to do")
-        allowed = f"the run in {folder} has already reached {restart.progress.state.t:g} s"
+        allowed = f"the run in {folder} has already reached {t:g} s"
         remedy = "To continue beyond its end, raise it: --set time.t_end=..."
         raise InputError(f"time.t_end = {now['time.t_end']}", allowed, remedy=remedy)
-
-
-def _has_summary_at(folder: Path, t: float) -> bool:
-    """Return whether summary.json reports time t; a run killed earlier still has to write it."""
-    return _summary(folder).get("t") == t
 
 
 def _summary(folder: Path) -> dict:

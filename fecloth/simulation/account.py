@@ -47,12 +47,9 @@ class End:
 
 
 class Account:
-    """A figure of a run: a frozen record of the steps so far, replaced by each step.
+    """A figure of a run: a frozen record of the steps so far, marked with `remembered`.
 
-    A new figure is a frozen dataclass of this kind, marked with `remembered`, in a file of its own;
-    its class stands in a list of accounts, after the accounts that it reads. It has the methods
-    that it needs of these, and then appears in the tables, the warnings, the log, summary.json, the
-    restart files and the `Result`.
+    Each step replaces it. The map of fecloth (fecloth/README.md) says how to add one.
     """
 
     name: ClassVar[str]  # in restart files and `Accounts.records`

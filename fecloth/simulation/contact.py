@@ -53,19 +53,13 @@ class Contact(Account):
 
 
 def describe_contact(system: System, start: State, end: State) -> str:
-    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles.
-
-    A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, which is
-    the gap less what the barrier gives way. Both are errors of its place, and are compared with the
-    largest displacement since the start.
-    """
+    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles."""
+    # A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, the
+    # gap less what the barrier gives way: errors of its place, beside the largest displacement.
     moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
-    lines = []
-    for name, term in zip(system.names, system.bound, strict=True):
-        mean = term.mean_distance(end.x, end.t)
-        if mean is not None:
-            lines.append(_sentence(name, term.gap, mean, moved))
-    return "; ".join(lines)
+    named = zip(system.names, system.bound, strict=True)
+    means = [(name, term, term.mean_distance(end.x, end.t)) for name, term in named]
+    return "; ".join(_sentence(n, term.gap, D, moved) for n, term, D in means if D is not None)
 
 
 def _unresolved(name: str, term: Any, v: float, dt: float) -> str:

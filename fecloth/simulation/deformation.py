@@ -47,13 +47,8 @@ class Deformation(Account):
         _, pin_v = system.constraints.target(state.t, 0.0, state.x)
         kinetic = _deforming_kinetic(system, state, ledger.kinetic, pin_v)
         in_place = _energies_in_place(system, state, ledger.potential, places)
-        return cls(
-            kinetic,
-            kinetic,
-            in_place,
-            places,
-            inflow=find_inflow(ledger, kinetic, kinetic, in_place),
-        )
+        inflow = find_inflow(ledger, kinetic, kinetic, in_place)
+        return cls(kinetic, kinetic, in_place, places, inflow=inflow)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Deformation":
         return self.after(run.system, info.old, info.result.state, others[Ledger])
@@ -72,13 +67,11 @@ class Deformation(Account):
         )
 
     def energy(self, ledger: Ledger) -> float:
-        """Return the energy of deformation [J]: the measure of what has moved.
-
-        It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
-        that is more, the largest change of a term's energy since the start, of loads without the
-        mean displacement. It is the same for every observer. Energy that loads bring in and
-        dampings take off again does not increase it.
-        """
+        """Return the energy of deformation [J]: the measure of what has moved."""
+        # It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
+        # that is more, the largest change of a term's energy since the start, of loads without the
+        # mean displacement. It is the same for every observer. Energy that loads bring in and
+        # dampings take off again does not increase it.
         return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
 
     def _changes(self, ledger: Ledger) -> list[float]:
@@ -87,12 +80,10 @@ class Deformation(Account):
         return [energy - ledger.opening[name] for name, energy in now.items()]
 
     def available(self, ledger: Ledger) -> float:
-        """Return an upper bound of the `kinetic` energy that the cloth can have received [J].
-
-        What it had at the start, the decrease of the terms' energies since, the inflow with 5 % of
-        its parts for their own error, and `kinetic` after the first step, in which forward Euler is
-        ahead of the work. Unlimited with a term that reports neither an energy nor its work.
-        """
+        """Return an upper bound of the `kinetic` energy that the cloth can have received [J]."""
+        # What it had at the start, the decrease of the terms' energies since, the inflow with 5 %
+        # of its parts for their own error, and `kinetic` after the first step, in which forward
+        # Euler is ahead of the work. Unlimited with a term that reports neither energy nor work.
         if ledger.silent:
             return math.inf
         gains = sum(max(0.0, -change) for change in self._changes(ledger))

@@ -120,25 +120,20 @@ class Balance(Account):
         return self.largest or self.last
 
     def trusted(self, system: System, ledger: Ledger) -> float:
-        """Largest remainder that causes no warning [J].
-
-        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or what round-off and
-        Newton's tolerance leave if that is more. With a term that reports neither an energy nor its
-        work nothing is known, and it is infinite.
-        """
+        """Largest remainder that causes no warning [J]."""
+        # It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or the `noise` if
+        # that is more. With a term that reports neither energy nor work nothing is known.
         if ledger.silent or ledger.t <= self.start:
             return math.inf
         noise = self.noise(system, ledger)
         return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
-        """Return the energy [J] that does not matter in a balance.
-
-        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
-        difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
-        direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of their
-        work, too: Newton's tolerance "auto" is a part of their forces.
-        """
+        """Return the energy [J] that does not matter in a balance."""
+        # It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
+        # difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
+        # direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of
+        # their work, too: Newton's tolerance "auto" is a part of their forces.
         amounts = sum(abs(amount) for amount in ledger.amounts())
         unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
         return unsolved + SLIGHT * (self.kinetic + self.worked)

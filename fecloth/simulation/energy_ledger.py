@@ -23,44 +23,29 @@ class Ledger(Account):
     """Energies, dissipation and work since the start, all in J, at time t.
 
     kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
-
-    Attributes
-    ----------
-    kinetic, potential
-        ½ v·M v, and each term's energy, now.
-    dissipated
-        Work done against each damping since the start, Σ dt · power at the method's stage, of
-        methods with a memory at the mean of both ends of the step; Σ dt Ė:S_v with
-        Ė = (E₁ − E₀)/dt for strain-rate damping over the step.
-    work
-        Work of each load that has no energy: its mean force there times the displacement
-        (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
-    pins
-        Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the
-        work of the other forces on them.
-    numerical
-        Numerical dissipation by the method's own formula, `numerical`: zero for the midpoint rule;
-        exact for energies quadratic in x.
-    opening
-        The energies at the start, with "kinetic".
-    resisting
-        Names of the terms that dissipate also in a rigid motion, such as drag.
-    silent
-        Whether a term reports neither an energy nor its dissipation or work.
     """
 
     name = "ledger"
     table = "energies"
     t: float
-    kinetic: float
-    potential: Mapping[str, float]
+    kinetic: float  # ½ v·M v, now
+    potential: Mapping[str, float]  # each term's energy, now
+    # Work done against each damping since the start, Σ dt · power at the method's stage, of methods
+    # with a memory at the mean of both ends of the step; Σ dt Ė:S_v with Ė = (E₁ − E₀)/dt for
+    # strain-rate damping over the step.
     dissipated: Mapping[str, float]
+    # Work of each load that has no energy: its mean force there times the displacement
+    # (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
     work: Mapping[str, float]
+    # Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the work
+    # of the other forces on them.
     pins: float
+    # Numerical dissipation by the method's own formula, `numerical`: zero for the midpoint rule;
+    # exact for energies quadratic in x.
     numerical: float
-    opening: Mapping[str, float]
-    resisting: tuple[str, ...] = ()
-    silent: bool = False
+    opening: Mapping[str, float]  # the energies at the start, with "kinetic"
+    resisting: tuple[str, ...] = ()  # terms that dissipate also in a rigid motion, such as drag
+    silent: bool = False  # whether a term reports neither an energy nor its dissipation or work
 
     @classmethod
     def open(cls, system: System, state: State) -> "Ledger":
@@ -96,16 +81,12 @@ class Ledger(Account):
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
         dt, acting = step.state.t - old.t, (step.over or system).bound
-        dissipated = {
-            name: _dissipation(term, over, step, dt)
-            for name, term, over in zip(system.names, system.bound, acting, strict=True)
-            if term.dissipative
-        }
-        work = {
-            name: _work(term, over, old, step, method.traits.explicit)
-            for name, term, over in zip(system.names, system.bound, acting, strict=True)
-            if name in self.work
-        }
+        dissipated, work = dict[str, float](), dict[str, float]()
+        for name, term, over in zip(system.names, system.bound, acting, strict=True):
+            if term.dissipative:
+                dissipated[name] = _dissipation(term, over, step, dt)
+            if name in self.work:
+                work[name] = _work(term, over, old, step, method.traits.explicit)
         pins = _pin_work(system, method.traits.theta, old, step)
         pins += _clamp_work(system, method.traits.theta, old, step)
         return Flows(dissipated, work, pins, method.numerical(system, old, step))
@@ -198,9 +179,8 @@ def _work(term, over, old, step, explicit):
     if has_power_column(term):
         work = (new.t - old.t) * _mean(term.supply, step.stages)
         if term.conserves:  # a mean of the rate of U would not see a jump
-            work += (
-                sum(term.energy(at.x, new.t) - term.energy(at.x, old.t) for at in (old, new)) / 2
-            )
+            changes = (term.energy(at.x, new.t) - term.energy(at.x, old.t) for at in (old, new))
+            work += sum(changes) / 2
         return work
     f = np.zeros_like(old.x)
     for at in step.stages:

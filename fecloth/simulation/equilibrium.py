@@ -9,17 +9,8 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, is_number
+from fecloth.nonlinear import increments
 from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
-from fecloth.nonlinear.increments import (
-    LoadIncrement,
-    Report,
-    Solved,
-    describe_path,
-    increase_loads,
-    resist_disturbances,
-    solve_increment,
-    static_context,
-)
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
@@ -65,7 +56,7 @@ def equilibrium(
     tolerance: float | Literal["auto"] = "auto",
     max_iterations: int = 500,
     solver: str = "direct",
-    report: Report = lambda iteration: None,
+    report: increments.Report = lambda iteration: None,
 ) -> Equilibrium:
     """The equilibrium that Newton's iteration reaches from `state`, at the loads of its time.
 
@@ -73,16 +64,10 @@ def equilibrium(
     K is positive definite and its step is an improvement: near the solution the convergence is
     quadratic. Elsewhere each term's tangent is made positive semi-definite, and σ grows until the
     step is an improvement (after Nocedal and Wright 2006, Numerical Optimization, algorithm 3.3): a
-    flat cloth without stress has no stiffness across, and σ M stands in for it. Of s, s/2, s/4, …
-    the longest is taken that halves the residual, or reduces the potential sufficiently (their eq.
-    3.6a), or, where a force has no potential, at whose end the residual does not push back hard
-    (after Matthies and Strang 1979); it is doubled while the potential is concave along it. Where
-    it is shorter than s, up to twelve whole steps in a row are tried, and taken if the potential is
-    then lower (the watchdog technique, Chamberlain et al. 1982). After three whole steps in a
-    row that left more than half of the residual, as in a wrinkled sheet, conjugate gradients with
-    the exact K follow, preconditioned by K + σ M; a direction without positive curvature ends them
-    and is taken (truncated Newton, algorithm 7.1 there). No node moves by more than the extent of
-    the cloth in one iteration.
+    flat cloth without stress has no stiffness across, and σ M stands in for it. The length of a
+    step is chosen by `fecloth.nonlinear.line_search`, with its sources; `nonlinear.iteration` has
+    what helps a wrinkled sheet, the watchdog technique (Chamberlain et al. 1982) and truncated
+    Newton. No node moves by more than the extent of the cloth in one iteration.
 
     A compressed cloth has many equilibria, and the start decides which one is found; a flat
     start without any load across stays flat. If the last `Iteration` had a shift, the tangent is
@@ -151,18 +136,17 @@ def equilibrium(
     planned = PlannedRun(system, start, LoadSteps(load_steps or 1), np.ones(1))
     foreseen = tuple(find_warnings(planned, OF_EQUILIBRIA))
     _warn(foreseen)
-    context = static_context(system, tolerance, max_iterations, solver)
+    context = increments.static_context(system, tolerance, max_iterations, solver)
     history = system.start_history(start)
     if load_steps is None:
-        whole = LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
-        solved, _ = solve_increment(whole, 0.0, context, report)
+        whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
+        solved, _ = increments.solve_increment(whole, 0.0, context, report)
     else:
-        solved = increase_loads(
-            system, start, context, 1 / load_steps, history=history, report=report
-        ).solved
+        run = system, start, context, 1 / load_steps
+        solved = increments.increase_loads(*run, history=history, report=report).solved
     x, counts = solved.x, solved.counts
     t = 1.0 if load_steps and _moves(system) else start.t
-    path = describe_path(system, load_steps)
+    path = increments.describe_path(system, load_steps)
     reason = f"{solved.reason(tolerance)}; {path}" if path else solved.reason(tolerance)
     work = counts.newton, counts.factorisations, reason
     still = np.zeros_like(x)
@@ -202,12 +186,10 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
 
 
-def _find_instability(
-    system: System, end: State, load_steps: int, solved: Solved
-) -> tuple[str, ...]:
+def _find_instability(system: System, end: State, load_steps: int, solved) -> tuple[str, ...]:
     """Return a sentence if K is not positive definite; an eigenvalue is found if need be."""
     if solved.is_definite:
         return ()
-    about = resist_disturbances(system, end, 1 / load_steps)
+    about = increments.resist_disturbances(system, end, 1 / load_steps)
     words = describe_instability(*least_stiffness(about, end))
     return (words,) if words else ()

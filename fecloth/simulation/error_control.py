@@ -121,12 +121,9 @@ class Adaptive(ChosenSteps):
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def start(self, system: System, state: State, longest: float) -> Control:
-        """Choose the first step so that its error, estimated by differences, is the allowed one.
-
-        The differences are taken over a short flight with moving pins; the step is at most FAR
-        times that flight. After Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential
-        Equations I, II.4.
-        """
+        """Choose the first step so that its error, estimated by differences, is the allowed one."""
+        # They are taken over a short flight with moving pins; the step is at most FAR times that
+        # flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4
         a, rate, c = acceleration(system, state), self.allowed(system, state), self._error_constant
         size = system.sums.rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
@@ -157,9 +154,8 @@ class Adaptive(ChosenSteps):
                 break
             size = dt
             try:
-                step = protocol.take_step(
-                    self._stepper, system, state, dt, solver, control.method_memory, history
-                )
+                rest = solver, control.method_memory, history
+                step = protocol.take_step(self._stepper, system, state, dt, *rest)
                 if memory is None:
                     protocol.check_step(step, self.method)
                 a, t, error = self.error(system, state, step, control)

@@ -47,9 +47,7 @@ class FixedStep(ChosenSteps):
             remedy = "Or leave it out and let Adaptive(method) or Auto() choose the steps."
             if self.method.traits.error_constant is None:
                 name = type(self.method).__name__
-                remedy = (
-                    f"{name} has no traits.error_constant, so that fecloth cannot choose its steps."
-                )
+                remedy = f"Without {name}.traits.error_constant fecloth cannot choose its steps."
             if self.method.traits.explicit:
                 remedy = "Leave it out for the largest stable step."
             raise InputError(f"dt = {self.dt!r}", "must be a number [s]", "march", remedy)

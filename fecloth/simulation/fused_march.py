@@ -75,12 +75,10 @@ class FusedMarch:
     def skip(
         self, state: State, memory: object, number: int, targets: np.ndarray, wanted: Wanted
     ) -> Skipped | None:
-        """Take the steps before the `wanted` one; None if there are too few.
-
-        `state` and `memory` are left by step `number`, and `targets` the times at which steps
-        must end, up to one that must not be skipped. Raises `FloatingPointError` if they end beyond
-        all bounds; single steps will tell where.
-        """
+        """Take the steps before the `wanted` one; None if there are too few."""
+        # `state` and `memory` are left by step `number`, and `targets` the times at which steps
+        # must end, up to one that must not be skipped. Raises `FloatingPointError` if they end
+        # beyond all bounds; single steps will tell where.
         begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
         limited = memory if isinstance(memory, LimitMemory) else None
         times = np.concatenate([[state.t], targets[:most]])

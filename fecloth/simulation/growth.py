@@ -22,11 +22,10 @@ ROUND_OFF = 64 * np.finfo(float).eps
 @remembered
 @dataclass(frozen=True)
 class Growth(Account):
-    """Whether the last step had more energy than was available.
+    """Whether the last step had more energy than was available."""
 
-    One step may: a load switched on transfers momentum before it has done work. `follow` raises
-    `StepFailed` if two steps in a row do.
-    """
+    # One step may: a load switched on transfers momentum before it has done work. `follow` raises
+    # `StepFailed` if two steps in a row do.
 
     name = "growth"
     kinetic: float  # of the deformation after the last step [J]
@@ -49,11 +48,8 @@ class Growth(Account):
 
 
 def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> str:
-    """Return a sentence if the deformation has more than `most` times the available energy, or "".
-
-    A load that sets in has given momentum before it has done work, so the inflow of the last step
-    counts several times.
-    """
+    """Return a sentence if it has more than `most` times the available energy, or ""."""
+    # A load that sets in has given momentum before work: the last inflow counts several times.
     inflow = deformation.inflow - deformation.last_inflow
     available = deformation.available(ledger) + LAG * max(0.0, inflow)
     if math.isinf(most) or deformation.kinetic <= most * available:
@@ -66,12 +62,10 @@ def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> st
 
 
 def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
-    """Kinetic energy [J] below which growth means nothing.
-
-    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
-    `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an impact
-    may have taken nearly all of the rigid motion's. Other energies may be made by the method.
-    """
+    """Kinetic energy [J] below which growth means nothing."""
+    # `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
+    # `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
+    # impact may have taken nearly all of the rigid motion's.
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
     loads = [n for n, term in zip(system.names, system.bound, strict=True) if term.load]
     moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]

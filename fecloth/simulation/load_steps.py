@@ -59,13 +59,7 @@ class LoadsFailed(NewtonFailed):
 
 @dataclass(frozen=True)
 class LoadSteps:
-    """Equilibria under growing loads; each step finds one by `increase_loads`.
-
-    Parameters
-    ----------
-    load_steps, tolerance, max_iterations
-        As for `equilibrium`.
-    """
+    """Equilibria under growing loads, by `increase_loads`; arguments as for `equilibrium`."""
 
     load_steps: int = 1
     tolerance: float | Literal["auto"] = "auto"
@@ -128,12 +122,10 @@ class LoadSteps:
         return replace(step, history=increase.history, earlier=history, solution=solution)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the slow motion from one equilibrium to the next takes away.
-
-        The energies and the work in the ledger are for the full loads. The work of moved pins is
-        the mean of their forces at both ends times the way. Of a step that was halved, what terms
-        with a history dissipated before the last part is in it.
-        """
+        """Energy [J] that the slow motion from one equilibrium to the next takes away."""
+        # The energies and the work in the ledger are for the full loads. The work of moved pins is
+        # the mean of their forces at both ends times the way. Of a step that was halved, what terms
+        # with a history dissipated before the last part is in it.
         start, end = step.around(system)
         before, after = start.energies(old), end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
@@ -160,10 +152,8 @@ def close_loads(
     rate: np.ndarray | float = 0.0,
     counts: Counts = UNCOUNTED,
 ) -> Step:
-    """The step to the equilibrium `new`, whose t is the part of the loads, from the force `first`.
-
-    `over` is the system over its last increment, with whole loads.
-    """
+    """The step to the equilibrium `new`, whose t is the part of the loads, from a force `first`."""
+    # `over` is the system over its last increment, with whole loads.
     over = over.with_bound(_scaled(over, new.t))
     return Step(new, new, LoadRate(rate, over.force(new)), counts, over=over, first_force=first)
 

@@ -39,11 +39,9 @@ def record_steps(
     accounts: Accounts,
     next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Iterator[Record]:
-    """Yield a `Record` for each step of `march`; `accounts` are before the first of them.
-
-    `next_row` says which step must be recorded next; steps between may be left out. None: each.
-    Raises `StepFailed` if the run must not go on: see `Growth`.
-    """
+    """Yield a `Record` for each step of `march`; `accounts` are before the first of them."""
+    # `next_row` says which step must be recorded next; steps between may be left out. None: each.
+    # Raises `StepFailed` if the run must not go on: see `Growth`.
     steps = iter(steps)
     taken = next(steps, None)
     while taken is not None:
@@ -79,11 +77,7 @@ def check_rows(rows: object) -> None:
 def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo], Wanted]:
     """Return the rule by which a run has about that many `rows`, or one for each step if fewer."""
     spacing = (1 - 1e-6) * (t_end - start) / rows
-
-    def next_row(info: StepInfo) -> Wanted:
-        return Wanted(NEVER, info.t + spacing)
-
-    return next_row
+    return lambda info: Wanted(NEVER, info.t + spacing)
 
 
 def trial_recorder(system: System, ledger: Ledger, observer: Observer) -> Callable:

@@ -24,9 +24,8 @@ def solver_for(
 ) -> tuple[SolverContext, str]:
     """Return the solver of a run, and in words why it was chosen.
 
-    `choice` is "auto", "direct", "pardiso", "superlu", "pcg" or "multigrid". "auto" starts with
-    conjugate gradients and changes to multigrid or a factorisation, and back, by the work that it
-    counts; see `select`.
+    `choice` is "auto", which changes the solver by the work that it counts (see `select`),
+    "direct", "pardiso", "superlu", "pcg" or "multigrid".
     """
     protocol.check_method(method)
     validation.number("dt", dt, 0.0, "solver_for")
@@ -77,12 +76,10 @@ def choose_steps(
     dt: float | Sequence[float] | None,
     tolerances: Mapping[str, float] | None = None,
 ) -> protocol.StepChoice | Auto:
-    """Decide which steps a run takes; a method that chooses its own is returned unchanged.
-
-    They have the size `dt`, or each its own of a list. Where that is None, an explicit method goes
-    near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`. With a
-    mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
-    """
+    """Decide which steps a run takes; a method that chooses its own is returned unchanged."""
+    # They have the size `dt`, or each its own of a list. Where that is None, an explicit method
+    # goes near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`.
+    # With a mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
     protocol.check_method(method)
     if method.traits.chooses_dt:
         if dt is not None:

@@ -60,11 +60,13 @@ def _turning(inertia, moment):
     return turning
 
 
-def weighted_sum(arrays: Sequence[np.ndarray], weights: Sequence[float]) -> np.ndarray:
-    """Σ weights[k] (arrays[k] − arrays[0]) of arrays (n, 3)."""
-    y = np.zeros_like(arrays[0])
-    for array, weight in zip(arrays[1:], weights[1:], strict=True):
-        _add_difference(float(weight), array, arrays[0], y)
+def derivative(times: Sequence[float], values: Sequence[np.ndarray]) -> np.ndarray:
+    """Return d^p/dt^p (n, 3) of values at p + 1 times: p! times Newton's divided difference."""
+    # Its weights add up to 0: differences from the first keep the digits of a cloth far away.
+    y, scale = np.zeros_like(values[0]), math.factorial(len(times) - 1)
+    for t, value in zip(times[1:], values[1:], strict=True):
+        weight = scale / math.prod(t - other for other in times if other != t)
+        _add_difference(float(weight), value, values[0], y)
     return y
 
 

@@ -6,7 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from fecloth.integrators.protocol import check_offers
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
+from fecloth.simulation import record_steps as recording
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
@@ -29,13 +30,6 @@ from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.record_steps import (
-    ROWS,
-    check_rows,
-    record_steps,
-    rows_at_least,
-    trial_recorder,
-)
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.shapes import Shape, Shapes
@@ -174,7 +168,7 @@ def run(
     most_growth: float = MOST_GROWTH,
     memory: Memory | None = None,
     report: Callable[[StepInfo], None] = lambda info: None,
-    rows: int = ROWS,
+    rows: int = recording.ROWS,
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
@@ -202,7 +196,7 @@ def run(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
-    check_rows(rows)
+    recording.check_rows(rows)
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     steps = choose_steps(method, dt)
@@ -210,7 +204,7 @@ def run(
     end = float(ends[-1])
     known = system.with_history(memory.term_history) if memory else system
     ledger, observer = Ledger.open(known, state), Observer.bind(system, state, probes)
-    record = trial_recorder(system, ledger, observer)
+    record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
     foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends)))
@@ -218,30 +212,12 @@ def run(
         warnings.warn(words, FeclothWarning, stacklevel=3)
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
-    states = march(
-        system,
-        steps,
-        state,
-        None,
-        t_end,
-        stops=stops,
-        solver=chosen,
-        most_stretch=most_stretch,
-        memory=memory or Memory(0, state.t, None),
-    )
-    result = collect(
-        states,
-        system,
-        method_to_report(steps),
-        ledger,
-        observer,
-        why,
-        most_growth,
-        report,
-        foreseen,
-        rows_at_least(rows, opening.t, end),
-        memory.step if memory else 0,
-    )
+    before = memory or Memory(0, state.t, None)
+    given: dict[str, Any] = {"most_stretch": most_stretch, "memory": before}
+    states = march(system, steps, state, None, t_end, stops=stops, solver=chosen, **given)
+    recorded = system, method_to_report(steps), ledger, observer, why, most_growth, report
+    next_row = recording.rows_at_least(rows, opening.t, end)
+    result = collect(states, *recorded, foreseen, next_row, before.step)
     for words in result.warnings[len(foreseen) :]:
         warnings.warn(words, FeclothWarning, stacklevel=3)
     return result
@@ -260,12 +236,10 @@ def collect(
     next_row: Callable[[StepInfo], Wanted] | None = None,
     step: int = 0,
 ) -> Result:
-    """Take all steps of `march` and return what was recorded of them.
-
-    The ledger and the observer are at the state before the first step, whose number is `step` + 1.
-    `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
-    first step. The other arguments are as for `run` and `record_steps`.
-    """
+    """Take all steps of `march` and return what was recorded of them."""
+    # The ledger and the observer are at the state before the first step, of the number `step` + 1.
+    # `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
+    # first step. The other arguments are as for `run` and `record_steps`.
     begin, seconds = time.perf_counter(), Counter[str]()
     of_run = Run(system, method, observer.start, step, most_growth)
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
@@ -286,7 +260,7 @@ def collect(
         )
 
     try:
-        for record in record_steps(steps, of_run, observer, accounts, next_row):
+        for record in recording.record_steps(steps, of_run, observer, accounts, next_row):
             state, accounts, step = record.state, record.accounts, record.info.step
             raised += accounts.new_warnings(raised)
             rows += [] if record.info.is_part else [record.rows]

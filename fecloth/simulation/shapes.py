@@ -63,10 +63,8 @@ class Shapes(Account):
     def at_frame(
         self, run: Run, state: State, cells: Mapping[str, np.ndarray], step: int, counts: bool
     ) -> "tuple[Shapes, dict[str, float]]":
-        """Return the record after a frame with this cell data, and its row of strains.csv.
-
-        The pairs of triangles that intersect are counted if `counts`; otherwise they are NaN.
-        """
+        """Return the record after a frame with this cell data, and its row of strains.csv."""
+        # The pairs of triangles that intersect are counted if `counts`; otherwise they are NaN.
         pairs = run.surface.count_intersections(state.x) if counts else None
         inverted = run.surface.count_inverted(state.x)
         compressed = compressed_share(run.system, cells)
@@ -138,11 +136,9 @@ def intersection_warning(t: float, pairs: float | None, since: str = "from") -> 
 
 
 def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
-    """Return the part of the reference area that is compressed, 0 without a membrane.
-
-    A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
-    square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
-    """
+    """Return the part of the reference area that is compressed, 0 without a membrane."""
+    # A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
+    # square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
     if "S11" not in cells:
         return 0.0
     S11, S22, S12 = cells["S11"], cells["S22"], cells["S12"]

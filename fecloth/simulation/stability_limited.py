@@ -84,9 +84,8 @@ class StabilityLimited(ChosenSteps):
             limited = self._update(now, state, limited)
             system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
-        step = protocol.take_step(
-            self.method, system, state, dt, solver, limited.method_memory, history
-        )
+        rest = solver, limited.method_memory, history
+        step = protocol.take_step(self.method, system, state, dt, *rest)
         if limited.steps == 0:
             protocol.check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
@@ -111,9 +110,8 @@ class StabilityLimited(ChosenSteps):
         if not beyond and last.steps < UPDATE_STEPS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        return LimitMemory(
-            dt, 0, min(least, last.least), max(largest, last.largest), last.method_memory
-        )
+        extremes = min(least, last.least), max(largest, last.largest)
+        return LimitMemory(dt, 0, *extremes, last.method_memory)
 
 
 def remedy_for_growth(steps: object) -> str:

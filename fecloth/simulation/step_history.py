@@ -1,6 +1,5 @@
 """The error in time of the next step, estimated from the steps before it."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from fecloth.integrators.protocol import MethodTraits, drift_of
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.error_left import StepError
-from fecloth.simulation.rigid_motion import rms_without_rigid, weighted_sum
+from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
@@ -46,11 +45,7 @@ class StepHistory:
         if drift is None or len(self.times) < drift[0] + 1:
             return None
         q, constant = drift
-        weights = [
-            math.factorial(q) / math.prod(t - other for other in self.times if other is not t)
-            for t in self.times
-        ]
-        change = weighted_sum(self.accelerations, weights)
+        change = derivative(self.times, self.accelerations)
         rate = rms_without_rigid(system.diagonal_mass, state.x, change)
         return StepError(constant * rate, q + 2)
 

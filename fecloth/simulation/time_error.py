@@ -1,7 +1,6 @@
 """The error in time of a run, estimated from its positions at a few times."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from fecloth.simulation.doubts.planned_run import attempt
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.rigid_motion import rms_without_rigid, weighted_sum
+from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.simulation.time_error_words import LEAST, WARNED, describe_time_error
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.pieces import mean_of_nodes
@@ -48,21 +47,16 @@ OFTEN = 0.15  # of the time so far between two looks at the displacement
 @remembered
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Time [s], number of the step, x (n, 3) [m], v (n, 3) [m/s], and energies [J].
-
-    `deforming` and `inside` are the kinetic energy of the deformation and what damping has
-    dissipated that a rigid motion does not feel; `kinetic` and `outside` the whole kinetic energy
-    and what the other damping has taken, less what it supplies: a wind that drives the cloth
-    forgets no errors. See `Deformation` and `Ledger`.
-    """
+    """A state, and its energies [J]: see `Deformation` and `Ledger`."""
 
     t: float
     step: int
     x: np.ndarray
     v: np.ndarray
-    deforming: float
-    inside: float
-    kinetic: float
+    deforming: float  # kinetic energy of the deformation
+    inside: float  # dissipated by damping that a rigid motion does not feel
+    kinetic: float  # the whole kinetic energy
+    # Taken by the other damping, less what it supplies: a wind that drives it forgets no errors.
     outside: float
 
 
@@ -211,7 +205,8 @@ class TimeError(Account):
         """Return the estimate with what κ ∫ dt^q dt = `over` adds to e, and what e forgets."""
         old, new = recent[-2:]
         mass, over = system.diagonal_mass, MEAN * over
-        y = _seen_from_pins(system, derivative(recent, [sample.x for sample in recent]))
+        times, places = zip(*((sample.t, sample.x) for sample in recent), strict=True)
+        y = _seen_from_pins(system, derivative(times, places))
         rate = rms_without_rigid(mass, state.x, y)
         turning = math.sqrt(max(0.0, rms(mass, y) ** 2 - rate**2))
         outer = _decay(new.outside - old.outside, old.kinetic + new.kinetic)
@@ -226,8 +221,9 @@ class TimeError(Account):
         if self.unknown:
             return self
         seconds, parts = state.t - begin.t, 1 if begin is recent[-2] else len(recent) - 1
-        s = over / seconds * derivative(recent, [sample.x for sample in recent])
-        r = over / seconds * derivative(recent, [sample.v for sample in recent])
+        times = [sample.t for sample in recent]
+        s = over / seconds * derivative(times, [sample.x for sample in recent])
+        r = over / seconds * derivative(times, [sample.v for sample in recent])
         error = self.error or Error.none(s)
         try:
             step = Transport.at(system, state, seconds / parts)
@@ -239,12 +235,10 @@ class TimeError(Account):
         return self.changed(error=error, carried=carried)
 
     def relative_error(self, system: System, traits: MethodTraits, t: float) -> float:
-        """Return the error up to t, over the largest displacement; NaN for no estimate.
-
-        Where the error of a step is of a lower order than its drift, as the error of the symplectic
-        Euler method, c dt |v| is added: such an error does not grow with time. There is no estimate
-        for a method without these constants, before p steps, and for a cloth at rest.
-        """
+        """Return the error up to t, over the largest displacement; NaN for no estimate."""
+        # Where the error of a step is of a lower order than its drift, as with symplectic Euler,
+        # c dt |v| is added: such an error does not grow with time. There is no estimate for a
+        # method without these constants, before p steps, and for a cloth at rest.
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan
         gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
@@ -272,11 +266,9 @@ class TimeError(Account):
         return JUMPS if self.jumps else ""
 
     def find_hits(self, run: Run, others: Accounts) -> str:
-        """Return why impacts leave no estimate, or "".
-
-        Bounces that steps do not resolve have none. An impact without a bounce errs by an order of
-        dt less than a smooth motion of a method of second order, for which the estimate is made.
-        """
+        """Return why impacts leave no estimate, or ""."""
+        # Bounces that steps do not resolve have none. An impact without a bounce errs by an order
+        # of dt less than a smooth motion of a method of second order, for which the estimate is.
         if not has_kind(run.system.terms, "contact"):
             return ""
         if others[Contact].ratio > 1.0:
@@ -349,16 +341,6 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return α b, with the α > 0 for which the square of a + α b is the sum of both squares."""
     share = (a * b).sum() / max((b * b).sum(), 1e-300)
     return (math.hypot(1.0, share) - share) * b
-
-
-def derivative(samples: Sequence[Sample], values: Sequence[np.ndarray]) -> np.ndarray:
-    """Return d^p/dt^p (n, 3) of values at p + 1 samples: p! times Newton's divided difference."""
-    scale = math.factorial(len(samples) - 1)
-    weights = [
-        scale / math.prod(one.t - other.t for other in samples if other is not one)
-        for one in samples
-    ]  # they add up to 0: differences keep the digits of a cloth that is far away
-    return weighted_sum(values, weights)
 
 
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:

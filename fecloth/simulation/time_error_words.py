@@ -12,29 +12,16 @@ LEAST = 1e-5  # a smaller error is reported as below it
 
 
 def describe_time_error(
-    error: float,
-    method,
-    dt: float,
+    error: float,  # by `TimeError`; NaN for no estimate
+    method,  # the method or the choice of its steps
+    dt: float,  # the mean size of the steps [s]
+    # Time at which a load first jumps [s]. The jump may fall inside any other step: none longer is
+    # proposed, and a shorter one as for an error of order 1.
     jump: float = math.inf,
-    is_cause: bool = False,
-    unknown: str = "",
+    is_cause: bool = False,  # whether most of the error comes from jumps
+    unknown: str = "",  # why there is no estimate
 ) -> str:
-    """Return a sentence about the relative error in time of a run.
-
-    Parameters
-    ----------
-    error
-        By `TimeError`; NaN for no estimate.
-    method, dt
-        The method or the choice of its steps, and their mean size [s].
-    jump
-        Time at which a load first jumps [s]. The jump may fall inside any other step: none longer
-        is proposed, and a shorter one as for an error of order 1.
-    is_cause
-        Whether most of the error comes from jumps.
-    unknown
-        Why there is no estimate.
-    """
+    """Return a sentence about the relative error in time of a run."""
     if unknown:
         return f"error in time: not known, because {unknown}"
     if math.isnan(error):

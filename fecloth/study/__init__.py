@@ -5,12 +5,8 @@ numbers with an expected range. The exit status is 0 if all are met, 1 if one is
 mistake in the input, 3 if a case failed. The section "A study" of .github/CONTRIBUTING.md has one
 in 30 lines.
 
-`converge` studies a scene or a function of yours, and returns a result with a verdict, a table, a
-figure and a report.
-
 The public names stand in ``__init__.pyi``. Each is imported when it is first used. A script whose
-cases run in its own process imports `fecloth.study.threads` before NumPy, which limits every
-library to one thread.
+cases run in its own process imports `fecloth.study.threads` before NumPy: one thread a library.
 """
 
 import lazy_loader

@@ -37,13 +37,10 @@ def converge(
     """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
 
     The first level has the problem's own h and dt; each further one divides what is refined by
-    `ratio`. The uncertainty belongs to the finest level, by the grid convergence index (three
-    levels) or least squares (four or more), see `fecloth.study.uncertainty`; to it are added the
-    errors that the levels do not show: of the time step, or of the mesh, of the solver's tolerance,
-    and of the gaps of contact, each from one more run of the first level, times 3 as for two levels
-    (Roache 1994). The error of a gap is of first order: that run has half of all gaps. Steps that
-    their error chooses are run with rtol/10 for it. Fields and paths are judged by the differences
-    between levels, whose sum towards the finest one takes the place of the values. Raises
+    `ratio`. The uncertainty belongs to the finest level, see `fecloth.study.uncertainty`; to it are
+    added the errors that the levels do not show: of the time step, or of the mesh, of the solver's
+    tolerance, and of the gaps of contact, each from one more run of the first level, times 3 as for
+    two levels (Roache 1994). Fields and paths are judged by the differences between levels. Raises
     `InputError` for a problem that cannot be refined so, an unknown quantity, or too long a time;
     with `grade` for meshes that cannot be graded, or without an estimate of the error in space.
 

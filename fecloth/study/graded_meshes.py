@@ -7,9 +7,8 @@ from itertools import product
 import numpy as np
 
 from fecloth.errors import InputError
-from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.study.problem import has_bending, is_round
+from fecloth.study.problem import border_of, has_bending, is_round
 from fecloth.study.setups import Setup
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -102,8 +101,9 @@ def _places(setup: Setup) -> tuple[list[_Place], list[_Place]]:
     """Return corners of the border and ends of pins on it, and curves that are pinned whole."""
     cloth = setup.cloth
     middle = cloth.X[cloth.triangles].mean(axis=1)
-    edges = _border(cloth)
-    nodes = np.flatnonzero(_corners(cloth, edges) | _ends_of_pins(setup, edges))
+    edges, turning = border_of(cloth)
+    corners = (turning > TURN) & (not is_round(cloth))
+    nodes = np.flatnonzero(corners | _ends_of_pins(setup, edges))
     points = cloth.X[np.setdiff1d(nodes, alone(setup))]
     singular = [
         _Place({"point": tuple(map(float, X))}, np.linalg.norm(middle - X, axis=1)) for X in points
@@ -122,23 +122,6 @@ def alone(setup: Setup) -> np.ndarray:
     ends = np.concatenate([cloth.parts[:, [i, (i + 1) % 3]] for i in range(3)])
     both = ends[np.isin(ends, pinned).all(axis=1)]
     return np.setdiff1d(pinned, both)
-
-
-def _border(cloth: Cloth) -> np.ndarray:
-    """(b, 2) the edges of one triangle only, with the cloth on their left."""
-    edges = np.concatenate([cloth.triangles[:, [i, (i + 1) % 3]] for i in range(3)]).astype(int)
-    key, back = edges @ [len(cloth.X), 1], edges @ [1, len(cloth.X)]
-    return edges[~np.isin(key, back)]
-
-
-def _corners(cloth: Cloth, border: np.ndarray) -> np.ndarray:
-    """(n,) whether the border turns at a node, unless it is round."""
-    along = np.diff(cloth.X[border], axis=1)[:, 0]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    arriving, leaving = np.zeros((2, len(cloth.X), 2))
-    leaving[border[:, 0]], arriving[border[:, 1]] = along, along
-    turning = np.abs(arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0])
-    return (turning > TURN) & (not is_round(cloth))
 
 
 def _ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:

@@ -90,10 +90,8 @@ def measure(
     most: float | None = None,  # longest CPU time of a run [s]
     rest: Rest = equilibrium,  # finds the equilibrium of a setup without `t_end`
 ) -> dict:
-    with (
-        setup.system.team.pinned(),
-        warnings.catch_warnings(action="ignore", category=FeclothWarning),
-    ):
+    quiet = warnings.catch_warnings(action="ignore", category=FeclothWarning)
+    with setup.system.team.pinned(), quiet:
         whole = bool(recorded or function)  # over the run: each step has a row
         solve: Solve = partial(_march, whole=whole)
         if setup.t_end is None:

@@ -141,10 +141,12 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     sentences = tuple(_warnings(pairs, unbalanced))
     for words in sentences:
         python_warnings.warn(words, FeclothWarning, stacklevel=2)
+    numbered = enumerate(zip(frequencies.tolist(), pairs.values.tolist(), strict=True), start=1)
+    rows = [{"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": w} for i, (f, w) in numbered]
     return Modes(
         title=f"Modes of {len(state.x)} nodes",
         verdict=_verdict(frequencies, zero),
-        table=_table(frequencies, pairs.values),
+        table=Table(tuple(rows)),
         system=system,
         state=state,
         frequencies=frequencies,
@@ -169,16 +171,6 @@ def _verdict(f: np.ndarray, zero: float) -> str:
         have = "1 mode has" if soft == 1 else f"{soft} modes have"
         return f"{have} no stiffness; of the others {lowest}"
     return f"stable: {lowest}"
-
-
-def _table(frequencies: np.ndarray, eigenvalues: np.ndarray) -> Table:
-    pairs = zip(frequencies.tolist(), eigenvalues.tolist(), strict=True)
-    return Table(
-        tuple(
-            {"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": value}
-            for i, (f, value) in enumerate(pairs, start=1)
-        )
-    )
 
 
 def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
@@ -235,9 +227,8 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
         u = shape @ along
         u = u / u[abs(u).argmax()]
         smooth = {"shading": "gouraud", "rasterized": True}  # SVG has no colours between nodes
-        colours = axis.tripcolor(
-            *cloth.X.T, cloth.triangles, u, cmap="RdBu_r", vmin=-1, vmax=1, **smooth
-        )
+        look = {"cmap": "RdBu_r", "vmin": -1, "vmax": 1, **smooth}
+        colours = axis.tripcolor(*cloth.X.T, cloth.triangles, u, **look)
         axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
         axis.set_aspect("equal")
     for axis in axes:

@@ -103,18 +103,22 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
     return 2.0 if is_gradient else 4.0 if is_mean else 3.0
 
 
+def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges of the border (b, 2), and by how much it turns at each node (n,), |sin|."""
+    edges = np.concatenate([cloth.triangles[:, [i, (i + 1) % 3]] for i in range(3)]).astype(int)
+    key, back = edges @ [len(cloth.X), 1], edges @ [1, len(cloth.X)]
+    edges = edges[~np.isin(key, back)]  # of one triangle only, with the cloth on their left
+    along = np.diff(cloth.X[edges], axis=1)[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    arriving, leaving = np.zeros((2, len(cloth.X), 2))
+    leaving[edges[:, 0]], arriving[edges[:, 1]] = along, along
+    return edges, np.abs(arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0])
+
+
 def is_round(cloth: Cloth) -> bool:
     """Whether most corners of the border turn: a round shape, meshed with straight edges."""
-    edges = cloth.edge_sets.get("boundary")
-    if edges is None or not len(edges):
-        return False
-    vector = cloth.X[edges[:, 1]] - cloth.X[edges[:, 0]]
-    vector /= np.linalg.norm(vector, axis=1, keepdims=True)
-    nodes, both = edges.ravel(), np.repeat(vector, 2, axis=0)
-    order = np.argsort(nodes, kind="stable")
-    pairs = both[order][: len(order) // 2 * 2].reshape(-1, 2, 2)  # each node has two edges
-    turning = np.abs(pairs[:, 0, 0] * pairs[:, 1, 1] - pairs[:, 0, 1] * pairs[:, 1, 0])
-    return float(np.mean(turning > 1e-3)) > ROUND
+    edges, turning = border_of(cloth)
+    return bool(len(edges)) and float(np.mean(turning[edges[:, 0]] > 1e-3)) > ROUND
 
 
 SLACK = 0.05  # strain across, relative to that along, below which a cloth is slack across

@@ -149,11 +149,10 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
         highs.append(frame.points.max(axis=0))
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
     view = view_of(low, high)
-    colours = (
-        tuple(np.percentile(frame_reader.clip_to_drawable(np.concatenate(values)), PERCENT))
-        if values
-        else None
-    )
+    colours = None
+    if values:
+        drawn = frame_reader.clip_to_drawable(np.concatenate(values))
+        colours = tuple(np.percentile(drawn, PERCENT))
     distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
     bodies = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
     return Shot(field, view, distance, colours, ground_of(low, high, bodies), size)
@@ -178,10 +177,8 @@ def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
 def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:
     pyvista = _import_package("pyvista")
     first = series.read(frames[0])
-    triangles, parts = (
-        frame_reader.straight(first.cells),
-        len(frame_reader.straight(first.cells)) // len(first.cells),
-    )
+    triangles = frame_reader.straight(first.cells)
+    parts = len(triangles) // len(first.cells)
     cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
     shadow = cloth.copy()
     edges = frame_reader.rim(triangles)
@@ -270,9 +267,7 @@ def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
         look = {"scalars": "shown", "cmap": "viridis", "clim": shot.colours}
         look |= {"interpolate_before_map": True, "scalar_bar_args": _colour_bar(shot)}
     actor = plotter.add_mesh(cloth, **matter, **look)
-    actor.prop.interpolation = (
-        "phong"  # with the normals of _update_cloth; smooth_shading copies the mesh
-    )
+    actor.prop.interpolation = "phong"  # with normals of _update_cloth; smooth_shading copies
 
 
 def _colour_bar(shot: Shot) -> dict:

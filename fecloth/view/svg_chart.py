@@ -8,7 +8,7 @@ that no peak is lost.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,9 +45,9 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
         for i, (name, (px, py)) in enumerate(curves.items())
     ]
     at = {"left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
+    at |= {"width": WIDTH, "height": HEIGHT}
     ticks = {"across": _ticks(across, 0), "up": _ticks(up, 1, log)}
-    words = {"title": title, "x": x, "y": y, "width": WIDTH, "height": HEIGHT}
-    return render("chart.html", {"curves": drawn, **at, **ticks, **words})
+    return render("chart.html", {"curves": drawn, "title": title, "x": x, "y": y, **at, **ticks})
 
 
 def _points_to_draw(x, y, log):
@@ -58,13 +58,11 @@ def _points_to_draw(x, y, log):
     if len(x) <= 2 * SPANS:
         return x, y
     spans = np.array_split(np.arange(len(x)), SPANS)
-    shown = np.unique(np.concatenate([[0], *(_extremes(s, y[s]) for s in spans), [len(x) - 1]]))
+    # the least and the largest value of each span; any index where all are gaps
+    least = [s[np.argmin(np.nan_to_num(y[s], nan=np.inf))] for s in spans]
+    most = [s[np.argmax(np.nan_to_num(y[s], nan=-np.inf))] for s in spans]
+    shown = np.unique([0, *least, *most, len(x) - 1])
     return x[shown], y[shown]
-
-
-def _extremes(span, y):
-    """Return the indices of the least and largest value of a span; one index if all are gaps."""
-    return [span[np.nanargmin(y)], span[np.nanargmax(y)]] if np.isfinite(y).any() else span[:1]
 
 
 def _path(px, py):
@@ -75,8 +73,7 @@ def _path(px, py):
     return "".join("M" + "L".join(line * 2 if len(line) == 1 else line) for line in lines)
 
 
-@dataclass(frozen=True)
-class Axis:
+class Axis(NamedTuple):
     """Ends of an axis and the positions of its ticks."""
 
     low: float

@@ -159,11 +159,9 @@ def part(name: str) -> str:
 def pack_frames(
     frames, fields: Sequence[str], unit: str = " s", obstacles: Sequence[Obstacles | None] = ()
 ) -> dict:
-    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON.
-
-    `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles` are
-    the obstacles of each frame.
-    """
+    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON."""
+    # `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles`
+    # are the obstacles of each frame.
     times, clouds = [], []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
     for frame in frames:
@@ -190,14 +188,7 @@ def pack_frames(
         "points": _to_16_bits(points, low, high),
         "triangles": _to_base64(triangles.astype("<u4")),
         "rim": _to_base64(frame_reader.rim(triangles).astype("<u4")),
-        "fields": [
-            _field(
-                name,
-                frame_reader.clip_to_drawable(np.array(values[name])),
-                values[name][0].size == points.shape[1],
-            )
-            for name in fields
-        ],
+        "fields": [_field(name, np.array(values[name]), points.shape[1]) for name in fields],
         "checks": _checks(frame),
         "obstacles": _obstacles(obstacles),
     }
@@ -225,13 +216,14 @@ def _checks(frame: frame_reader.Frame) -> dict | None:
     return {"side": side, "material": _to_base64((X / side).astype("<f4"))}
 
 
-def _field(name: str, values: np.ndarray, nodal: bool) -> dict:
+def _field(name: str, values: np.ndarray, nodes: int) -> dict:
     """Return the values (frames, count) of a field and the ends of its colour bar."""
+    values = frame_reader.clip_to_drawable(values)
     low, high = float(values.min()), float(values.max())
     return {
         "title": frame_reader.FIELDS[name].title,
         "unit": frame_reader.FIELDS[name].unit,
-        "per": "node" if nodal else "cell",
+        "per": "node" if values.shape[1] == nodes else "cell",
         "count": values.shape[1],
         "low": low,
         "high": high,

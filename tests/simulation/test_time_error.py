@@ -13,7 +13,8 @@ from support.tiers import slow_except
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.linalg.reductions import rms
-from fecloth.simulation.time_error import Sample, TimeError, derivative
+from fecloth.simulation.rigid_motion import derivative
+from fecloth.simulation.time_error import Sample, TimeError
 from fecloth.simulation.time_error_words import describe_time_error
 
 TIGHT = fc.Newton(tolerance=1e-10)
@@ -272,7 +273,7 @@ def test_the_derivative_is_exact_for_polynomials():
     samples = [
         Sample(t, i, 1e3 + cubic * t**3 - t**2, None, 0, 0, 0, 0) for i, t in enumerate(times)
     ]
-    assert derivative(samples, [sample.x for sample in samples]) == pytest.approx(
+    assert derivative([s.t for s in samples], [s.x for s in samples]) == pytest.approx(
         6 * cubic, abs=1e-6
     )
 

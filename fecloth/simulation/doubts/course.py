@@ -5,13 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.simulation.dimensionless import (
-    distance_from_pins,
-    gravity_magnitude,
-    mean_edge,
-    swing_loss,
-    wrinkle_length,
-)
+from fecloth.simulation import dimensionless
+from fecloth.simulation.dimensionless import distance_from_pins, gravity_magnitude
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.units import STEP
 from fecloth.system.state import State
@@ -146,7 +141,7 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
     if not (damped and run.dt and pull and length):
         return
     rate = math.sqrt(pull / length)
-    lost = swing_loss(rate * run.dt)
+    lost = dimensionless.swing_loss(rate * run.dt)
     rates = [term.rate for term in run.system.terms if traits_of(term).damps == "motion"]
     meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
     if lost > max(DAMPED, meant):
@@ -158,20 +153,13 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
 
 
 def wrinkle_warning(
-    system: System, compressed: float, rough: float, angle: float, height: float
+    system: System,
+    compressed: float,  # part of the area that is compressed at the end; see `compressed_share`
+    rough: float,  # part of the angles between triangles that no curvature explains: `roughness`
+    angle: float,  # the rms of these angles [rad]
+    height: float,  # of the folds over the largest rms displacement; low folds change no motion
 ) -> str:
-    """Return a sentence if a compressed cloth is folded as finely as its triangles, or "".
-
-    Parameters
-    ----------
-    compressed
-        Part of the area that is compressed at the end of a run; see `compressed_share`.
-    rough
-        Part of the angles between triangles that no curvature explains; see `roughness`.
-    angle, height
-        The rms of these angles [rad], and the height of the folds over the largest rms
-        displacement: folds that are low beside the motion do not change it.
-    """
+    """Return a sentence if a compressed cloth is folded as finely as its triangles, or ""."""
     taut_only = any(isinstance(term, TensionField) for term in system.terms)
     matters = height > (HIGH if angle > SHALLOW else VISIBLE)
     if not (compressed > COMPRESSED and rough > ROUGH and matters) or taut_only:
@@ -182,6 +170,6 @@ def wrinkle_warning(
     )
     if not has_kind(system.terms, "bending"):
         return f"{where}; add PlateBending, or use TensionField where only taut regions matter"
-    wave = wrinkle_length(system) / RESOLVED
-    size = f"<= {wave:.2g} m" if 0 < wave < mean_edge(system) else "below half of the present one"
+    wave, edge = dimensionless.wrinkle_length(system) / RESOLVED, dimensionless.mean_edge(system)
+    size = f"<= {wave:.2g} m" if 0 < wave < edge else "below half of the present one"
     return f"{where}; take h {size}"

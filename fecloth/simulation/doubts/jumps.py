@@ -57,11 +57,9 @@ def _largest_jump(motion: Signal, least: float) -> tuple[float, str] | None:
 def find_jumps(
     times: np.ndarray, g: np.ndarray, values: Values, least: float
 ) -> list[tuple[float, float]]:
-    """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times.
-
-    The intervals that differ most from their neighbours are halved until a jump remains, or none.
-    A motion that goes there and back within an interval is missed.
-    """
+    """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times."""
+    # The intervals that differ most from their neighbours are halved until a jump remains, or none.
+    # A motion that goes there and back within an interval is missed.
     changes = np.diff(g, axis=0)
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
     beside = np.minimum(np.append(changes[1], changes[:-1]), np.append(changes[1:], changes[-2]))

@@ -114,11 +114,9 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 
 
 def find_uneven_start(run: PlannedRun) -> Iterator[str]:
-    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh.
-
-    A pin holds its nodes where they start. What a uniform stretch and a turn leave of their places
-    is smooth where it is meant; errors of interpolation change from node to node, and are small.
-    """
+    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh."""
+    # What a uniform stretch and a turn leave of their places is smooth where it is meant; errors of
+    # interpolation change from node to node, and are small.
     cloth = run.system.cloth
     for name, (pin, nodes) in run.system.constraints.groups.items():
         off = _zigzag(cloth, nodes, run.state.x[nodes] @ (np.eye(3) - pin.projector))

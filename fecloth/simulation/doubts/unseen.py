@@ -32,12 +32,7 @@ QUARTER = 0.25  # of the time for which a load acts: the longest step that sees 
 
 
 def find_missed(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each motion or load that mostly acts between the ends of fixed steps.
-
-    Its values inside the steps are compared with the straight lines between the values at their
-    ends, on the average over time; of loads, the impulse is compared too. For chosen steps see
-    `find_short_pulses`.
-    """
+    """Yield a sentence for each motion or load that mostly acts between the ends of fixed steps."""
     return say_of_each(run.signals if run.dt else (), _missed_in_words, run.dt)
 
 
@@ -66,17 +61,13 @@ def _sees(signal: Signal, dt: float, near: Span) -> bool:
 
 
 def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
-    """Return the share of a signal that steps miss, and the span of the steps that miss most.
-
-    The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of a
-    motion, g is the rest beside the uniform motion nearest to it. The share is the larger one of
-    the steps and of steps shifted by half of one: two steps a period may meet each extreme of an
-    oscillation by chance.
-
-    Samples of a smooth pulse err here and there, but give the cloth the right impulse: the share of
-    a load is at most the share of its impulse, the largest difference at the ends of steps over the
-    largest change of ∫ g dt beside a uniform one.
-    """
+    """Return the share of a signal that steps miss, and the span of the steps that miss most."""
+    # The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of
+    # a motion, g is the rest beside the uniform motion nearest to it. The share is the larger one
+    # of the steps and of steps shifted by half of one: two steps a period may meet each extreme of
+    # an oscillation by chance. Samples of a smooth pulse err here and there, but give the cloth the
+    # right impulse: the share of a load is at most the share of its impulse, the largest difference
+    # at the ends of steps over the largest change of ∫ g dt beside a uniform one.
     ends = np.append(span[0], step_times(span[0], dt, span[1]))
     share, worst = _missed(signal, ends)
     if len(ends) > 2:
@@ -165,12 +156,10 @@ def longest_step(run: PlannedRun) -> float:
 
 
 def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
-    """Return begin and length [s] of the shortest pulse of a signal; an infinite one for none.
-
-    A pulse is a time at which the signal deviates from its median, and before and after which it
-    does not. A uniform change is taken off first. What acts at the start or the end of a run is
-    no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
-    """
+    """Return begin and length [s] of the shortest pulse of a signal; an infinite one for none."""
+    # A pulse is a time at which the signal deviates from its median, and before and after which it
+    # does not. A uniform change is taken off first. What acts at the start or the end of a run is
+    # no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
     times, g = signal.samples
     scale = np.ptp(g, axis=0).max() * SLIGHT if signal.moves else np.abs(g).max() * SMALL
     half, index = len(times) // 2, np.arange(len(times))[:, None]

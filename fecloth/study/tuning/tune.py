@@ -57,13 +57,11 @@ def tune(
 ) -> Tuned:
     """Find the cheapest setting of a problem that meets a tolerance, and prove its error.
 
-    Runs on a coarse mesh show the error in time of each method and the seconds that it takes; runs
-    on a few meshes with the same steps show the error in space of each element and pattern. From
-    these the errors and the seconds of all settings are predicted: element, pattern, h, method and
-    dt or rtol. In scenes, meshes that are graded at corners and pins (see `Grading`) are tried
-    where they should save 40 % of the triangles. The cheapest setting that should meet the
-    tolerance is run. Its error is that by which it differs from a finer run, the best one so far or
-    one that is finer in what contributes most, plus the error of that, by its order (grid
+    Runs on a coarse mesh show the error in time and the seconds of each method; runs on a few
+    meshes with the same steps show the error in space of each element and pattern. From these the
+    errors and the seconds of all settings are predicted, in scenes also of meshes that are graded
+    at corners and pins (see `Grading`). The cheapest setting that should meet the tolerance is run.
+    Its error is its difference from a finer run, plus the error of that, by its order (grid
     convergence index). Cheaper settings are then tried beside it. With contact the gaps are divided
     until their error, of first order, takes at most a quarter of the tolerance.
 
