@@ -10,7 +10,7 @@ from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
-from fecloth.study import run_problems
+from fecloth.study import run_problems, variants
 from fecloth.study.change import FIRST, describe_values
 from fecloth.study.figures import Figure, line_style, mark_failures, new_figure
 from fecloth.study.opened import Opened, open_study
@@ -18,14 +18,6 @@ from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
-from fecloth.study.variants import (
-    combine,
-    make_or_refuse,
-    read_ranges,
-    size_of,
-    vary,
-    with_first_values,
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,14 +77,14 @@ def sweep(
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
-    ranges = read_ranges(over)
-    combinations = combine(ranges)
+    ranges = variants.read_ranges(over)
+    combinations = variants.combine(ranges)
     study = open_study(problem, shared)
-    opened, runs = with_first_values(study.problem, ranges), study.runs()
+    opened, runs = variants.with_first_values(study.problem, ranges), study.runs()
     run_problems.refuse_huge(opened, runs)
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
-    listed = make_or_refuse(partial(_point, opened), combinations)
+    listed = variants.make_or_refuse(partial(_point, opened), combinations)
     points = [item for item in listed if isinstance(item, run_problems.Point)]
     run_problems.check_points(points, runs)
     rows = run_problems.run_or_skip(listed, chosen, runs)
@@ -113,8 +105,9 @@ def sweep(
 
 
 def _point(opened: Problem, values: dict) -> run_problems.Point:
-    variant = vary(opened, values)
-    return run_problems.Point(variant, FIRST, describe_values(values), size_of(opened, variant))
+    variant = variants.vary(opened, values)
+    size = variants.size_of(opened, variant)
+    return run_problems.Point(variant, FIRST, describe_values(values), size)
 
 
 def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:

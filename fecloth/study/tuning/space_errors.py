@@ -11,15 +11,9 @@ from fecloth.simulation.quantity_values import size_of
 from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.run_problems import end_of
+from fecloth.study.tuning import curves
 from fecloth.study.tuning.choices import ZERO, Bench, Choice, Trial
-from fecloth.study.tuning.curves import (
-    STALLED,
-    Curve,
-    cost_curve,
-    error_curve,
-    error_of_finest,
-    grouped,
-)
+from fecloth.study.tuning.curves import Curve
 
 POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
 DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
@@ -74,7 +68,7 @@ class SpaceErrors:
         before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
         for *_, coarser, finest in (runs for runs in runs_of_kinds if len(runs) > 2):
             change = float((bench.distance(finest, coarser) - unsampled(bench, coarser)).max())
-            falls = (finest.edges / coarser.edges) ** -STALLED
+            falls = (finest.edges / coarser.edges) ** -curves.STALLED
             if change > IRREGULAR * tolerance and change > before * falls:
                 return True
         return False
@@ -84,7 +78,7 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     """Return the curves of all meshes: distances to the best run, plus the error of that run."""
     # `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     able = [trial for trial in trials if trial.is_ok]
-    kinds = grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
+    kinds = curves.grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
     theory = [orders[int(runs[0].choice.element == "P2")] for runs in kinds]
     finest = [(runs[-1], _own_error(bench, runs, p)) for runs, p in zip(kinds, theory, strict=True)]
     ranked = sorted(finest, key=lambda pair: pair[1].max())
@@ -94,8 +88,8 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     meshes = []
     for runs, order in zip(kinds, theory, strict=True):
         x = [trial.edges for trial in runs]
-        errors = error_curve(x, [bench.distance(reference, t) for t in runs], order, error)
-        seconds = cost_curve(x, [trial.seconds / trial.steps for trial in runs], *POWERS)
+        errors = curves.error_curve(x, [bench.distance(reference, t) for t in runs], order, error)
+        seconds = curves.cost_curve(x, [trial.seconds / trial.steps for trial in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
     rival = None
     if other is not None and error.max() > own.max():
@@ -108,7 +102,7 @@ def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.nd
     if len(runs) < 2:
         return np.ones(len(theory))
     sizes = [trial.edges for trial in runs]
-    return error_of_finest(bench.distance, runs, sizes, theory) + unsampled(bench, runs[-1])
+    return curves.error_of_finest(bench.distance, runs, sizes, theory) + unsampled(bench, runs[-1])
 
 
 def _disagreement(

@@ -13,6 +13,7 @@ from fecloth.study.chart_grid import ALL_METHODS
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.status import NO_VALUE
+from fecloth.study.tuning import curves
 from fecloth.study.tuning.choices import (
     CONTROLLED,
     COSTLY,
@@ -22,13 +23,7 @@ from fecloth.study.tuning.choices import (
     problem_with,
     spent,
 )
-from fecloth.study.tuning.curves import (
-    Curve,
-    cost_curve,
-    error_curve,
-    error_of_finest,
-    grouped,
-)
+from fecloth.study.tuning.curves import Curve
 
 FEW = 5  # steps of a run that is a static solution
 FEWEST, MOST = 16, 8192  # steps of the first runs
@@ -236,15 +231,15 @@ def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
     """Return the curves of all rules: distances to the best run, plus the error of that run."""
     # The best run is the finest one of its rule whose own error is least.
     able = [trial for trial in trials if trial.is_ok]
-    listed = grouped(able, lambda trial: key_of(trial.choice), lambda trial: size_of(trial.choice))
+    listed = curves.grouped(able, lambda run: key_of(run.choice), lambda run: size_of(run.choice))
     finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]
     reference, error = min(finest, key=lambda pair: pair[1].max())
     rules = []
     for runs in listed:
         x, key = [size_of(trial.choice) for trial in runs], key_of(runs[0].choice)
         apart = [bench.distance(reference, trial) for trial in runs]
-        errors = error_curve(x, apart, np.full(len(error), _theory(runs)), error)
-        seconds = cost_curve(x, [trial.seconds for trial in runs], *POWERS[key[1]])
+        errors = curves.error_curve(x, apart, np.full(len(error), _theory(runs)), error)
+        seconds = curves.cost_curve(x, [trial.seconds for trial in runs], *POWERS[key[1]])
         rules.append(Rule(*key, errors, seconds, tuple(runs)))
     return TimeErrors(tuple(rules), reference, error, tuple(trials))
 
@@ -255,7 +250,7 @@ def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
     if len(runs) == 1:
         known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
         return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
-    return error_of_finest(
+    return curves.error_of_finest(
         bench.distance, runs, [size_of(trial.choice) for trial in runs], _theory(runs)
     )
 
