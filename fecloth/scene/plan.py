@@ -88,19 +88,12 @@ def _threads_and_memory(problem: Problem) -> str:
 
 def _weight_line(system: System) -> Iterator[str]:
     """Yield weight over bending stiffness, which tells whether bending matters."""
-    number, length = (
-        dimensionless.weight_over_stiffness(system),
-        dimensionless.unsupported_length(system),
-    )
-    if number:
-        yield (
-            f"weight over bending stiffness: ρ g L³/B = {number:.3g} with L = {length:.3g} m, "
-            + (
-                "twice the reach from the pins around"
-                if dimensionless.is_surrounded_by_pins(system)
-                else "the reach from the pins"
-            )
-        )
+    if number := dimensionless.weight_over_stiffness(system):
+        length = dimensionless.unsupported_length(system)
+        is_around = dimensionless.is_surrounded_by_pins(system)
+        reach = "twice the reach from the pins around" if is_around else "the reach from the pins"
+        words = f"ρ g L³/B = {number:.3g} with L = {length:.3g} m, {reach}"
+        yield f"weight over bending stiffness: {words}"
 
 
 def _wrinkle_line(system: System) -> Iterator[str]:
@@ -111,13 +104,11 @@ def _wrinkle_line(system: System) -> Iterator[str]:
 
 
 def estimate_memory(system: System, solver: str = "direct") -> float:
-    """Estimate the peak memory of a run [MB].
-
-    A constant for the program, and bytes in proportion to the n nodes, to the entries of the
-    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
-    of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
-    """
+    """Estimate the peak memory of a run [MB]."""
+    # A constant for the program, and bytes in proportion to the n nodes, to the entries of the
+    # gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
+    # of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
+    # plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
     n = len(system.cloth.X)
     blocks = 0 if solver == "explicit" else len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
@@ -137,10 +128,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
 
 
 def memory_of_each(system: System, count: int) -> float:
-    """Estimate the peak memory [MB] of the first of `count` processes that share a system.
-
-    A constant for the program, and bytes in proportion to its share of the blocks and to all
-    triangles. Within 10 % of StVK with hinges, 200,000 and 2,000,000 triangles on two processes.
-    """
+    """Estimate the peak memory [MB] of the first of `count` processes that share a system."""
+    # Within 10 % of StVK with hinges, 200,000 and 2,000,000 triangles on two processes.
     blocks, triangles = len(system.pattern.indices), len(system.cloth.triangles)
     return 220 + (SHARED * blocks / count + WHOLE * triangles) / 1e6

@@ -23,20 +23,13 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     """Spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
 
     Above 1 the motion grows. In the long run, each step multiplies its energy by the square.
+    ω dt > 0 and ζ ≥ 0 are numbers or arrays, which are broadcast; the method is one, its class, or
+    its name.
 
     A `Tether` with damping draws the nodes of a single triangle to the origin: nine uncoupled
     oscillators. Each starts from another unit vector of x, dt v and the memory of the method, and
     the method's own `step` gives the columns of its matrix. The error is about 1e-12, and about
     1e-6 where two eigenvalues are equal, as at ζ = 1.
-
-    Parameters
-    ----------
-    method
-        A method, its class, or its name.
-    omega_dt
-        ω dt > 0, a number or an array.
-    zeta
-        ζ ≥ 0, a number or an array; the two are broadcast.
     """
     method = resolve_method(method)
     omega_dt, zeta = _numbers("omega_dt", omega_dt, 0.0), _numbers("zeta", zeta)

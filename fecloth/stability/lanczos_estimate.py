@@ -28,22 +28,9 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     so its residual is added to it. The result is an estimate and no bound: use a fraction of it.
 
     Every call starts from a random vector: a start from the last eigenvector does not find that
-    another end of the cloth has become the stiffest. Raises `SolveFailed` if a force is not finite
-    at the state or close to it; the message names the term.
-
-    Parameters
-    ----------
-    system, state
-        What moves, lumped mass, and where it is linearised.
-    method
-        One with ``traits.stability`` = (a, b), a > 0: `SymplecticEuler()`, `CentralDifference()`.
-    tol
-        On dt, relative.
-
-    Returns
-    -------
-    float
-        dt [s]; infinite where nothing is stiff.
+    another end of the cloth has become the stiffest. dt is infinite where nothing is stiff. Raises
+    `InputError` for a method without ``traits.stability`` = (a, b), a > 0, or a consistent mass,
+    and `SolveFailed` if a force is not finite at the state or close to it, with the term's name.
     """
     check_system(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")

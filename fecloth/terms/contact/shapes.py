@@ -14,13 +14,7 @@ from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH
-from fecloth.terms.contact.shape import (
-    NO_EDGES,
-    NO_TRIANGLES,
-    Sdf,
-    Shape,
-    Skeleton,
-)
+from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Sdf, Shape, Skeleton
 from fecloth.validation import direction, point
 
 __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Sphere"]
