@@ -25,12 +25,15 @@ FEW = 120  # iterations with the symmetric tangent, each at a fifth of the cost 
 class EnergyMomentum(StageMethod):
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
-    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. Membranes quadratic in E
-    take the stress of the averaged Green strain at the mean position. Other laws in E, springs and
-    hinges have the correction of Gonzalez in each element (`membrane_discrete_gradient` and
-    `condition_discrete_gradient` in `fecloth.terms.loops`). `PlateBending`, `Gas`, a `Condition`
-    and terms of your own have it once for the whole cloth (`fecloth.terms.discrete_gradient`).
-    All others act at the mean position, velocity and time.
+    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. With d = x₁ − x₀, f at
+    the mean position, and u = M d without its rigid part,
+
+        f̄ = f − (N / u·d) u,   N = U(x₁) − U(x₀) + f · d
+
+    For f, membranes take the stress of the averaged Green strain, and hinges the averaged angle.
+    N is zero for membranes quadratic in E, and by other lengths at rest for springs and
+    `BaraffWitkin`: only these have an exact tangent. Damping and loads without an energy act at
+    the mean position, velocity and time. The details are in `fecloth.terms.discrete_gradient`.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
     linear and angular momentum where no load is fixed in space, to the Newton tolerance, at any

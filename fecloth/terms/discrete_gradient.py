@@ -21,13 +21,20 @@ and a rigid motion changes U: there u = M d.
 The tangent is the tangent of f. It lacks the derivative of N u/(u·d), of second order in d, so that
 Newton's iteration converges linearly, the faster the shorter the step. Where a step turns the cloth
 and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers, for which the
-iteration may fail. So springs and membranes do not use −∂U/∂x for f, but forms of their own for
-which N is zero, or small.
+iteration may fail. So stiff terms do not use −∂U/∂x at x for f, but forces there for which N is
+zero, or small (`OverMean`):
+
+    membrane        S((E₀ + E₁)/2): N = 0 for an energy quadratic in E (Simo and Tarnow 1992, The
+                    Discrete Energy–Momentum Method, ZAMP 43)
+    spring          as for the rest length 2 L l/(l₀ + l₁): N = 0 (`spring_modulus`)
+    BaraffWitkin    as springs along warp and weft, the mean shear: N = 0
+    hinge           the mean (θ₀ + θ₁)/2
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -97,6 +104,32 @@ class DiscreteGradient(BoundTerm):
             return 0.0
         path = (*old, -1), (old[0], self.t, 1), (new[0], self.t, -1), (*new, 1)
         return sum(sign * self.term.energy(x, t) for x, t, sign in path)
+
+
+@dataclass(frozen=True, eq=False)
+class OverMean(BoundTerm):
+    """A term over a step from `start` to 2x − start, as ``term.between(start, x)`` is at x.
+
+    Its tangent lacks the change of `between` with x: it is the exact one of a step that goes
+    nowhere.
+    """
+
+    term: Any
+    start: np.ndarray  # (n, 3) positions x₀ [m]
+    symmetric: bool  # whether the tangent must be symmetric
+    conserves: bool  # whether N is zero
+
+    has_energy = False  # at x alone
+    name, dissipative = taken_from("term.name"), taken_from("term.dissipative")
+    velocity_dependent = taken_from("term.velocity_dependent")
+
+    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
+        self.term.between(self.start, x).add_force(x, v, t, f)
+
+    def add_tangent(
+        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
+    ) -> None:
+        self.term.between(self.start, x).add_tangent(x, v, t, wx, wv, J, definite)
 
 
 def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:

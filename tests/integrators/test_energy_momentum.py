@@ -11,7 +11,7 @@ from fecloth.linalg.block_matrix import BlockMatrix
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
 
-EXACT = fc.Newton(tolerance=1e-12)
+EXACT = fc.Newton(tolerance=1e-13)
 ORTHOTROPIC = fc.Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-3, 1e-3))
 ISOTROPIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 SPRINGS = [fc.Springs(), fc.Springs("van_gelder"), fc.Springs("biquadratic")]
@@ -24,6 +24,7 @@ TERMS = [
     *SPRINGS,
     *GENERAL,
 ]
+EXACT_TANGENT = [fc.StVK(), fc.TensorCondition(200.0), fc.BaraffWitkin(), *SPRINGS]
 LINEAR = [fc.Gravity(), fc.QuadraticBending(), fc.Tether([3, 4], (0, 0, 1), 30.0)]
 
 
@@ -75,7 +76,7 @@ def test_a_step_that_goes_nowhere_has_the_force_of_its_state(term, cloth, rng):
     assert abs(over.stiffness(at) - K).max() < 1e-12 * abs(K).max()
 
 
-@pytest.mark.parametrize("term", TERMS, ids=repr)
+@pytest.mark.parametrize("term", EXACT_TANGENT, ids=repr)
 def test_tangent_is_the_derivative_of_the_force(term, cloth, rng):
     """Central differences: the error falls with the square of their step."""
     system, start, end = one(cloth, term, rng)

@@ -130,11 +130,23 @@ def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
     return out
 
 
+class BoundHinges(RigidCondition):
+    """Hinges of a cloth; the constant of each is its angle at rest."""
+
+    def between(self, start, x):
+        ends = (start, -0.5), (x, 1.0), (2.0 * x - start, -0.5)
+        rest, angle = self.constants.copy(), np.empty(len(self.nodes))
+        for y, weight in ends:
+            angles(self.nodes, y, angle)
+            rest[:, 0] += weight * angle
+        return replace(self, constants=rest)
+
+
 def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     """Bind the angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
     data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
-    return RigidCondition.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    return BoundHinges.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
 
 
 KERNELS = bound_condition.kernels(condition)

@@ -28,8 +28,7 @@ class MembraneLaw:
     """Base class of a membrane with a law of your own: write `law`, and `constants` if it has any.
 
     A subclass is a frozen dataclass with the parameters of the law as its fields, and is used as
-    `StVK` is: in a `System`, on P1 and P2, with every integrator (`EnergyMomentum` by the quotient
-    of Gonzalez, see `fecloth.terms.loops.membrane_discrete_gradient`), as the `law` of
+    `StVK` is: in a `System`, on P1 and P2, with every integrator, as the `law` of
     `StrainRateDamping`, with stresses in the output. The name of its class is the term's name.
 
     ``law(E, c)`` is a static method of the Green strain E = (E11, E22, E12) and the constants c of

@@ -12,12 +12,12 @@ from fecloth.compiled.calls import Call, Calls
 from fecloth.compiled.jit import Array, Zeros, specialise
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
-from fecloth.terms.loops import condition, condition_discrete_gradient
+from fecloth.terms.discrete_gradient import OverMean
+from fecloth.terms.loops import condition
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
-from fecloth.terms.loops.condition_discrete_gradient import DiscreteGradientKernels
 from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
-from fecloth.terms.protocol import BoundTerm, taken_from
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -28,16 +28,13 @@ class ConditionKernels(NamedTuple):
     power: Callable[..., float]
     add_force: Callable[..., None]
     add_tangent: Callable[..., None]
-    over_step: DiscreteGradientKernels
 
 
 def kernels(family: Callable[..., Any]) -> ConditionKernels:
     """The entry points of a family; each is compiled at its first call, or read from disk."""
     # `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
     templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
-    made = [specialise(template, condition=family) for template in templates]
-    over_step = condition_discrete_gradient.kernels(family)
-    return ConditionKernels._make([*made, over_step])
+    return ConditionKernels._make(specialise(each, condition=family) for each in templates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,58 +172,105 @@ class BoundCondition(BoundTerm):
 
 @dataclass(frozen=True, eq=False)
 class RigidCondition(BoundCondition):
-    """Conditions that no rigid motion changes."""
+    """Conditions that no rigid motion changes, C(x) less values at rest."""
 
     objective = True
+
+    def between(self, start: Array, x: Array) -> Self:
+        """The conditions with the values at rest for which C at x is ½ (C₀ + C₁).
+
+        The two ends of the step are at `start` and 2x − start.
+        """
+        raise NotImplementedError
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
         if not (step.at_mean and self.has_energy):
             return self
-        return OverStep(self, step.start, step.symmetric)
+        return OverMean(self, step.start, step.symmetric and self.symmetric, conserves=False)
 
 
-@dataclass(frozen=True, eq=False)
-class OverStep(BoundTerm):
-    """Conditions as they act over a step from `start` to 2x − start; their damping acts at x."""
+class LengthCondition(RigidCondition):
+    """Conditions on lengths and products of vectors e_r = Σ_a D_ra x_a.
 
-    condition: RigidCondition
-    start: np.ndarray
-    symmetric_elastic: bool
-
-    has_energy = False  # at x alone
-    conserves = True
-    name = taken_from("condition.name")
-    dissipative = velocity_dependent = taken_from("condition.dissipative")
+    With other values at rest the force at the mean of a step does the work of the energy.
+    """
 
     @property
-    def symmetric(self) -> bool:
-        return self.symmetric_elastic and self.condition.symmetric
+    def differences(self) -> Array:
+        """D (r, k) of all stencils, or (m, r, k)."""
+        raise NotImplementedError
 
-    @property
-    def _damping(self) -> BoundCondition:
-        return replace(self.condition, stiffness=np.zeros_like(self.condition.stiffness))
+    def rest_over_step(self, e0: Array, e: Array) -> Array:
+        """Constants (m, p) over a step with vectors (m, r, 3) e₀ at its begin and e at its mean."""
+        raise NotImplementedError
 
-    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f_a −= ḡ_a k_s C̄ + ∂C_a k_d Ċ [N]."""
-        bound, add = self.condition, self.condition.kernels.over_step.add_force
-        arrays = bound.nodes, bound.constants, bound.stiffness
-        bound.loop.add(by_part(add, bound.shape, arrays, self.start, x), f)
-        if self.dissipative:
-            self._damping.add_force(x, v, t, f)
+    def moduli_over_step(self, e0: Array, e: Array) -> Array:
+        """−∂f_r/∂e_s (m, r, r, 3, 3) of the force over the step."""
+        raise NotImplementedError
+
+    def vectors(self, x: Array) -> Array:
+        """(m, r, 3) e_r."""
+        e: Array = np.einsum("...ra,...ai->...ri", self.differences, x[self.nodes])
+        return e
+
+    def between(self, start: Array, x: Array) -> Self:
+        """The conditions whose force at x is the force over a step from `start` to 2x − start."""
+        constants = self.rest_over_step(self.vectors(start), self.vectors(x))
+        return replace(self, constants=constants)
+
+    def over_step(self, step: StepDifference) -> BoundTerm:
+        over = super().over_step(step)
+        if not isinstance(over, OverMean):
+            return over
+        return LengthsOverStep(self, step.start, over.symmetric, conserves=True)
+
+
+class LengthsOverStep(OverMean):
+    """Conditions on lengths over a step; their damping acts at the mean."""
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        bound, kernels = self.condition, self.condition.kernels.over_step
-        weights: tuple[float, ...] = (float(wx),)
-        add = kernels.add_tangent
-        if self.symmetric_elastic or definite:
-            add, weights = kernels.add_symmetric_tangent, (float(wx), bool(definite))
-        arrays = bound.nodes, bound.loop.slots, bound.constants, bound.stiffness
-        bound.loop.add_blocks(by_part(add, bound.shape, arrays, self.start, x, *weights), J)
+        if definite or self.symmetric:
+            super().add_tangent(x, v, t, wx, wv, J, definite)
+            return
+        term = self.term
+        D, M = term.differences, term.moduli_over_step(term.vectors(self.start), term.vectors(x))
+        blocks = np.einsum("...ra,...sb,...rsij->...abij", D, D, wx * M, optimize=True)
+        np.add.at(J.values, term.loop.slots, blocks)
         if self.dissipative:
-            self._damping.add_tangent(x, v, t, wx, wv, J, definite)
+            damping = replace(term, stiffness=np.zeros_like(term.stiffness))
+            damping.add_tangent(x, v, t, wx, wv, J, definite)
+
+
+# A spring with e₀, e and e₁ = 2e − e₀ at the begin, mean and end of a step and l₀ + l₁ = s has over
+# this step the force f = −k (1 − 2L/s) e. As 2 e · (e₁ − e₀) = l₁² − l₀², its work
+# −k (½ s − L) (l₁ − l₀) is the change of ½ k (l − L)² (Simo and Tarnow 1992, The Discrete
+# Energy–Momentum Method, ZAMP 43, for such a force along e).
+
+
+def mean_ratio(e0: Array, e: Array) -> Array:
+    """2 |e|/s of vectors (…, 3), which turns L into the length at rest for the force at e."""
+    l0, l, l1 = (np.linalg.norm(each, axis=-1) for each in (e0, e, 2.0 * e - e0))
+    return _quotient(2.0 * l, l0 + l1)
+
+
+def spring_modulus(L: Array, e0: Array, e: Array) -> Array:
+    """(1 − 2L/s) I + (4L/s²) e ⊗ e₁/l₁, −∂f/∂e of a spring of k = 1 over a step (…, 3, 3)."""
+    e1 = 2.0 * e - e0
+    l0, l1 = (np.linalg.norm(each, axis=-1) for each in (e0, e1))
+    s = l0 + l1
+    across, along = 1.0 - _quotient(2.0 * L, s), _quotient(4.0 * L, s * s * l1)
+    dyads: Array = (along[..., None] * e)[..., :, None] * e1[..., None, :]
+    dyads += across[..., None, None] * np.eye(3)
+    return dyads
+
+
+def _quotient(a: Array, b: Array) -> Array:
+    """a/b; 0 where b is 0."""
+    quotient: Array = np.divide(a, b, out=np.zeros_like(b), where=b > 0.0)
+    return quotient
 
 
 def _matrices(values: ArrayLike, m: int, r: int) -> np.ndarray:

@@ -55,12 +55,6 @@ def contract(C: Six, E: Three) -> Three:
 
 
 @inner
-def double_contraction(S: Three, E: Three) -> float:
-    """S : E."""
-    return S[0] * E[0] + S[1] * E[1] + 2.0 * S[2] * E[2]
-
-
-@inner
 def strain_rate(F: Six, H: Six) -> Three:
     """Ė = sym(FᵀḞ) with H = Ḟ."""
     F11, F21, F31, F12, F22, F32 = F

@@ -39,12 +39,13 @@ from fecloth.compiled.jit import Array
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
+from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
 from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
-from fecloth.terms.protocol import BoundTerm, taken_from
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
 
 
@@ -176,82 +177,33 @@ class BoundMembrane(BoundTerm):
         strain = replace(self.strain, rest=rest)
         return replace(self, kernels=kernels.rested, strain=strain)
 
+    def between(self, start: Array, x: Array) -> Self:
+        """The membrane whose strain at x is the mean Ē = ½ (E₀ + E₁) of `start` and 2x − start."""
+        return self.less(((1.0, x), (-0.5, start), (-0.5, 2.0 * x - start)))
+
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The membrane over a step at whose mean it is evaluated; otherwise itself."""
         if not step.at_mean:
             return self
-        kind = OverStep if isinstance(self.strain, PointwiseStrain) else OverMeanStrain
-        return kind(self, step.start, step.symmetric)
+        return OverMeanStrain(self, step.start, step.symmetric, self.kernels.is_quadratic)
 
 
-@dataclass(frozen=True, eq=False)
-class OverStep(BoundTerm):
-    """A membrane of the pointwise strain over a step from `start` to 2x − start."""
+class OverMeanStrain(OverMean):
+    """A membrane over a step, f = −Σ w S(Ē) : ∂E/∂x at the mean x.
 
-    membrane: BoundMembrane
-    start: np.ndarray
-    symmetric: bool
-
-    has_energy = False  # at x alone
-    conserves = True
-    name = taken_from("membrane.name")
-
-    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f −= Σ w F S̄ G_a [N]."""
-        membrane, start = self.membrane, self.start
-        add, (*elements, _) = membrane.kernels.over_step.add_force, membrane.elements
-        membrane.loop.add(by_part(add, membrane.strain.shape, elements, start, x), f)
-
-    def add_tangent(
-        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
-    ) -> None:
-        """J += wx K; the symmetric one has both B at x, the definite one S̄ clamped at zero."""
-        membrane, kernels = self.membrane, self.membrane.kernels.over_step
-        others: tuple[Any, ...] = self.start, x, float(wx)
-        add = kernels.add_tangent
-        if definite:
-            add, others = kernels.add_definite_tangent, (*others, 0.0)
-        elif self.symmetric:
-            add, others = kernels.add_symmetric_tangent, (*others, -math.inf)
-        nodes, *rest, _ = membrane.elements
-        arrays = nodes, membrane.loop.slots, *rest
-        membrane.loop.add_blocks(by_part(add, membrane.strain.shape, arrays, *others), J)
-
-
-@dataclass(frozen=True, eq=False)
-class OverMeanStrain(BoundTerm):
-    """A membrane of E_h over a step from `start` to 2x − start, with the mean of the end's strains.
-
-    E_h is quadratic in x. So the stress S(Ē) of the mean Ē = ½ (E₀ + E₁) with ∂E/∂x at the mean x
-    does the work of an energy quadratic in E. It is the energy of the membrane at x with a rest
-    strain for which E is Ē there.
+    E is quadratic in x, so that E₁ − E₀ = ∂E/∂x (x₁ − x₀): the work is the change of an energy
+    quadratic in E (Simo and Tarnow 1992, The Discrete Energy–Momentum Method, ZAMP 43).
     """
-
-    membrane: BoundMembrane
-    start: np.ndarray
-    symmetric: bool
-
-    has_energy = False  # at x alone
-    name = taken_from("membrane.name")
-    conserves = taken_from("membrane.kernels.is_quadratic")
-
-    def at(self, x: Array) -> BoundMembrane:
-        """The membrane whose strain at x is Ē."""
-        ends = (-0.5, self.start), (-0.5, 2.0 * x - self.start)
-        return self.membrane.less(((1.0, x), *ends))
-
-    def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
-        """f −= Σ w S(Ē) : ∂E/∂x [N]."""
-        self.at(x).add_force(x, v, t, f)
 
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
         """J += wx K; the symmetric one has both ∂E/∂x at x, the exact one the second at the end."""
+        membrane = self.term.between(self.start, x)
         if definite or self.symmetric:
-            self.at(x).add_tangent(x, v, t, wx, wv, J, definite)
+            membrane.add_tangent(x, v, t, wx, wv, J, definite)
         else:
-            self.at(x).add_mixed_tangent(x, x - self.start, float(wx), J)
+            membrane.add_mixed_tangent(x, x - self.start, float(wx), J)
 
 
 def bind(

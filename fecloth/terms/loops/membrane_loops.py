@@ -42,10 +42,8 @@ import numpy as np
 
 from fecloth.compiled.bodies import insert_bodies
 from fecloth.compiled.jit import Array, Zeros, specialise
-from fecloth.terms.loops import membrane_discrete_gradient
 from fecloth.terms.loops.green_strain import Six, Three, clamp
 from fecloth.terms.loops.kinds_of_strain import POINTWISE, RATE, REGGE, REGGE_RATE, RESTED, Kind
-from fecloth.terms.loops.membrane_discrete_gradient import DiscreteGradientKernels
 from fecloth.terms.loops.regge_strain import add_sample_stress, scatter_material, scatter_tension
 
 T = TypeVar("T")
@@ -250,11 +248,6 @@ class Kernels:
         return self if self.kind is REGGE else replace(self, kind=RESTED)
 
     rate, regge, regge_rate = of_kind(RATE), of_kind(REGGE), of_kind(REGGE_RATE)
-
-    @cached_property
-    def over_step(self) -> DiscreteGradientKernels:
-        """The loops of pointwise strains over a step of energy–momentum."""
-        return membrane_discrete_gradient.kernels(self.law, self.definite_law, self.is_quadratic)
 
     def make(self, template: Callable[..., T], law: Any) -> Callable[..., T]:
         """A template with a law and the kind of strain."""

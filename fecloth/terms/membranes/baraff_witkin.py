@@ -7,15 +7,17 @@ from typing import Annotated
 import numpy as np
 
 from fecloth import validation
-from fecloth.compiled.jit import inner
+from fecloth.compiled.jit import Array, inner
 from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import PER_VOLUME, PER_WIDTH, TIME
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.loops.bound_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import LengthCondition, mean_ratio, spring_modulus
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
+
+SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])  # 1 − δ_rs
 
 
 @dataclass(frozen=True)
@@ -122,13 +124,13 @@ class BaraffWitkin:
 
     stencil = element_nodes
 
-    def bind(self, panel: Panel, slots) -> RigidCondition:
+    def bind(self, panel: Panel, slots) -> LengthCondition:
         cloth = panel.cloth
         m, k = cloth.stencil.shape
         if k != 3:
             raise InputError(f"{cloth.element} triangles", "must be P1", "BaraffWitkin")
         scale = cloth.weights.sum(axis=1) ** self.area_exponent
-        rest = np.broadcast_to(self.rest, (m, 2))
+        rest = np.broadcast_to((*self.rest, 0.0), (m, 3))
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
         stiffness = np.array(panel.each(self.stiffness))
@@ -138,13 +140,36 @@ class BaraffWitkin:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundBaraffWitkin(RigidCondition):
-    """`BaraffWitkin` on a cloth; constants aᵖ, b_u, b_v, and the gradients (3, 2) row by row."""
+class BoundBaraffWitkin(LengthCondition):
+    """`BaraffWitkin` on a cloth; constants aᵖ, b_u, b_v, b_s = 0, gradients (3, 2) by rows."""
+
+    @property
+    def differences(self) -> Array:
+        """∂w_u/∂x and ∂w_v/∂x."""
+        return self.constants[:, 4:].reshape(-1, 3, 2).swapaxes(1, 2)
+
+    def rest_over_step(self, e0: Array, e: Array) -> Array:
+        """b_u, b_v as of springs along w_u, w_v; b_s so that w_u·w_v is the mean of both ends."""
+        rest = self.constants.copy()
+        rest[:, 1:3] *= mean_ratio(e0, e)
+        rest[:, 3] = -np.sum(np.prod(e - e0, axis=1), axis=1)
+        return rest
+
+    def moduli_over_step(self, e0: Array, e: Array) -> Array:
+        """a²ᵖ times k_u, k_v on the diagonal, and k_s (w̃_r ⊗ w̃₁_s + S̄ (1 − δ_rs) I), w̃_u = w_v."""
+        k = np.einsum("err->er", self.stiffness) * self.constants[:, :1] ** 2
+        S = np.sum(np.prod(e, axis=1), axis=1) - self.rest_over_step(e0, e)[:, 3]
+        other = e[:, ::-1, None, :, None] * (2.0 * e - e0)[:, None, ::-1, None, :]
+        shear = other + S[:, None, None, None, None] * np.einsum("rs,ij->rsij", SWAP, np.eye(3))
+        moduli: Array = k[:, 2, None, None, None, None] * shear
+        stretch = k[:, :2, None, None] * spring_modulus(self.constants[:, 1:3], e0, e)
+        moduli[:, [0, 1], [0, 1]] += stretch
+        return moduli
 
     def add_stress(self, x, out) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²]: S = ∂W/∂E with |w_u|² = 1 + 2 E11."""
         c, k = self.constants, np.einsum("err->er", self.stiffness)
-        wu, wv = np.einsum("eai,eaj->jei", x[self.nodes], c[:, 3:].reshape(-1, 3, 2))
+        wu, wv = self.vectors(x).swapaxes(0, 1)
         length = np.stack([np.linalg.norm(wu, axis=1), np.linalg.norm(wv, axis=1)], axis=1)
         area = self.area
         k = k * (c[:, 0] ** 2 / area)[:, None]
@@ -156,14 +181,14 @@ class BoundBaraffWitkin(RigidCondition):
     @property
     def area(self) -> np.ndarray:
         """(m,) reference areas, from the gradients: 1 / (2 A) = |∂N₁ × ∂N₂|."""
-        G = self.constants[:, 3:].reshape(-1, 3, 2)
+        G = self.constants[:, 4:].reshape(-1, 3, 2)
         return 0.5 / np.abs(G[:, 0, 0] * G[:, 1, 1] - G[:, 0, 1] * G[:, 1, 0])
 
 
 @inner
 def conditions(y, c, order, C, g, H):
-    """C = aᵖ (|w_u| − b_u, |w_v| − b_v, w_u·w_v) with w_u = Σ y_a G_a1, w_v = Σ y_a G_a2."""
-    scale, G = c[0], c[3:]
+    """C = aᵖ (|w_u| − b_u, |w_v| − b_v, w_u·w_v − b_s), w_u = Σ y_a G_a1, w_v = Σ y_a G_a2."""
+    scale, G = c[0], c[4:]
     wu = (
         y[0, 0] * G[0] + y[1, 0] * G[2] + y[2, 0] * G[4],
         y[0, 1] * G[0] + y[1, 1] * G[2] + y[2, 1] * G[4],
@@ -177,7 +202,7 @@ def conditions(y, c, order, C, g, H):
     lu = math.sqrt(wu[0] * wu[0] + wu[1] * wu[1] + wu[2] * wu[2])
     lv = math.sqrt(wv[0] * wv[0] + wv[1] * wv[1] + wv[2] * wv[2])
     C[0], C[1] = scale * (lu - c[1]), scale * (lv - c[2])
-    C[2] = scale * (wu[0] * wv[0] + wu[1] * wv[1] + wu[2] * wv[2])
+    C[2] = scale * (wu[0] * wv[0] + wu[1] * wv[1] + wu[2] * wv[2] - c[3])
     if order == 0:
         return
     iu, iv = (1.0 / lu if lu > 0.0 else 0.0), (1.0 / lv if lv > 0.0 else 0.0)

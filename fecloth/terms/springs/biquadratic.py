@@ -8,15 +8,15 @@ import math
 
 import numpy as np
 
-from fecloth.compiled.jit import inner
+from fecloth.compiled.jit import Array, inner
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.loops import bound_condition
-from fecloth.terms.loops.bound_condition import RigidCondition
+from fecloth.terms.loops.bound_condition import LengthCondition
 
 
-def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
+def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
     cloth = panel.cloth
     corners = cloth.X[cloth.stencil]
@@ -28,7 +28,27 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> RigidCondition:
     k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
     k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
     data = cloth.stencil, square, k, damping * k
-    return RigidCondition.bind("Springs", KERNELS, (1, 1, 1), panel, slots, *data, tangent=tangent)
+    return BoundSides.bind("Springs", KERNELS, (1, 1, 1), panel, slots, *data, tangent=tangent)
+
+
+class BoundSides(LengthCondition):
+    """The sides of the triangles; the constants are L_i²."""
+
+    differences = np.roll(np.eye(3), 2, axis=1) - np.roll(np.eye(3), 1, axis=1)
+
+    def rest_over_step(self, e0: Array, e: Array) -> Array:
+        """L_i² − |e_i − e₀_i|², for which C_i at the mean is the mean of both ends."""
+        rest: Array = self.constants - np.sum((e - e0) ** 2, axis=2)
+        return rest
+
+    def moduli_over_step(self, e0: Array, e: Array) -> Array:
+        """4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I."""
+        C = np.sum(e * e, axis=2) - self.rest_over_step(e0, e)
+        tension = 2.0 * (self.stiffness @ C[..., None]) * np.eye(3)
+        dyads = e[:, :, None, :, None] * (2.0 * e - e0)[:, None, :, None, :]
+        moduli: Array = 4.0 * self.stiffness[..., None, None] * dyads
+        moduli += tension[..., None, None] * np.eye(3)
+        return moduli
 
 
 def _lame(fabric: Fabric) -> np.ndarray:
