@@ -6,6 +6,8 @@ from conftest import rough
 from support.over_step import energy_momentum as over_step
 
 import fecloth as fc
+from fecloth.terms.bending.hinge import hinge_angles
+from fecloth.terms.loops.bound_condition import mean_ratio, spring_modulus
 
 # steps are coarse and meshes small by intent
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -150,6 +152,23 @@ def test_the_force_of_the_mean_strain_has_its_tangent(cloth, term, symmetric):
     assert over.bound[0].conserves == (type(term) is not fc.NeoHookean)
     if over.bound[0].conserves:
         assert abs(work) < 1e-12 * np.abs(f).sum()
+
+
+def test_hinges_have_the_mean_of_the_angles_of_both_ends():
+    """As the force at the mean with another angle at rest, for which θ there is that mean."""
+    system, start, end = one(CLOTH, fc.HingeBending(rest=0.2))
+    before, at, after = (hinge_angles(CLOTH, x) for x in (start, (start + end) / 2, end))
+    other = fc.HingeBending(rest=tuple(0.2 + at - (before + after) / 2))
+    assert np.abs(at - (before + after) / 2).max() > 1e-3
+    state = system.state((start + end) / 2)
+    expected = fc.System(CLOTH, FABRIC, [other]).force(state)
+    np.testing.assert_allclose(near(system, start, state.x), expected, rtol=0, atol=1e-15)
+
+
+def test_springs_of_no_length_have_no_force_over_a_step():
+    zero = np.zeros((1, 3))
+    assert mean_ratio(zero, zero) == 0.0
+    np.testing.assert_array_equal(spring_modulus(np.ones(1), zero, zero)[0], np.eye(3))
 
 
 def test_a_step_that_only_turns_the_cloth_is_not_corrected():
