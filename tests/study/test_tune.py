@@ -21,7 +21,7 @@ from fecloth.study.result import Table
 from fecloth.study.run_problems import Runs
 from fecloth.study.tuning.choices import Bench, Choice, problem_with
 from fecloth.study.tuning.curves import cost_curve, error_curve, error_of_finest
-from fecloth.study.tuning.prediction import cheapest, most_accurate
+from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.result import Tuned
 from fecloth.study.tuning.space_errors import drop_to_neighbours
 from fecloth.study.tuning.tune import drop_terms
@@ -118,7 +118,7 @@ def test_the_cheapest_setting_is_the_closed_form_of_power_laws(space, in_time):
     """Of a/x² + b/n² = T the least x² n has a/x² = 2 b/n²."""
     tolerance = 1e-3
     x, n = math.sqrt(1.5 * space / tolerance), math.sqrt(3 * in_time / tolerance)
-    found = cheapest(predict(space, in_time), tolerance)[0]
+    found = Goal(tolerance).candidates(predict(space, in_time), 1.0)[0]
     assert found.seconds == pytest.approx(1e-6 * x**2 * n, rel=0.3)
     assert found.seconds >= 0.999 * 1e-6 * x**2 * n
     assert 0.7 * tolerance < found.error <= tolerance
@@ -126,9 +126,9 @@ def test_the_cheapest_setting_is_the_closed_form_of_power_laws(space, in_time):
 
 def test_with_a_budget_the_error_is_the_least_within_it():
     prediction = predict(1.0, 10.0)
-    best = most_accurate(prediction, 0.1)[0]
+    best = Goal(budget=0.1 / 0.9).candidates(prediction)[0]
     assert best.seconds <= 0.1
-    assert cheapest(prediction, 0.9 * best.error)[0].seconds > 0.1
+    assert Goal(0.9 * best.error).candidates(prediction, 1.0)[0].seconds > 0.1
 
 
 def test_seconds_that_differ_by_noise_change_no_choice():
@@ -142,7 +142,7 @@ def test_seconds_that_differ_by_noise_change_no_choice():
             choice=replace(mesh.choice, pattern="cross"),
             seconds=mesh.seconds.scaled(factor),
         )
-        firsts.append(cheapest(replace(found, meshes=(mesh, other)), 1e-3)[0].choice)
+        firsts.append(Goal(1e-3).candidates(replace(found, meshes=(mesh, other)), 1.0)[0].choice)
     assert firsts[0] == firsts[1]
 
 

@@ -12,11 +12,10 @@ from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import run_problems, status
 from fecloth.study.tuning import choices, time_errors
-from fecloth.study.tuning.answer import Yardstick, answer, choose_yardstick
 from fecloth.study.tuning.choices import Choice
-from fecloth.study.tuning.proof import Proof
+from fecloth.study.tuning.prediction import Goal
+from fecloth.study.tuning.proof import Proof, Yardstick, answer, choose_yardstick
 from fecloth.study.tuning.result import summarise
-from fecloth.study.tuning.search import Goal
 from fecloth.study.tuning.shared_steps import blame_steps, shorten_steps
 from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
 

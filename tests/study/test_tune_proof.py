@@ -10,6 +10,7 @@ from support.power_laws import Listed, PowerLaws, candidate, known_run, listed, 
 from fecloth.study.problems import FunctionProblem
 from fecloth.study.tuning import proof as proof_module
 from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.proof import (
     Proof,
     between,
@@ -20,7 +21,7 @@ from fecloth.study.tuning.proof import (
     untried,
     verify,
 )
-from fecloth.study.tuning.search import Goal, _first_meshes, _refine_once
+from fecloth.study.tuning.search import _first_meshes, _refine_once
 
 
 def true_error(run):

@@ -15,7 +15,7 @@ from fecloth.study.tuning import tune as tune_module
 from fecloth.study.tuning.choices import Choice, meshes_to_try, problem_with
 from fecloth.study.tuning.corrections import measure_growth
 from fecloth.study.tuning.curves import error_curve
-from fecloth.study.tuning.search import Goal
+from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.shared_steps import prefer, shared_run
 from fecloth.study.tuning.space_errors import (
     Mesh,

@@ -16,34 +16,29 @@ from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, size_of
 from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.chart_grid import ALL_METHODS, ELEMENTS, change_names, known_names
-from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
+from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
 from fecloth.study.setups import table_of_grading
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 
 SEARCH, COSTLY = 60.0, 6.0  # CPU time [s] of a search, and of a run that it can do without
-CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One setting."""
+    """One setting; "", None and () stand for what the problem has."""
 
-    # "P1" or "P2"; the pattern of the mesh, "" where it has none.
-    element: str = ""
-    pattern: str = ""
-    h: float | None = None  # edge length [m]; None for the mesh of the problem
-    # The method, and its number of equal steps or its tolerance [1/s]. Without both, explicit
-    # methods go near their stability limit. "" is the method of the problem.
+    element: str = ""  # "P1" or "P2"
+    pattern: str = ""  # of the mesh; "" also where it has none
+    h: float | None = None  # edge length [m]
     method: str = ""
-    steps: int | None = None
-    rtol: float | None = None
-    linear: str = ""  # the linear solver; "" for the solver of the problem
-    # Divides a fixed tolerance of the nonlinear solver; None for the solver of the problem.
-    sharper: float | None = None
-    grading: tuple[Grading, ...] = ()  # places with smaller triangles; () as in the problem
+    steps: int | None = None  # equal ones; without steps and rtol explicit methods take their limit
+    rtol: float | None = None  # [1/s]
+    linear: str = ""  # the linear solver
+    sharper: float | None = None  # divides a fixed tolerance of the nonlinear solver
+    grading: tuple[Grading, ...] = ()  # places with smaller triangles
 
     @property
     def is_explicit(self) -> bool:
@@ -54,65 +49,48 @@ class Choice:
     def mesh(self) -> tuple[str, str, tuple[Grading, ...]]:
         return self.element, self.pattern, self.grading
 
-    @property
-    def rule(self) -> tuple[str, bool]:
-        """Method, and whether rtol chooses the steps."""
-        return self.method, self.rtol is not None
-
     def __str__(self) -> str:
-        graded = "graded" if self.grading else ""
-        mesh = " ".join(part for part in (self.element, self.pattern, graded) if part)
+        mesh = self.element, self.pattern, "graded" if self.grading else ""
         size = f"h = {1e3 * self.h:.3g} mm" if self.h else ""
         how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
         how = amount(self.steps, "step") if self.steps else how
-        parts = (mesh, size, self.method, how, self.linear)
         exact = "sharper tolerance" if self.sharper else ""
-        return ", ".join(part for part in (*parts, exact) if part)
+        parts = (" ".join(filter(None, mesh)), size, self.method, how, self.linear, exact)
+        return ", ".join(filter(None, parts))
 
+    def with_half_of_h(self) -> "Choice":
+        assert self.h is not None
+        return replace(self, h=float(f"{self.h / 2:.6g}"))
 
-def own_choice(opened: Problem) -> Choice:
-    """Return the element, the pattern and h of the problem itself."""
-    if isinstance(opened, FunctionProblem):
-        return Choice(h=opened.h)
-    cloth = opened.scene.cloth
-    pattern = cloth.pattern if cloth.shape == "rectangle" else ""
-    return Choice(cloth.element, pattern, cloth.h)
+    def with_half_of_dt(self) -> "Choice":
+        return replace(self, steps=2 * (self.steps or 1))
 
 
 def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
     """Return the elements and patterns of a problem, its own pattern first."""
-    # Other patterns are tried with the first element only: on P2 they differ less.
-    own = own_choice(opened)
+    # Other patterns are tried with the first element only: on P2 they differ less. They have as
+    # many triangles as the scene's own.
     if isinstance(opened, FunctionProblem):
-        return [replace(own, element=element) for element in elements or ("",)]
+        return [Choice(element, h=opened.h) for element in elements or ("",)]
+    cloth = opened.scene.cloth
+    own, h = cloth.pattern if cloth.shape == "rectangle" else "", cloth.h
     chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
-    patterns = dict.fromkeys([own.pattern, *PATTERNS]) if own.pattern else {"": None}
-    return [
-        replace(own, element=element, pattern=pattern, h=_same_triangles(own, pattern))
-        for pattern in patterns
-        for element in (chosen if pattern == own.pattern else chosen[:1])
-    ]
-
-
-def _same_triangles(own: Choice, pattern: str) -> float | None:
-    """Return the edge length with which a pattern has as many triangles as the scene's own."""
-    if own.h is None or pattern == own.pattern:
-        return own.h
-    count = [TRIANGLES.get(name, EQUILATERAL) for name in (pattern, own.pattern)]
-    return own.h * math.sqrt(count[0] / count[1])
+    choices = []
+    for pattern in dict.fromkeys([own, *PATTERNS]) if own else [""]:
+        count = [TRIANGLES.get(name, EQUILATERAL) for name in (pattern, own)]
+        size = h if h is None or pattern == own else h * math.sqrt(count[0] / count[1])
+        tried = chosen if pattern == own else chosen[:1]
+        choices += [Choice(element, pattern, size) for element in tried]
+    return choices
 
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
     """Return the methods of a problem; [""] where there is none to choose."""
-    if opened.span is None:
-        if methods:
-            remedy = "Leave the methods out."
-            raise InputError(
-                f"methods = {methods!r}", "an equilibrium has no method", "tune", remedy
-            )
-        return [""]
-    if isinstance(opened, FunctionProblem):
-        return list(methods) if methods else [""]
+    if opened.span is None and methods:
+        words = f"methods = {methods!r}", "an equilibrium has no method"
+        raise InputError(*words, "tune", "Leave the methods out.")
+    if opened.span is None or isinstance(opened, FunctionProblem):
+        return list(methods or [""])
     if methods:
         return known_names("method", methods, ALL_METHODS)
     own = opened.scene.time.method.type
@@ -136,27 +114,17 @@ def change_of(opened: Problem, choice: Choice) -> Change:
         names = {"method": choice.method, "element": choice.element}
         dt = opened.t_end / choice.steps if choice.steps and opened.t_end else opened.dt
         return Change(values={"h": choice.h, "dt": dt} | {k: v for k, v in names.items() if v})
-    return Change(edits=(*_steps_of(opened, choice).edits, partial(_set_mesh_and_solver, choice)))
-
-
-def _steps_of(opened: SceneProblem, choice: Choice) -> Change:
-    """Return the change to the element, the method and the steps of a choice."""
-    names: dict = {"element": choice.element or opened.scene.cloth.element, "model": ""}
+    names = {"element": choice.element or opened.scene.cloth.element, "model": ""}
     names["method"] = choice.method or "equilibrium"  # keeps its time as it is
-    if choice.rtol:
-        names["rtol"] = choice.rtol
-    elif choice.steps and opened.span:
-        names["dt"] = opened.span / choice.steps
-    return change_names(opened, names)
+    steps = {"dt": opened.span / choice.steps} if choice.steps and opened.span else {}
+    in_time = change_names(opened, names | ({"rtol": choice.rtol} if choice.rtol else steps))
+    return Change(edits=(*in_time.edits, partial(_set_mesh_and_solver, choice)))
 
 
 def _set_mesh_and_solver(choice: Choice, tables: dict) -> dict:
-    if choice.pattern:
-        tables["cloth"]["pattern"] = choice.pattern
-    if choice.h is not None:
-        tables["cloth"]["h"] = choice.h
-    if choice.grading:
-        tables["cloth"]["grading"] = list(map(table_of_grading, choice.grading))
+    grading = list(map(table_of_grading, choice.grading))
+    values = {"pattern": choice.pattern, "h": choice.h, "grading": grading}
+    tables["cloth"] |= {name: value for name, value in values.items() if value}
     if choice.linear:
         tables.setdefault("solver", {})["linear"] = choice.linear
     if choice.is_explicit:
@@ -235,8 +203,7 @@ class Bench:
         except InputError as error:
             return failure(REFUSED, error)
         if size.seconds > (self.runs.most_seconds or math.inf):
-            cause = f"it would take about {in_words(size.seconds)}, too long"
-            return failure(REFUSED, cause)
+            return failure(REFUSED, f"it would take about {in_words(size.seconds)}, too long")
         return Point(problem, Level(sharper=choice.sharper), str(choice), size)
 
     def within(self, seconds: float) -> "Bench":
@@ -278,13 +245,14 @@ class Bench:
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
             size, whole = size_of(quantity, record), size_of_vector(quantity, trial)
             is_unknown = errors is not None and errors[k] > 1 and size < SMALL * whole
-            if not size > max(ZERO, NOTHING * whole) or is_unknown:
-                remedy = "Choose another quantity, or its path or maximum over the run."
-                if whole:
-                    what = f"{quantity} is {size:.2g}, where the whole vector is {whole:.2g}"
-                    allowed = "as by symmetry, and has no relative error"
-                    raise InputError(f"{what}: it is zero", allowed, "tune", remedy)
-                raise InputError(f"{quantity} = 0", "has no relative error", "tune", remedy)
+            if size > max(ZERO, NOTHING * whole) and not is_unknown:
+                continue
+            what, allowed = f"{quantity} = 0", "has no relative error"
+            if whole:
+                what = f"{quantity} is {size:.2g}, where the whole vector is {whole:.2g}"
+                what, allowed = f"{what}: it is zero", f"as by symmetry, and {allowed}"
+            remedy = "Choose another quantity, or its path or maximum over the run."
+            raise InputError(what, allowed, "tune", remedy)
 
 
 def size_of_vector(quantity: Quantity, trial: Trial) -> float:

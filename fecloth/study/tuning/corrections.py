@@ -2,15 +2,14 @@
 
 import math
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
 from fecloth.study.change import Change
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.tuning.choices import COSTLY, Bench, Trial
-from fecloth.study.tuning.prediction import Candidate, Prediction
-from fecloth.study.tuning.search import Goal
-from fecloth.study.tuning.shared_steps import half_of_h
+from fecloth.study.tuning.prediction import Candidate, Goal, Prediction
 
 BEST = 3  # candidates that are looked at
 COUNTS = 0.2  # part of the predicted error from which the error in time matters
@@ -31,15 +30,12 @@ def measure_growth(
     # the largest power. The runs are added to `search`.
     times = prediction.times
     candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
-    implicit = [
-        trial
-        for trial in times.trials
-        if trial.is_ok and trial.choice.steps and not trial.choice.is_explicit
-    ]
+    able = [run for run in times.trials if run.is_ok and run.choice.steps]
+    implicit = [run for run in able if not run.choice.is_explicit]
     if not candidates or not implicit or prediction.coarse.choice.h is None:
         return prediction
     reference = min(implicit, key=lambda run: float(bench.distance(times.reference, run).max()))
-    (finest,) = bench.run([half_of_h(reference.choice)])
+    (finest,) = bench.run([reference.choice.with_half_of_h()])
     search.append(finest)
     growth = dict(prediction.growth)
     for candidate in candidates:
@@ -47,12 +43,11 @@ def measure_growth(
         trial = candidate.rule.trials[int(np.argmin(apart))]
         if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
             continue
-        (finer,) = bench.run([half_of_h(trial.choice)])
+        (finer,) = bench.run([trial.choice.with_half_of_h()])
         search.append(finer)
         if finer.is_ok:
-            before = float(bench.distance(reference, trial).max())
-            after = float(bench.distance(finest, finer).max())
-            power = math.log(after / before) / math.log(finer.edges / trial.edges)
+            ratio = bench.distance(finest, finer).max() / bench.distance(reference, trial).max()
+            power = math.log(ratio) / math.log(finer.edges / trial.edges)
             growth[candidate.rule.key] = float(np.clip(power, 0.0, MOST))
     most = max(growth.values(), default=0.0)
     others = {rule.key: most for rule in times.rules if rule.kind in ("steps", "rtol")}
@@ -81,18 +76,17 @@ def time_candidates(
         return prediction
     if PART * first.seconds > COSTLY:
         return prediction
-    tried = {name: _seconds(bench, replace(first, linear=name), search) for name in LINEAR}
-    name = min(tried, key=lambda name: tried[name])
-    if tried[name] >= FASTER * first.seconds:
+    tried = [(_seconds(bench, replace(first, linear=name), search), name) for name in LINEAR]
+    seconds, name = min(tried, key=itemgetter(0))
+    if seconds >= FASTER * first.seconds:
         return prediction
-    return replace(prediction.with_seconds(first, tried[name]), linear={first.key: name})
+    return replace(prediction.with_seconds(first, seconds), linear={first.key: name})
 
 
 def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:
     """Return the seconds of a candidate from a short run; infinite if that fails."""
     choice = candidate.choice
-    steps = choice.steps or FEWEST / PART
-    part = min(max(PART, FEWEST / steps), 1.0)
+    part = min(max(PART, FEWEST / (choice.steps or FEWEST / PART)), 1.0)
     short = replace(bench, opened=shorten(bench.opened, part), quantities=())
     if choice.steps:
         choice = replace(choice, steps=max(round(part * choice.steps), 1))

@@ -44,11 +44,10 @@ def error_curve(
     """Return errors that do not grow with x, with their order beyond the measured ones."""
     # `apart` are distances to a reference, and `left` is its own error, which is added. An error
     # smaller than the error of a finer run is small by chance: the finer run's replaces it. The
-    # order beyond is the order between the last two runs, but at least 1/2 and at most the theory;
-    # below the first run it is the order between the first two, but at least 1.
-    order = np.argsort(x)
-    sizes, values = np.asarray(x, dtype=float)[order], np.asarray(apart, dtype=float)[order] + left
-    values = np.maximum.accumulate(values[::-1])[::-1]
+    # order of the last two runs holds beyond them, but is at least 1/2 and at most the theory; the
+    # order of the first two holds below them, but is at least 1.
+    sizes, values = _sorted(x, apart)
+    values = np.maximum.accumulate((values + left)[::-1])[::-1]
     slope = first = -CAREFUL * theory
     if len(sizes) > 1:
         powers = np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
@@ -68,10 +67,8 @@ def clear_orders(
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
         at = np.flatnonzero(is_clear)
         if len(at) > 1:
-            coarsest, finest = at[0], at[-1]
-            orders[k] = math.log(errors[coarsest, k] / errors[finest, k]) / math.log(
-                x[finest] / x[coarsest]
-            )
+            a, b = at[0], at[-1]
+            orders[k] = math.log(errors[a, k] / errors[b, k]) / math.log(x[b] / x[a])
     return np.clip(orders, LOWEST, theory)
 
 
@@ -107,12 +104,15 @@ def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: f
     """Return seconds over a size; beyond the measured runs their power lies in [low, high]."""
     # A run that takes longer than a finer one does so by chance, as the first one of a process,
     # which loads compiled code: the seconds of the finer run replace its seconds.
-    order = np.argsort(x)
-    sizes = np.asarray(x, dtype=float)[order]
-    values = np.maximum(np.asarray(seconds, dtype=float)[order], 1e-6)
-    values = np.minimum.accumulate(values[::-1])[::-1]
+    sizes, values = _sorted(x, seconds)
+    values = np.minimum.accumulate(np.maximum(values, 1e-6)[::-1])[::-1]
     power = (low + high) / 2
     if len(sizes) > 1:
         power = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))
     power = min(max(power, low), high)
     return Curve(sizes, values[:, None], power, power)
+
+
+def _sorted(x: Sequence[float], values: Sequence) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(x)
+    return np.asarray(x, dtype=float)[order], np.asarray(values, dtype=float)[order]

@@ -1,12 +1,13 @@
 """The cheapest setting that should meet a tolerance, from measured errors and seconds."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from fecloth.study.tuning.choices import Choice, Trial
+from fecloth.study.tuning.choices import SEARCH, Choice, Trial
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors, key_of, size_of
 
@@ -16,6 +17,9 @@ LONGER, SHORTER = 1.0, 64.0  # times the measured numbers of steps
 NOISE = 1.1  # times the least seconds: settings whose order the measured seconds do not tell
 NODES_OF_P2 = 2.0  # per edge, over the nodes of P1
 P2_STEPS = 2.0  # explicit steps on P2 over the steps on P1 with the same triangles
+MARGIN = 0.75  # part of the tolerance that predicted errors may take
+IN_TIME = 0.9  # part of the budget that predicted seconds may take
+TIMES = 3.0  # times the CPU time of the tuned run: what its search may take if this is longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,38 +54,17 @@ class Candidate:
 class Prediction:
     """Errors and seconds of all meshes and methods."""
 
-    # What was measured.
     meshes: Sequence[Mesh]
     times: TimeErrors
     coarse: Trial  # the run that the measurements of methods and meshes share
-    # Error that no mesh and no step changes: of the solver and of left-out terms.
-    other: float = 0.0
-    # Measured over predicted seconds, by `Candidate.key`.
+    other: float = 0.0  # error that no mesh and no step changes: of the solver and left-out terms
+    # Measured over predicted seconds, and the fastest linear solver, by `Candidate.key`.
     factors: Mapping[tuple, float] = field(default_factory=dict)
-    # The fastest linear solver, by `Candidate.key`.
     linear: Mapping[tuple, str] = field(default_factory=dict)
-    # Power of √triangles with which errors in time grow, by method and kind of rule: finer meshes
-    # have shorter waves.
+    # Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have shorter
+    # waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
     dropped: frozenset[tuple] = frozenset()  # `Candidate.key` of what is not tried again
-
-    def in_order(self, is_allowed: Callable, rank: Callable) -> list[Candidate]:
-        """Return the best candidate of each mesh and rule, the best of all first."""
-        # `is_allowed` and `rank` take arrays of errors and seconds. Of candidates whose ranks
-        # differ by less than `NOISE`, the most accurate comes first: errors have no noise.
-
-        def place(candidate: Candidate) -> float:
-            return float(rank(candidate.error + self.other, candidate.seconds))
-
-        tried = [self._best_of(mesh, rule, is_allowed, rank) for mesh, rule in self.pairs()]
-        allowed = [candidate for candidate in tried if candidate is not None]
-        limit = NOISE * min(map(place, allowed), default=0.0)
-
-        def order(candidate: Candidate) -> tuple[bool, float]:
-            is_close = place(candidate) <= limit
-            return not is_close, candidate.error if is_close else place(candidate)
-
-        return sorted(allowed, key=order)
 
     def with_seconds(self, candidate: Candidate, seconds: float) -> "Prediction":
         """Return the prediction with the measured seconds of a candidate."""
@@ -90,9 +73,8 @@ class Prediction:
 
     def without(self, candidate: Candidate, on_all_meshes: bool = False) -> "Prediction":
         """Return the prediction without the rule of a candidate on its mesh, or on all meshes."""
-        rule = candidate.rule
         meshes = self.meshes if on_all_meshes else [candidate.mesh]
-        keys = {(*mesh.choice.mesh, *rule.key) for mesh in meshes}
+        keys = {(mesh.choice.mesh, *candidate.rule.key) for mesh in meshes}
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
@@ -105,40 +87,29 @@ class Prediction:
             for mesh in self.meshes
             for rule in self.times.rules
             if (mesh.choice.element != "P2" or (rule.kind == "limit") == lumped)
-            and (*mesh.choice.mesh, *rule.key) not in self.dropped
+            and (mesh.choice.mesh, *rule.key) not in self.dropped
         ]
 
-    def _best_of(
-        self, mesh: Mesh, rule: Rule, is_allowed: Callable, rank: Callable
-    ) -> Candidate | None:
+    def settings_of(self, mesh: Mesh, rule: Rule) -> tuple[np.ndarray, ...]:
+        """Return m settings of a mesh and a rule: edges, x, (m, q) errors in space, time; seconds.
+
+        They lie on a grid of sizes from below to above the measured ones.
+        """
+        is_p2, coarse = mesh.choice.element == "P2", self.coarse
         edges = _sizes(mesh.errors.x, COARSER, FINER) if mesh.choice.h else mesh.errors.x[-1:]
         fixed = rule.kind in ("limit", "static")
         x = np.array([1.0]) if fixed else _sizes(rule.errors.x, LONGER, SHORTER)
-        i, j = (index.ravel() for index in np.meshgrid(range(len(edges)), range(len(x))))
-        at_edges, at_x = edges[i], x[j]
+        edges, x = (values.ravel() for values in np.meshgrid(edges, x))
         if rule.kind == "limit":
-            more = P2_STEPS if mesh.choice.element == "P2" else 1.0
-            if self.coarse.choice.element == "P2":
-                more = 1.0
-            at_x = more * at_edges / self.coarse.edges
+            more = P2_STEPS if is_p2 and coarse.choice.element != "P2" else 1.0
+            x = more * edges / coarse.edges
         elif rule.kind == "steps":
-            at_x = np.ceil(at_x)
-        space = mesh.errors(at_edges)
-        nodes = at_edges * (NODES_OF_P2 if mesh.choice.element == "P2" else 1.0)
-        finer = np.maximum(nodes / self.coarse.edges, 1.0)
-        in_time = rule.errors(at_x) * finer[:, None] ** self.growth.get(rule.key, 0.0)
-        per_step = mesh.seconds(at_edges)[:, 0] / (self.coarse.seconds / self.coarse.steps)
-        key = mesh.choice.mesh, *rule.key
-        seconds = rule.seconds(at_x)[:, 0] * per_step * self.factors.get(key, 1.0)
-        error = (space + in_time).max(axis=1) + self.other
-        allowed = np.flatnonzero(is_allowed(error, seconds))
-        if not len(allowed):
-            return None
-        ranks = rank(error[allowed], seconds[allowed])
-        close = allowed[ranks <= NOISE * ranks.min()]
-        k = close[np.argmin(error[close])]
-        sizes, linear = (float(at_edges[k]), float(at_x[k])), self.linear.get(key, "")
-        return Candidate(mesh, rule, *sizes, space[k], in_time[k], float(seconds[k]), linear)
+            x = np.ceil(x)
+        finer = np.maximum(edges * (NODES_OF_P2 if is_p2 else 1.0) / coarse.edges, 1.0)
+        in_time = rule.errors(x) * finer[:, None] ** self.growth.get(rule.key, 0.0)
+        per_step = mesh.seconds(edges)[:, 0] / (coarse.seconds / coarse.steps)
+        factor = self.factors.get((mesh.choice.mesh, *rule.key), 1.0)
+        return edges, x, mesh.errors(edges), in_time, rule.seconds(x)[:, 0] * per_step * factor
 
     def error_in_time(self, trial: Trial) -> np.ndarray:
         """Return the (q,) predicted error in time of a run on any mesh."""
@@ -151,17 +122,62 @@ class Prediction:
 
 def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return sizes from below to above the measured ones, in equal ratios."""
-    coarsest, finest = low * measured[0], high * measured[-1]
-    return np.geomspace(
-        coarsest, finest, math.ceil(math.log(finest / coarsest) / math.log(FINE)) + 1
-    )
+    ends = low * measured[0], high * measured[-1]
+    return np.geomspace(*ends, math.ceil(math.log(ends[1] / ends[0]) / math.log(FINE)) + 1)
 
 
-def cheapest(prediction: Prediction, tolerance: float) -> list[Candidate]:
-    """Return the candidates that should meet a tolerance, the cheapest first."""
-    return prediction.in_order(lambda error, _: error <= tolerance, lambda _, seconds: seconds)
+@dataclass(frozen=True)
+class Goal:
+    """What is asked for: the largest error, or the longest CPU time [s]; the other is infinite."""
 
+    tolerance: float = math.inf
+    budget: float = math.inf
 
-def most_accurate(prediction: Prediction, budget: float) -> list[Candidate]:
-    """Return the candidates that should take at most `budget` [s], the most accurate first."""
-    return prediction.in_order(lambda _, seconds: seconds <= budget, lambda error, _: error)
+    @property
+    def has_budget(self) -> bool:
+        return math.isfinite(self.budget)
+
+    @property
+    def scale(self) -> float:
+        """The tolerance; with a budget 1 %, for which the runs of the search are fine enough."""
+        return 0.01 if math.isinf(self.tolerance) else self.tolerance
+
+    def limit(self, candidates: Sequence[Candidate]) -> float:
+        """Return the CPU time that the search may take [s]."""
+        if self.has_budget:
+            return max(SEARCH, TIMES * self.budget)
+        return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
+
+    def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
+        """Return the predicted candidate of each mesh and rule, the best first.
+
+        They are the cheapest within `margin` times the tolerance, or the most accurate within the
+        budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
+        have no noise.
+        """
+
+        def rank(error: Any, seconds: Any) -> Any:
+            return error if self.has_budget else seconds
+
+        chosen = []
+        for mesh, rule in prediction.pairs():
+            edges, x, space, in_time, seconds = prediction.settings_of(mesh, rule)
+            error = (space + in_time).max(axis=1) + prediction.other
+            fits = seconds <= IN_TIME * self.budget
+            allowed = np.flatnonzero(fits if self.has_budget else error <= margin * self.tolerance)
+            if not len(allowed):
+                continue
+            ranks = rank(error[allowed], seconds[allowed])
+            close = allowed[ranks <= NOISE * ranks.min()]
+            k = close[np.argmin(error[close])]
+            numbers = float(edges[k]), float(x[k]), space[k], in_time[k], float(seconds[k])
+            linear = prediction.linear.get((mesh.choice.mesh, *rule.key), "")
+            chosen.append(Candidate(mesh, rule, *numbers, linear))
+        places = [rank(each.error + prediction.other, each.seconds) for each in chosen]
+        limit = NOISE * min(places, default=0.0)
+
+        def order(pair: tuple[Candidate, float]) -> tuple[bool, float]:
+            candidate, place = pair
+            return place > limit, candidate.error if place <= limit else place
+
+        return [each for each, _ in sorted(zip(chosen, places, strict=True), key=order)]

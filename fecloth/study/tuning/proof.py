@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fecloth.study.tuning.choices import Bench, Choice, Trial
-from fecloth.study.tuning.prediction import Candidate, Prediction
-from fecloth.study.tuning.search import KNOWN, Goal
-from fecloth.study.tuning.space_errors import SpaceErrors, unsampled
+from fecloth.study.tuning.choices import Bench, Choice, Trial, each_once
+from fecloth.study.tuning.prediction import Candidate, Goal, Prediction
+from fecloth.study.tuning.search import KNOWN
+from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, unsampled
 from fecloth.study.uncertainty import SAFE
 
 FINER = 1.4  # times the √triangles of a tuned run: the verifying run has at least so many
@@ -18,6 +18,10 @@ ROUNDS = 3  # verifying runs at most
 TRIES, CLOSE = 8, 0.9  # of cheaper settings; part of the tolerance that their errors may take
 CHEAPER = 0.85  # times the seconds: what a cheaper setting should at most cost
 SLOWER = 5.0  # measured over predicted seconds, that a prediction is corrected by at most
+NEARLY = 1.5  # times the least error: runs that are as accurate
+FASTER = 0.9  # times the seconds of the proved setting: what another run must at most take
+TIMED = 3  # runs, of the cheapest, whose seconds are measured with care
+Errors = Mapping[str, np.ndarray]  # (q,) errors by their causes
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,7 @@ class Proof:
     trial: Trial
     candidate: Candidate | None  # None if the run was not predicted
     finer: Trial | None  # the verifying run; None if it failed
-    parts: Mapping[str, np.ndarray]  # the error by its cause, (q,) each
+    parts: Errors
     why: str = ""  # why the error is not known; "" if it is
     search: tuple[Trial, ...] = ()  # all runs but the verifying one
 
@@ -40,24 +44,22 @@ class Proof:
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
-    """What says how large the error of a run is."""
+class Yardstick:
+    """A run, and what is left of its own error, (q,)."""
 
-    bench: Bench
-    goal: Goal
-    other: Mapping[str, np.ndarray]  # errors that no mesh and no step changes, by cause, (q,) each
-    # The best run of the search, and its own error, (q,).
-    reference: Trial
+    run: Trial
     left: np.ndarray
 
-    def attempt(self, candidate: Candidate, trial: Trial) -> Proof:
-        """Return the error of a run, beside the best run of the search if that one serves."""
-        # It must be finer, and its own error small; otherwise a finer setting is run.
-        is_finer = self.reference.edges >= FINER * trial.edges
-        is_known = self.left.max() <= KNOWN * self.goal.scale
-        if is_finer and is_known:
-            return beside(self, candidate, trial)
-        return verify(self.bench, candidate, trial, self.other)
+    def error(self, bench: Bench, trial: Trial) -> np.ndarray:
+        """Return the (q,) largest error that a run may have."""
+        return bench.distance(self.run, trial) + self.left
+
+
+def verifying(bench: Bench, proof: Proof, error: np.ndarray) -> Yardstick:
+    """Return the verifying run with what is left in it of an `error` of the tuned run."""
+    assert proof.finer is not None
+    left = np.maximum(error - bench.distance(proof.finer, proof.trial), 0.0)
+    return Yardstick(proof.finer, left)
 
 
 def prove(
@@ -65,30 +67,32 @@ def prove(
     prediction: Prediction,
     goal: Goal,
     search: Sequence[Trial],
-    other: Mapping[str, np.ndarray],
+    other: Errors,
     space: SpaceErrors,
 ) -> Proof | None:
     """Run the best candidate beside a finer one; try again where it is far off."""
-    # Return None if no candidate can meet the goal.
-    left = space.error + prediction.error_in_time(space.reference)
-    judge = Judge(bench, goal, other, space.reference, left)
-    attempts: list[Proof] = []
-    runs: Sequence[Trial] = list(search)
+    # Return None if no candidate can meet the goal. The best run of the search serves as the finer
+    # one if it is finer and its own error is small.
+    stick = Yardstick(space.reference, space.error + prediction.error_in_time(space.reference))
+    is_known = stick.left.max() <= KNOWN * goal.scale
+    attempts, runs = list[Proof](), list(search)
     for _ in range(ROUNDS):
         candidates = untried(goal.candidates(prediction), attempts)
-        if not candidates:
-            break
-        if attempts and bench.spent(others(runs, attempts[-1])) > goal.limit(candidates):
+        is_late = attempts and bench.spent(others(runs, attempts[-1])) > goal.limit(candidates)
+        if not candidates or is_late:
             break
         (trial,) = bench.run([candidates[0].choice], timed=True)
-        runs = [*runs, trial]
+        runs.append(trial)
         if not trial.is_ok:
             is_method = candidates[0].rule.kind != "static"
             prediction = prediction.without(candidates[0], on_all_meshes=is_method)
             continue
-        proof = judge.attempt(candidates[0], trial)
+        if is_known and stick.run.edges >= FINER * trial.edges:
+            proof = beside(bench, stick, candidates[0], trial, other)
+        else:
+            proof = verify(bench, candidates[0], trial, other)
         attempts.append(proof)
-        runs = [*runs, proof.finer] if proof.finer else runs
+        runs += [proof.finer] if proof.finer else []
         if proof.why or proof.meets(goal):
             break
         prediction = corrected(prediction, proof)
@@ -96,12 +100,11 @@ def prove(
         return None
     proof = stated(attempts, goal)
     if not proof.why and proof.meets(goal) and goal.tolerance < math.inf:
-        proof, runs = cheaper(judge, prediction, proof, runs)
+        proof = cheaper(bench, prediction, goal, proof, runs)
     return replace(proof, search=others(runs, proof))
 
 
 def others(runs: Sequence[Trial], proof: Proof) -> tuple[Trial, ...]:
-    """Return the runs but the verifying one."""
     return tuple(run for run in runs if run is not proof.finer)
 
 
@@ -113,29 +116,23 @@ def untried(candidates: Sequence[Candidate], proofs: Iterable[Proof]) -> list[Ca
 
 def stated(attempts: Sequence[Proof], goal: Goal) -> Proof:
     """Return the last attempt, or the one with the least error where the last is not enough."""
-    if attempts[-1].error <= goal.tolerance:
-        return attempts[-1]
-    return min(attempts, key=lambda proof: proof.error)
+    is_enough = attempts[-1].error <= goal.tolerance
+    return attempts[-1] if is_enough else min(attempts, key=lambda proof: proof.error)
 
 
-def beside(judge: Judge, candidate: Candidate, trial: Trial) -> Proof:
-    """Return the error of a run as its distance to the reference, plus the error of that run."""
-    total = judge.bench.distance(judge.reference, trial) + judge.left
-    parts = divided(total, candidate) | dict(judge.other)
-    return Proof(trial, candidate, judge.reference, parts)
-
-
-def divided(total: np.ndarray, candidate: Candidate) -> dict[str, np.ndarray]:
-    """Return an error divided in space and time, as the parts were predicted."""
-    if candidate.rule.kind == "static":
-        return {"space": total}
-    both = candidate.space + candidate.time
-    return {"space": total * candidate.space / both, "time": total * candidate.time / both}
-
-
-def verify(
-    bench: Bench, candidate: Candidate, trial: Trial, other: Mapping[str, np.ndarray]
+def beside(
+    bench: Bench, stick: Yardstick, candidate: Candidate, trial: Trial, other: Errors
 ) -> Proof:
+    """Return the error of a run beside a yardstick, divided as its parts were predicted."""
+    total = stick.error(bench, trial)
+    parts = {"space": total}
+    if candidate.rule.kind != "static":
+        both = candidate.space + candidate.time
+        parts = {"space": total * candidate.space / both, "time": total * candidate.time / both}
+    return Proof(trial, candidate, stick.run, parts | dict(other))
+
+
+def verify(bench: Bench, candidate: Candidate, trial: Trial, other: Errors) -> Proof:
     """Run a finer setting and return the error of the run by its causes.
 
     With the part ε of an error that is left in the finer run, the distance d of both is (1 − ε) of
@@ -150,8 +147,7 @@ def verify(
         why = f"the verifying run ({choice}) failed: {cause}"
         return Proof(trial, candidate, None, parts, why)
     part = np.max(list(left.values()), axis=0)
-    change = bench.distance(finer, trial)
-    total = change * (1 + SAFE * part / (1 - part)) + unsampled(bench, finer)
+    total = bench.distance(finer, trial) * (1 + SAFE * part / (1 - part)) + unsampled(bench, finer)
     predicted = sum((parts[name] for name in left), np.zeros(len(total)))
     parts |= {name: total * parts[name] / predicted for name in left}
     return Proof(trial, candidate, finer, parts)
@@ -160,41 +156,20 @@ def verify(
 def finer_choice(candidate: Candidate) -> tuple[Choice, dict[str, np.ndarray]]:
     """Return the choice of a verifying run, and the part of each refined error left in it."""
     # It refines each cause that counts; if none of these can be refined, the mesh, or the steps.
-    least = COUNTS * max(candidate.error, 1e-300)
-    choice = candidate.choice
-    refined = {}
-    if candidate.time.max() >= least:
-        refined["time"] = _shorter_steps(candidate)
-    if candidate.space.max() >= least or refined.get("time") is None:
-        refined["space"] = _finer_mesh(candidate)
-    left = {}
-    for name, finer in refined.items():
-        if finer is not None:
-            changes, left[name] = finer
-            choice = replace(choice, **changes)
+    least, choice = COUNTS * max(candidate.error, 1e-300), candidate.choice
+    order, left = candidate.rule.errors.order, dict[str, np.ndarray]()
+    in_time = candidate.time.max() >= least
+    if in_time and choice.rtol:
+        choice, left["time"] = replace(choice, rtol=choice.rtol / 4), 4.0**-order
+    elif in_time and choice.steps:
+        choice, left["time"] = choice.with_half_of_dt(), 2.0**-order
+    if choice.h and (candidate.space.max() >= least or not left):
+        ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
+        choice = replace(choice, h=choice.h / ratio)
+        left["space"] = ratio**-candidate.mesh.errors.order
     if not left:
-        steps = 2 * (choice.steps or 1)
-        return replace(choice, steps=steps), {"time": 0.5 * np.ones(len(candidate.time))}
+        return choice.with_half_of_dt(), {"time": 0.5 * np.ones(len(candidate.time))}
     return choice, left
-
-
-def _finer_mesh(candidate: Candidate) -> tuple[dict, np.ndarray] | None:
-    """Return the change of the choice, and the part of the error that is left; None without h."""
-    choice = candidate.choice
-    if not choice.h:
-        return None
-    ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
-    return {"h": choice.h / ratio}, ratio**-candidate.mesh.errors.order
-
-
-def _shorter_steps(candidate: Candidate) -> tuple[dict, np.ndarray] | None:
-    """Return the change of the choice, and the part left; None where steps follow the mesh."""
-    choice, order = candidate.choice, candidate.rule.errors.order
-    if choice.rtol:
-        return {"rtol": choice.rtol / 4}, 4.0**-order
-    if choice.steps:
-        return {"steps": 2 * choice.steps}, 2.0**-order
-    return None
 
 
 def corrected(prediction: Prediction, proof: Proof) -> Prediction:
@@ -205,58 +180,50 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     space = proof.parts["space"] / candidate.space
     in_time = proof.parts.get("time", candidate.time) / candidate.time
 
-    def correction(mesh) -> np.ndarray | float:
+    def correct(mesh: Mesh) -> Mesh:
         if mesh.choice.element != candidate.choice.element:
-            return 1.0
-        return space if mesh is candidate.mesh else np.maximum(space, 1.0)
+            return mesh
+        factor = space if mesh is candidate.mesh else np.maximum(space, 1.0)
+        return replace(mesh, errors=mesh.errors.scaled(factor))
 
-    meshes = tuple(
-        replace(mesh, errors=mesh.errors.scaled(correction(mesh))) for mesh in prediction.meshes
-    )
-    rules = tuple(
-        replace(rule, errors=rule.errors.scaled(in_time)) if rule is candidate.rule else rule
-        for rule in prediction.times.rules
-    )
+    changed = replace(candidate.rule, errors=candidate.rule.errors.scaled(in_time))
+    rules = tuple(changed if it is candidate.rule else it for it in prediction.times.rules)
     ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 1 / SLOWER, SLOWER))
-    times = replace(prediction.times, rules=rules)
     prediction = prediction.with_seconds(candidate, ratio * candidate.seconds)
+    meshes, times = tuple(map(correct, prediction.meshes)), replace(prediction.times, rules=rules)
     return replace(prediction, meshes=meshes, times=times)
 
 
 def cheaper(
-    judge: Judge, prediction: Prediction, proof: Proof, runs: Sequence[Trial]
-) -> tuple[Proof, Sequence[Trial]]:
-    """Try cheaper settings beside the verifying run; return the cheapest proof, and all runs."""
-    assert proof.finer is not None
-    both = proof.parts["space"] + proof.parts.get("time", 0.0)
-    left = np.maximum(both - judge.bench.distance(proof.finer, proof.trial), 0.0)
-    judge = replace(judge, reference=proof.finer, left=left)
+    bench: Bench, prediction: Prediction, goal: Goal, proof: Proof, runs: list[Trial]
+) -> Proof:
+    """Try cheaper settings beside the verifying run; return the cheapest proof, add to `runs`."""
+    other = {name: part for name, part in proof.parts.items() if name not in ("space", "time")}
+    stick = verifying(bench, proof, proof.parts["space"] + proof.parts.get("time", 0.0))
     tried = [proof]
     for _ in range(TRIES):
-        candidates, prediction = next_candidates(judge.goal, prediction, proof, tried)
+        candidates, prediction = next_candidates(goal, prediction, proof, tried)
         if not candidates or candidates[0].seconds > CHEAPER * proof.trial.seconds:
             break
-        if judge.bench.spent(others(runs, proof)) + candidates[0].seconds > judge.goal.limit(
-            candidates
-        ):
+        spent = bench.spent(others(runs, proof)) + candidates[0].seconds
+        if spent > goal.limit(candidates):
             break
-        (trial,) = judge.bench.run([candidates[0].choice], timed=True)
-        runs = [*runs, trial]
+        (trial,) = bench.run([candidates[0].choice], timed=True)
+        runs.append(trial)
         if not trial.is_ok:
             prediction = prediction.without(candidates[0])
             continue
-        tried.append(beside(judge, candidates[0], trial))
-        if tried[-1].error <= judge.goal.tolerance and trial.seconds < proof.trial.seconds:
+        tried.append(beside(bench, stick, candidates[0], trial, other))
+        if tried[-1].error <= goal.tolerance and trial.seconds < proof.trial.seconds:
             proof = tried[-1]
-    return proof, runs
+    return proof
 
 
 def next_candidates(
     goal: Goal, prediction: Prediction, proof: Proof, tried: Sequence[Proof]
 ) -> tuple[list[Candidate], Prediction]:
     """Return the settings to try next, the best first, and the prediction as now corrected."""
-    # After a setting whose error is too large, one halfway to it is tried, or another mesh or
-    # method.
+    # After an error that is too large a setting halfway is tried, or another mesh or method.
     latest = tried[-1]
     assert latest.candidate is not None
     prediction = corrected(prediction, latest)
@@ -277,3 +244,65 @@ def between(proof: Proof, failed: Proof) -> list[Candidate]:
     middle["x"] = math.ceil(middle["x"]) if fine.rule.kind == "steps" else float(middle["x"])
     seconds = math.sqrt(proof.trial.seconds * failed.trial.seconds)
     return [replace(fine, seconds=seconds, **middle)]
+
+
+def choose_yardstick(
+    bench: Bench, proof: Proof | None, reference: Trial, left: np.ndarray
+) -> Yardstick:
+    """Return the verifying run, or the best run of the search if less is left in that one."""
+    if proof and proof.finer and not proof.why:
+        stick = verifying(bench, proof, sum(proof.parts.values(), np.zeros(len(left))))
+        if stick.left.max() <= left.max():
+            return stick
+    return Yardstick(reference, left)
+
+
+def answer(
+    bench: Bench,
+    goal: Goal,
+    prediction: Prediction,
+    yardstick: Yardstick,
+    proof: Proof | None,
+    runs: Sequence[Trial],
+    why: str,
+    is_open: bool = False,
+) -> Proof:
+    """Return the cheapest run that meets the goal; else what can be had, and `why` not more.
+
+    With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
+    come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
+    accurate runs, with a budget the fastest run.
+    """
+    rows = [run for run in each_once(runs) if run.is_ok and run.records and not run.choice.sharper]
+    errors = {run.choice: float(yardstick.error(bench, run).max()) for run in rows}
+    proved = proof if proof is not None and not proof.why and proof.meets(goal) else None
+
+    def place(run: Trial) -> float:
+        return errors[run.choice] if goal.has_budget else run.seconds
+
+    most = math.inf
+    if proved:
+        most = proved.error if goal.has_budget else FASTER * proved.trial.seconds
+    able = [run for run in rows if errors[run.choice] <= goal.tolerance]
+    able = [run for run in able if run.seconds <= goal.budget and place(run) < most]
+    for run in [] if is_open else sorted(able, key=place)[:TIMED]:
+        (timed,) = bench.run([run.choice], timed=True)
+        slow = proved and not goal.has_budget and timed.seconds > proved.trial.seconds
+        if timed.is_ok and timed.seconds <= goal.budget and not slow:
+            return _measured(prediction, yardstick, bench, timed)
+    if proved and not is_open:
+        return proved
+    least = math.inf if goal.has_budget else NEARLY * min(errors.values())
+    accurate = [run for run in rows if errors[run.choice] <= least]
+    fastest = min(accurate, key=lambda run: run.seconds)
+    return replace(_measured(prediction, yardstick, bench, fastest), why=why)
+
+
+def _measured(prediction: Prediction, stick: Yardstick, bench: Bench, run: Trial) -> Proof:
+    """Return a run with its error, divided in space and time as the time was predicted."""
+    total = stick.error(bench, run)
+    parts = {"space": total}
+    if run.choice.method:
+        in_time = np.minimum(prediction.error_in_time(run), total)
+        parts = {"space": total - in_time, "time": in_time}
+    return Proof(run, None, stick.run if stick.run.choice != run.choice else None, parts)

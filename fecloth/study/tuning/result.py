@@ -14,8 +14,8 @@ from fecloth.study.problems import SceneProblem
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import FAILED, LATE
 from fecloth.study.tuning.choices import Bench, Trial, change_of, each_once
+from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.proof import Proof
-from fecloth.study.tuning.search import Goal
 
 OTHER_TERMS = "other terms"  # runs of another model, which the figure leaves out
 

@@ -2,24 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.result import in_percent
-from fecloth.study.tuning.choices import (
-    COSTLY,
-    SEARCH,
-    Bench,
-    Choice,
-    Trial,
-    meshes_to_try,
-    problem_with,
-)
-from fecloth.study.tuning.prediction import Candidate, Prediction, cheapest, most_accurate
-from fecloth.study.tuning.shared_steps import half_of_h
+from fecloth.study.tuning import choices
+from fecloth.study.tuning.choices import COSTLY, SEARCH, Bench, Choice, Trial, problem_with
+from fecloth.study.tuning.prediction import MARGIN, Candidate, Goal, Prediction
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, graded_choices, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.workload import count_triangles, in_words
@@ -27,54 +19,26 @@ from fecloth.study.workload import count_triangles, in_words
 COARSE = 128  # triangles of the first runs
 P2_COARSER = 2.0  # h of P2 over h of P1 in the first runs: these have as many nodes
 TRIES, RATIO = 5, 1.6  # finer meshes until a shape with small parts can be meshed; their ratio
-MARGIN = 0.75  # part of the tolerance that predicted errors may take
-IN_TIME = 0.9  # part of the budget that predicted seconds may take
 KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
 EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
-TIMES = 3.0  # times the CPU time of the tuned run: what its search may take if this is longer
 RESERVE = 5.0  # s of the search: for what follows the meshes
 DEARER = 6.0  # times the seconds: a run with half of h
 QUICK = 0.2  # s: the seconds of such a run are measured more than once
 SHARE = 0.7  # part of the time left that the next mesh may take
 
 
-@dataclass(frozen=True)
-class Goal:
-    """What is asked for: the largest error, or the longest CPU time [s]; the other is infinite."""
-
-    tolerance: float = math.inf
-    budget: float = math.inf
-
-    @property
-    def scale(self) -> float:
-        """The tolerance; with a budget 1 %, for which the runs of the search are fine enough."""
-        return self.tolerance if math.isfinite(self.tolerance) else 0.01
-
-    def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
-        """Return the predicted candidates, the best first; `margin` is a part of the tolerance."""
-        if math.isfinite(self.budget):
-            return most_accurate(prediction, IN_TIME * self.budget)
-        return cheapest(prediction, margin * self.tolerance)
-
-    def limit(self, candidates: Sequence[Candidate]) -> float:
-        """Return the CPU time that the search may take [s]."""
-        if math.isfinite(self.budget):
-            return max(SEARCH, TIMES * self.budget)
-        return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
-
-
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
     """Return the elements and patterns with about `COARSE` triangles; finer where it must be."""
-    listed = meshes_to_try(opened, elements)
+    listed = choices.meshes_to_try(opened, elements)
     if listed[0].h is None:
         return listed
     if isinstance(opened, FunctionProblem):
         triangles = float(len(opened.first.cloth.triangles))
     else:
         triangles = count_triangles(opened.scene)
-    by = math.sqrt(triangles / COARSE)
     for k in range(TRIES + 1):
-        scaled = [_scaled(choice, by / RATIO**k) for choice in listed]
+        by = math.sqrt(triangles / COARSE) / RATIO**k
+        scaled = [_scaled(choice, by) for choice in listed]
         try:
             problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
             break
@@ -84,9 +48,8 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
 
 
 def _scaled(choice: Choice, by: float) -> Choice:
-    assert choice.h is not None
     factor = P2_COARSER if choice.element == "P2" else 1.0
-    return replace(choice, h=float(f"{factor * by * choice.h:.3g}"))
+    return replace(choice, h=float(f"{factor * by * (choice.h or 0.0):.3g}"))
 
 
 def measure_meshes(
@@ -115,23 +78,23 @@ def measure_meshes(
             return space, prediction
         if seconds_of_next(mesh, coarse) > SHARE * seconds_left:
             return space, prediction
-        trials += bench.within(seconds_left).run([half_of_h(mesh.trials[-1].choice)])
+        trials += bench.within(seconds_left).run([mesh.trials[-1].choice.with_half_of_h()])
         if not trials[-1].is_ok:
             return space, prediction
 
 
 def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list[Trial]:
     """Run all meshes with the steps of the coarse run."""
-    steps = {key: getattr(coarse.choice, key) for key in ("method", "steps", "rtol")}
-    started = [replace(mesh, **steps) for mesh in meshes]
-    trials = [coarse]
     if coarse.seconds > COSTLY:
-        return trials
-    others = [choice for choice in started if choice.mesh != coarse.choice.mesh]
-    trials += bench.run(others, timed=coarse.seconds < QUICK)
-    if coarse.choice.h is None:
-        return trials
-    return trials + bench.run(graded_choices(bench.opened, trials))
+        return [coarse]
+    own = coarse.choice
+    others = [
+        replace(mesh, method=own.method, steps=own.steps, rtol=own.rtol)
+        for mesh in meshes
+        if mesh.mesh != own.mesh
+    ]
+    trials = [coarse, *bench.run(others, timed=coarse.seconds < QUICK)]
+    return trials + (bench.run(graded_choices(bench.opened, trials)) if own.h is not None else [])
 
 
 def _refine_once(
@@ -141,8 +104,7 @@ def _refine_once(
     known = {run.choice: run for run in done if run.is_ok}
     refined = []
     for trial in trials:
-        choice = half_of_h(trial.choice)
-        is_own = trial.choice.mesh == coarse.choice.mesh
+        choice, is_own = trial.choice.with_half_of_h(), trial.choice.mesh == coarse.choice.mesh
         if choice in known:
             refined.append(known[choice])
         elif trial.is_ok and (is_own or DEARER * trial.seconds <= COSTLY):
@@ -154,8 +116,8 @@ def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[floa
     """Return the theoretical orders of the quantities in h; of P1 where P2 is not tried."""
     chosen = next((mesh for mesh in meshes if mesh.element == element), meshes[0])
     try:
-        problem = problem_with(bench.opened, chosen)
-        return [problem.orders(quantity)[0] for quantity in bench.quantities]
+        orders = problem_with(bench.opened, chosen).orders
+        return [orders(quantity)[0] for quantity in bench.quantities]
     except InputError:  # the terms refuse the element
         return [2.0] * len(bench.quantities)
 
@@ -167,8 +129,7 @@ def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -
     # first candidate, if that is far finer than what was run.
     if not candidates or space.error.max() > KNOWN * goal.scale:
         return space.rival or space.most_accurate
-    first = candidates[0]
-    return first.mesh if is_extrapolated(first) else None
+    return candidates[0].mesh if is_extrapolated(candidates[0]) else None
 
 
 def is_extrapolated(candidate: Candidate) -> bool:
@@ -194,43 +155,36 @@ def obstacle_of(
             "the mesh has no h, so it is not refined, and its error in space counts as 100 %; "
             "a .geo file with h in [cloth] can be refined"
         )
+    causes = "; ".join(space.reference.row["obstacles"])
+    causes = f": {causes}" if causes else ""
     if space.stalls(bench, goal.scale):
-        return f"finer meshes do not come closer to each other{_causes(space)}"
+        return f"finer meshes do not come closer to each other{causes}"
     candidates = goal.candidates(prediction)
     if not candidates:
-        return _why_none(space, prediction, goal)
+        return _why_none(space, prediction, goal, causes)
     first, known = candidates[0], float(space.error.max())
+    seconds = f"in about {in_words(first.seconds)}"
     if first.seconds > (most or math.inf):
-        return f"{first.choice} should meet it, in about {in_words(first.seconds)}: too long"
+        return f"{first.choice} should meet it, {seconds}: too long"
     if known > goal.tolerance and is_extrapolated(first):
-        return (
-            f"the best meshes that were run still differ by {in_percent(known)}; {first.choice} "
-            f"may meet it, in about {in_words(first.seconds)}"
-        )
+        differ = f"the best meshes that were run still differ by {in_percent(known)}"
+        return f"{differ}; {first.choice} may meet it, {seconds}"
     return ""
 
 
-def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal) -> str:
+def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal, causes: str) -> str:
     """Return why no setting is predicted to meet the goal: its time, the solver or the mesh."""
     if math.isfinite(goal.budget):
         return f"no setting is predicted to take less than {goal.budget:g} s"
-    allowed = MARGIN * goal.tolerance
+    allowed, mesh = MARGIN * goal.tolerance, space.most_accurate
+    if not math.isfinite(prediction.other):
+        return "the error of the gaps of contact is not known: a run with half of them failed"
     if prediction.other > allowed:
-        if not math.isfinite(prediction.other):
-            return "the error of the gaps of contact is not known: a run with half of them failed"
         left = in_percent(prediction.other)
         return f"the solver's tolerance, changed terms and gaps alone make an error of {left}"
-    mesh = space.most_accurate
     error = mesh.errors.y[-1]
     if error.max() <= allowed:
         return "the error in time of all methods is predicted to be larger"
-    finer = float(((error / allowed) ** (1 / mesh.errors.order)).max())
-    return (
-        f"it needs a mesh about {finer:.2g} times finer than {mesh.trials[-1].choice}, the finest "
-        f"that the time of the search allows{_causes(space)}"
-    )
-
-
-def _causes(space: SpaceErrors) -> str:
-    causes = "; ".join(space.reference.row["obstacles"])
-    return f": {causes}" if causes else ""
+    finer = f"{float(((error / allowed) ** (1 / mesh.errors.order)).max()):.2g} times finer"
+    finest = f"{mesh.trials[-1].choice}, the finest that the time of the search allows{causes}"
+    return f"it needs a mesh about {finer} than {finest}"

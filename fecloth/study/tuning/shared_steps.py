@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from functools import partial
 from operator import attrgetter
 
 from fecloth.integrators import METHODS
@@ -29,19 +29,11 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
     # mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
     # lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
     # taken; if there is none, the most accurate.
-
-    def error(trial: Trial) -> float:
-        return float((bench.distance(times.reference, trial) + times.error).max())
+    error = partial(_error_in_time, bench, times)
 
     def damps_short_waves(trial: Trial) -> bool:
         method = METHODS.get(trial.choice.method)
         return method is None or method().traits.at_infinity != 1
-
-    def is_accurate(trial: Trial) -> bool:
-        return error(trial) <= tolerance
-
-    def is_accurate_and_implicit(trial: Trial) -> bool:
-        return is_accurate(trial) and not trial.choice.is_explicit
 
     def is_calm(trial: Trial) -> bool:
         return error(trial) <= CALM * tolerance
@@ -50,14 +42,18 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
         return not choice.rtol and not (choice.is_explicit and choice.steps)
 
     able = [trial for trial in times.trials if trial.is_ok and fits_all_meshes(trial.choice)]
-    rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_calm]
+    rules = [
+        damps_short_waves,
+        lambda trial: error(trial) <= tolerance,
+        lambda trial: error(trial) <= tolerance and not trial.choice.is_explicit,
+        is_calm,
+    ]
     preferred = prefer(able, by=rules)
     return min(preferred, key=attrgetter("seconds") if is_calm(preferred[0]) else error)
 
 
-def half_of_h(choice: Choice) -> Choice:
-    assert choice.h is not None
-    return replace(choice, h=float(f"{choice.h / 2:.6g}"))
+def _error_in_time(bench: Bench, times: TimeErrors, trial: Trial) -> float:
+    return float((bench.distance(times.reference, trial) + times.error).max())
 
 
 def shorten_steps(
@@ -68,28 +64,22 @@ def shorten_steps(
     # would disagree. Return the run on the coarse mesh with these steps, and all further runs.
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
         return coarse, []
-    known = float((bench.distance(times.reference, coarse) + times.error).max())
-    choice, runs = half_of_h(coarse.choice), list[Trial]()
+    known = _error_in_time(bench, times, coarse)
+    choice, runs = coarse.choice.with_half_of_h(), list[Trial]()
     finer = bench.run([choice])
     for _ in range(HALVINGS):
         if finer[-1].is_ok and finer[-1].seconds > COSTLY / 2:
             break
-        choice = with_half_of_dt(choice)
+        choice = choice.with_half_of_dt()
         finer += bench.run([choice])
-        allowed = max(CALM * tolerance, MORE * known)
-        if error_of_steps(bench, *finer[-2:]) <= allowed:
+        if error_of_steps(bench, *finer[-2:]) <= max(CALM * tolerance, MORE * known):
             break
-        (shorter,) = bench.run([with_half_of_dt(coarse.choice)])
+        (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
         runs.append(shorter)
         if not shorter.is_ok:
             break
         coarse, known = shorter, known / 2 ** order_of(coarse.choice.method)
     return coarse, [*finer, *runs]
-
-
-def with_half_of_dt(choice: Choice) -> Choice:
-    """Return the choice with twice as many steps."""
-    return replace(choice, steps=2 * (choice.steps or 1))
 
 
 def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
@@ -108,7 +98,7 @@ def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> tuple[boo
     runs: list[Trial] = []
     for run in [space.reference, *others[:1]]:
         if run.choice.steps and not run.choice.is_explicit and 2 * run.seconds <= COSTLY:
-            runs += bench.run([with_half_of_dt(run.choice)])
+            runs += bench.run([run.choice.with_half_of_dt()])
             if error_of_steps(bench, run, runs[-1]) > MORE * CALM * tolerance:
                 return True, runs
     return False, runs

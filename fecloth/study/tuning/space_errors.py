@@ -7,7 +7,8 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.quantity_values import size_of
+from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.quantity_values import RunRecord, size_of
 from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.run_problems import end_of
@@ -26,12 +27,10 @@ PARTS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a P2 triangle: corner
 class Mesh:
     """An element with a pattern: errors in space and seconds of a step over √triangles."""
 
-    # The element, the pattern and h of its coarsest run, with the steps of all its runs.
-    choice: Choice
-    # Curves over √triangles.
-    errors: Curve
-    seconds: Curve
-    trials: tuple[Trial, ...]  # the runs, coarse to fine
+    choice: Choice  # of its coarsest run; all runs have these steps
+    errors: Curve  # over √triangles
+    seconds: Curve  # over √triangles
+    trials: tuple[Trial, ...]  # coarse to fine
 
     def choose(self, edges: float) -> Choice:
         """Return the choice whose mesh has about `edges`² triangles."""
@@ -50,9 +49,8 @@ class SpaceErrors:
     meshes: tuple[Mesh, ...]
     reference: Trial  # the best known run
     error: np.ndarray  # its own error, (q,)
-    trials: tuple[Trial, ...]  # all runs
-    # The other mesh if the error is mostly what the two best meshes differ by.
-    rival: Mesh | None = None
+    trials: tuple[Trial, ...]
+    rival: Mesh | None = None  # the other mesh if the two best mostly make the error by differing
 
     @property
     def most_accurate(self) -> Mesh:
@@ -79,42 +77,33 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     # `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
     able = [trial for trial in trials if trial.is_ok]
     kinds = curves.grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
-    theory = [orders[int(runs[0].choice.element == "P2")] for runs in kinds]
-    finest = [(runs[-1], _own_error(bench, runs, p)) for runs, p in zip(kinds, theory, strict=True)]
-    ranked = sorted(finest, key=lambda pair: pair[1].max())
-    reference, own = ranked[0]
-    other = ranked[1] if len(ranked) > 1 else None
-    error = np.maximum(own, _disagreement(bench, reference, own, other))
+
+    def theory(runs: Sequence[Trial]) -> np.ndarray:
+        return orders[int(runs[0].choice.element == "P2")]
+
+    finest = [(runs[-1], _own_error(bench, runs, theory(runs))) for runs in kinds]
+    (reference, own), *others = sorted(finest, key=lambda pair: pair[1].max())
+    error = own
+    for trial, its_error in others[:1]:  # they may differ by more than their errors
+        apart = bench.distance(reference, trial) - DISTRUST * (own + its_error)
+        error = np.fmax(own, apart)
     meshes = []
-    for runs, order in zip(kinds, theory, strict=True):
-        x = [trial.edges for trial in runs]
-        errors = curves.error_curve(x, [bench.distance(reference, t) for t in runs], order, error)
-        seconds = curves.cost_curve(x, [trial.seconds / trial.steps for trial in runs], *POWERS)
+    for runs in kinds:
+        x, apart = [run.edges for run in runs], [bench.distance(reference, run) for run in runs]
+        errors = curves.error_curve(x, apart, theory(runs), error)
+        seconds = curves.cost_curve(x, [run.seconds / run.steps for run in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
-    rival = None
-    if other is not None and error.max() > own.max():
-        rival = next(mesh for mesh in meshes if mesh.trials[-1] is other[0])
-    return SpaceErrors(tuple(meshes), reference, error, tuple(trials), rival)
+    is_doubted = error.max() > own.max()
+    rivals = [mesh for mesh in meshes if is_doubted and mesh.trials[-1] is others[0][0]]
+    return SpaceErrors(tuple(meshes), reference, error, tuple(trials), *rivals)
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
     """Return the error of the finest run of a mesh; 1 of a single run."""
     if len(runs) < 2:
         return np.ones(len(theory))
-    sizes = [trial.edges for trial in runs]
-    return curves.error_of_finest(bench.distance, runs, sizes, theory) + unsampled(bench, runs[-1])
-
-
-def _disagreement(
-    bench: Bench, reference: Trial, error: np.ndarray, other: tuple[Trial, np.ndarray] | None
-) -> np.ndarray:
-    """Return what the best run and the next best differ by beyond their estimated errors."""
-    if other is None:
-        return np.zeros(len(error))
-    trial, its_error = other
-    apart = bench.distance(reference, trial)
-    expected = DISTRUST * (error + its_error)
-    return np.where(apart > expected, apart - expected, 0.0)
+    own = curves.error_of_finest(bench.distance, runs, [run.edges for run in runs], theory)
+    return own + unsampled(bench, runs[-1])
 
 
 def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
@@ -123,13 +112,14 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
     # agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
     # nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
     # h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
-    errors = np.zeros(len(bench.quantities))
-    for k, (quantity, record) in enumerate(zip(bench.quantities, trial.records, strict=True)):
-        if quantity.name == "sag":
-            depth = -np.array(trial.row["displacement"])[:, 2]
-            drop = drop_to_neighbours(trial.cloth, depth)
-            errors[k] = drop / max(size_of(quantity, record), ZERO)
-    return errors
+
+    def error(quantity: Quantity, record: RunRecord) -> float:
+        if quantity.name != "sag":
+            return 0.0
+        depth = -np.array(trial.row["displacement"])[:, 2]
+        return drop_to_neighbours(trial.cloth, depth) / max(size_of(quantity, record), ZERO)
+
+    return np.array(list(map(error, bench.quantities, trial.records)))
 
 
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
@@ -138,11 +128,9 @@ def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
     triangles = cloth.stencil
     if triangles.shape[1] == 6:
         triangles = np.concatenate([triangles[:, part] for part in PARTS])
-    around = np.unique(triangles[(triangles == lowest).any(axis=1)])
-    border = cloth.nodes("boundary")
-    is_inside = lowest not in border
-    around = around if is_inside else np.intersect1d(around, border)
-    part = INSIDE if is_inside else BORDER
+    around, part = np.unique(triangles[(triangles == lowest).any(axis=1)]), INSIDE
+    if lowest in (border := cloth.nodes("boundary")):
+        around, part = np.intersect1d(around, border), BORDER
     return part * float(depth[lowest] - depth[around[around != lowest]].mean())
 
 
@@ -153,26 +141,19 @@ def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
     """Return the choices of the first trial of each element, with gradings that save triangles."""
     # There are none for explicit steps, which the smallest edge limits, for functions, for scenes
     # with their own gradings, and where the error in space has no estimate or is too even.
+    if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
+        return []
     first: dict[str, Trial] = {}
     for trial in trials:
         if trial.is_ok and not trial.choice.is_explicit and trial.choice.h:
             first.setdefault(trial.choice.element, trial)
-    if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
-        return []
     choices = []
     for trial in first.values():
+        choice, setup = trial.choice, trial.row["point"].problem.first
         try:
-            choices += _graded(trial)
+            gradings = choose_gradings(setup, end_of(trial.row)[1], choice.h or 0.0, LEAST_SAVED)
         except InputError:  # no estimate of the error, or a shape that takes no grading
             continue
+        pattern = "unstructured" if choice.pattern else ""
+        choices += [replace(choice, pattern=pattern, grading=gradings)] if gradings else []
     return choices
-
-
-def _graded(trial: Trial) -> list[Choice]:
-    """Return the choice of a trial with its gradings, if there are any."""
-    choice = trial.choice
-    assert choice.h is not None
-    setup, (_, end) = trial.row["point"].problem.first, end_of(trial.row)
-    gradings = choose_gradings(setup, end, choice.h, LEAST_SAVED)
-    pattern = "unstructured" if choice.pattern else ""
-    return [replace(choice, pattern=pattern, grading=gradings)] if gradings else []

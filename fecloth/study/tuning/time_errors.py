@@ -14,17 +14,10 @@ from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.status import NO_VALUE
 from fecloth.study.tuning import curves
-from fecloth.study.tuning.choices import (
-    CONTROLLED,
-    COSTLY,
-    Bench,
-    Choice,
-    Trial,
-    problem_with,
-    spent,
-)
+from fecloth.study.tuning.choices import COSTLY, Bench, Choice, Trial, problem_with, spent
 from fecloth.study.tuning.curves import Curve
 
+CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
 FEW = 5  # steps of a run that is a static solution
 FEWEST, MOST = 16, 8192  # steps of the first runs
 LEAST_STEPS, FAR = 4, 2.0  # of the shortest runs; times the tolerance: an error of too few steps
@@ -43,14 +36,13 @@ POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of se
 class Rule:
     """A method with its steps: errors in time and seconds on the coarse mesh."""
 
-    # The method, and what `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps follow
-    # the mesh; 2 for half of that step), or "static".
     method: str
+    # What `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps follow the mesh; 2 for
+    # half of that step), or "static".
     kind: str
-    # Curves over x.
-    errors: Curve
-    seconds: Curve
-    trials: tuple[Trial, ...]  # the runs
+    errors: Curve  # over x
+    seconds: Curve  # over x
+    trials: tuple[Trial, ...]
 
     @property
     def key(self) -> tuple[str, str]:
@@ -89,15 +81,17 @@ def measure_methods(
         trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)
         return _single(trials[0])
-    explicit = [name for name in methods if name in EXPLICIT]
+    explicit = next((name for name in methods if name in EXPLICIT), None)
     implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
     trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
     if _have_no_value(bench.opened, trials):
         _require(trials)
-    steps = [trial.steps for trial in trials if trial.is_ok]
-    trials += _explicit_runs(bench, mesh, explicit, MORE * steps[-1] if steps else LONG)
+    ladder = [trial for trial in trials if trial.is_ok]
+    if explicit:
+        trials += _explicit_runs(bench, mesh, explicit, MORE * ladder[-1].steps if ladder else LONG)
     _require(trials)
-    trials += _other_methods(bench, mesh, implicit, trials, tolerance, limit)
+    if ladder:
+        trials += _other_methods(bench, mesh, implicit, ladder, tolerance, limit - spent(trials))
     return _summarise(bench, trials)
 
 
@@ -119,30 +113,27 @@ def _require(trials: Sequence[Trial]) -> None:
 
 def _single(trial: Trial) -> TimeErrors:
     """Return the one rule of an equilibrium, or of a function that chooses its steps."""
-    nothing = np.full(len(trial.records), NONE)
-    ones = np.array([1.0])
-    errors = Curve(ones, nothing[None], 0.0, 0.0)
-    rule = Rule("", "static", errors, Curve(ones, np.array([[trial.seconds]]), 0.0, 0.0), (trial,))
+    nothing, one = np.full(len(trial.records), NONE), np.ones(1)
+    errors, seconds = (Curve(one, y[None], 0.0, 0.0) for y in (nothing, trial.seconds * one))
+    rule = Rule("", "static", errors, seconds, (trial,))
     return TimeErrors((rule,), trial, nothing, (trial,))
 
 
-def _explicit_runs(bench: Bench, mesh: Choice, methods: Sequence[str], most: float) -> list[Trial]:
-    """Run the first explicit method at its stability limit and, if short, with half that step."""
+def _explicit_runs(bench: Bench, mesh: Choice, method: str, most: float) -> list[Trial]:
+    """Run an explicit method at its stability limit and, if that is short, with half that step."""
     # It is left out if it takes more than `most` steps.
-    trials: list[Trial] = []
-    for method in methods[:1]:
-        choice = replace(mesh, method=method)
-        try:
-            first = problem_with(bench.opened, choice).first
-            steps = (bench.opened.span or 0.0) / critical_dt(first.system, first.start)
-        except FeclothError:  # the terms or the pins refuse it
-            continue
-        if steps > min(most, LONG):
-            continue
-        trials += bench.run([choice])
-        if trials[-1].is_ok and trials[-1].seconds < SHORT:
-            trials += bench.run([replace(choice, steps=2 * trials[-1].steps)])
-    return trials
+    choice = replace(mesh, method=method)
+    try:
+        first = problem_with(bench.opened, choice).first
+        steps = (bench.opened.span or 0.0) / critical_dt(first.system, first.start)
+    except FeclothError:  # the terms or the pins refuse it
+        return []
+    if steps > min(most, LONG):
+        return []
+    (trial,) = bench.run([choice])
+    if not trial.is_ok or trial.seconds >= SHORT:
+        return [trial]
+    return [trial, *bench.run([replace(choice, steps=2 * trial.steps)])]
 
 
 def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: float) -> list[Trial]:
@@ -187,14 +178,11 @@ def _other_methods(
     bench: Bench,
     mesh: Choice,
     implicit: Sequence[str],
-    known: Sequence[Trial],
+    ladder: Sequence[Trial],
     tolerance: float,
     limit: float,
 ) -> list[Trial]:
     """Run all implicit methods with as many steps as the first one and fewer, and by rtol."""
-    ladder = [run for run in known if run.choice.method in implicit and run.is_ok]
-    if not ladder:
-        return []
     first, finest = ladder[0].choice.steps or 1, ladder[-1]
     most = finest.choice.steps or 1
     trials: list[Trial] = []
@@ -204,12 +192,11 @@ def _other_methods(
         while steps * per_step > COSTLY:
             steps //= 2
         choice = replace(mesh, method=method, steps=steps)
-        trials += _fewer_steps(bench, choice, finest, tolerance, limit - spent([*known, *trials]))
-    if CONTROLLED in implicit and spent([*known, *trials]) < limit:
-        for rtol in TOLERANCES:
-            trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol)])
-            if not trials[-1].is_ok or DEARER * trials[-1].seconds > COSTLY:
-                break
+        trials += _fewer_steps(bench, choice, finest, tolerance, limit - spent(trials))
+    for rtol in TOLERANCES if CONTROLLED in implicit and spent(trials) < limit else ():
+        trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol)])
+        if not trials[-1].is_ok or DEARER * trials[-1].seconds > COSTLY:
+            break
     return trials
 
 
@@ -250,9 +237,8 @@ def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
     if len(runs) == 1:
         known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
         return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
-    return curves.error_of_finest(
-        bench.distance, runs, [size_of(trial.choice) for trial in runs], _theory(runs)
-    )
+    x = [size_of(trial.choice) for trial in runs]
+    return curves.error_of_finest(bench.distance, runs, x, _theory(runs))
 
 
 def _theory(runs: Sequence[Trial]) -> float:

@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,12 @@ from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import print_warnings
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
 from fecloth.study.tuning import shared_steps
-from fecloth.study.tuning.answer import answer, choose_yardstick
 from fecloth.study.tuning.choices import SEARCH, Bench, Choice, Trial, methods_to_try
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
-from fecloth.study.tuning.prediction import Prediction
-from fecloth.study.tuning.proof import prove
+from fecloth.study.tuning.prediction import Goal, Prediction
+from fecloth.study.tuning.proof import answer, choose_yardstick, prove
 from fecloth.study.tuning.result import Tuned, summarise
-from fecloth.study.tuning.search import Goal, coarse_meshes, measure_meshes, obstacle_of
+from fecloth.study.tuning.search import coarse_meshes, measure_meshes, obstacle_of
 from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.workload import in_words
 from fecloth.terms import Springs
@@ -112,12 +112,8 @@ def tune(
     of_terms: list[Trial] = []
     if model:
         _say("terms: what they change on a coarse mesh")
-        if not isinstance(bench.opened, SceneProblem):
-            remedy = "Write a scene file, or compare the models with compare."
-            raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
-        bench, other["model"], dropped, of_terms = drop_terms(
-            bench, _coarse_choice(bench, meshes[0]), goal.scale
-        )
+        coarsest = _coarse_choice(bench, meshes[0])
+        bench, other["model"], dropped, of_terms = drop_terms(bench, coarsest, goal.scale)
     if opened.has_contact:
         _say("gaps of contact: what halving them changes on a coarse mesh")
         bench, other["gap"], changed, of_gaps = narrow_gaps(bench, meshes[0], goal.scale)
@@ -136,17 +132,16 @@ def tune(
             break
         is_to_blame, more = shared_steps.blame_steps(bench, space, goal.scale)
         search += more
-        finer = shared_steps.with_half_of_dt(coarse.choice)
-        shorter = bench.run([finer]) if is_to_blame else []
+        shorter = bench.run([coarse.choice.with_half_of_dt()]) if is_to_blame else []
         search += shorter
         if not shorter or not shorter[0].is_ok or bench.spent(search) > SEARCH / 2:
             break
         coarse = shorter[0]
     bench.check_sizes(space.reference, space.error)
-    sharper = _sharper_run(bench, coarse)
-    if sharper is not None:
-        search.append(sharper)
-        other["solver"] = bench.distance(sharper, coarse)
+    if not coarse.choice.is_explicit:  # it has a solver
+        (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
+        search += [sharper] if sharper.is_ok else []
+        other |= {"solver": bench.distance(sharper, coarse)} if sharper.is_ok else {}
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
     proof = None
     why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
@@ -189,29 +184,20 @@ def _say(phase: str) -> None:
 def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
     if budget is None:
         return Goal(tolerance=read_tolerance(0.01 if tolerance is None else tolerance))
+    what = f"budget = {budget!r}"
     if tolerance is not None:
-        what = f"tolerance = {tolerance!r} and budget = {budget!r}"
+        what = f"tolerance = {tolerance!r} and {what}"
         remedy = "A budget seeks the most accurate setting, a tolerance the cheapest."
         raise InputError(what, "only one of them may be given", "tune", remedy)
     seconds = read_quantity("budget", str(budget), TIME) if isinstance(budget, str) else budget
     if not 0 < seconds < math.inf:
-        raise InputError(
-            f"budget = {budget!r}", 'must be a time > 0, as 60.0 [s] or "60 s"', "tune"
-        )
+        raise InputError(what, 'must be a time > 0, as 60.0 [s] or "60 s"', "tune")
     return Goal(budget=float(seconds))
 
 
 def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
     """Return the setting on a coarse mesh in which models are compared."""
     return mesh if bench.opened.span is None else replace(mesh, method="bdf2", steps=STEPS)
-
-
-def _sharper_run(bench: Bench, coarse: Trial) -> Trial | None:
-    """Return the coarse run with a sharper tolerance of the solver; None if it has no solver."""
-    if coarse.choice.is_explicit:
-        return None
-    (trial,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
-    return trial if trial.is_ok else None
 
 
 def narrow_gaps(
@@ -239,33 +225,29 @@ def drop_terms(
     """Leave out terms, or replace them by cheaper ones, as long as their changes are small."""
     # Returns the reduced problem, (q,) its change of the quantities, the names of the changes and
     # all runs. Membranes are not left out: in free fall they change nothing.
-    assert isinstance(bench.opened, SceneProblem)
+    if not isinstance(bench.opened, SceneProblem):
+        remedy = "Write a scene file, or compare the models with compare."
+        raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
     (full,) = bench.run([choice], timed=True)
-    total = np.zeros(len(bench.quantities))
-    trials = [full]
-    if not full.is_ok:
-        return bench, total, [], trials
+    total, trials = np.zeros(len(bench.quantities)), [full]
     taken: dict[str, Variant] = {}
 
-    def run_with(variant: Variant) -> tuple[np.ndarray, float]:
-        """Return the change by a variant beside the taken ones, infinite if it fails; seconds."""
+    def run_with(variant: Variant) -> tuple[np.ndarray, float] | None:
+        """Return the change by a variant beside the taken ones, if it is small, and seconds."""
         trial = run_variants(bench, [*taken.values(), variant], choice)
         trials.extend([trial] if trial else [])
         if trial is None or not trial.is_ok:
-            return np.full(len(total), np.inf), math.inf
-        return bench.distance(full, trial), trial.seconds
+            return None
+        change = bench.distance(full, trial)
+        return (change, trial.seconds) if change.max() <= SHARE * tolerance else None
 
     worth = []
-    for variant in _variants(bench.opened, choice.element):
-        change, seconds = run_with(variant)
-        if change.max() <= SHARE * tolerance and seconds < SAVES * full.seconds:
-            worth.append((seconds, variant))
-    for _, variant in sorted(worth, key=lambda pair: pair[0]):
-        if variant.slot in taken:
-            continue
-        change, _ = run_with(variant)
-        if change.max() <= SHARE * tolerance:
-            total, taken[variant.slot] = change, variant
+    for variant in _variants(bench.opened, choice.element) if full.is_ok else []:
+        if (made := run_with(variant)) and made[1] < SAVES * full.seconds:
+            worth.append((made[1], variant))
+    for _, variant in sorted(worth, key=itemgetter(0)):
+        if variant.slot not in taken and (made := run_with(variant)):
+            total, taken[variant.slot] = made[0], variant
     names = [variant.name for variant in taken.values()]
     return _with(bench, taken.values()), total, names, trials
 
