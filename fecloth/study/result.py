@@ -116,19 +116,28 @@ class StudyResult:
         return errors.FAILED if any(row.get("status", OK) != OK for row in self.table) else 0
 
     def report(self, folder: str | Path) -> Path:
-        """Write report.html, results.csv, figure.png and figure.svg; return the page's path."""
+        """Write report.html, results.csv, the figure and the scene, if any; return the page."""
         folder, drawing = Path(folder), self.figure()
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self.table.to_csv(folder / "results.csv")
             for kind in ("png", "svg"):
                 drawing.savefig(folder / f"figure.{kind}", dpi=160)
+        name, text = self.scene_file
+        if text:
+            replace_file(folder / name, text.encode())
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
 
     def describe_files(self, folder: Path, page: Path) -> str:
         """Say which files `report` has written to the folder, beside results and figure."""
-        return f"wrote {page}"
+        name, text = self.scene_file
+        return f"wrote {page}" + (f" and {folder / name}" if text else "")
+
+    @property
+    def scene_file(self) -> tuple[str, str]:
+        """Name and text of the scene that a report also writes; empty if there is none."""
+        return "", ""
 
     def _repr_html_(self) -> str:
         return self._fill("study_in_notebook.html")

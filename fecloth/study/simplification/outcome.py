@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 from fecloth.study.result import in_percent
 from fecloth.study.simplification.variants import Variant
@@ -20,14 +21,12 @@ SIZES = {  # words, name and unit of what a check refines, by its kind
 class Outcome:
     """The run of a simpler scene beside the run of the scene."""
 
-    # Name of the variant, status of its run, and cause of a failure.
-    name: str
+    name: str  # of the variant
     status: str
-    cause: str = ""
+    cause: str = ""  # of a failure
     changes: Mapping[str, float] = field(default_factory=dict)  # relative, of each quantity
-    # CPU seconds of the run, and the part of the scene's seconds that it saves.
-    seconds: float = math.nan
-    saved: float = math.nan
+    seconds: float = math.nan  # CPU time of the run
+    saved: float = math.nan  # part of the scene's seconds
     triangles: int | None = None
     steps: int | None = None
 
@@ -69,13 +68,10 @@ class Resolution:
     """The error of a scene by one of its sizes, from half of h, half of dt or less rtol."""
 
     kind: str  # "mesh", "dt" or "rtol"
-    # Estimated relative error, and the quantity whose error needs the smallest size.
-    error: float
-    quantity: str
-    # h [m], dt [s] or rtol of the scene, and the value at which the error would be within the
-    # tolerance.
-    size: float
-    needed: float
+    error: float  # estimated, relative
+    quantity: str  # whose error needs the smallest size
+    size: float  # h [m], dt [s] or rtol of the scene
+    needed: float  # the size at which the error would be within the tolerance
     failure: str = ""  # why the error is unknown, or ""
 
     @property
@@ -103,21 +99,21 @@ def find_resolutions(
     """Return the error by each size that was refined."""
     # A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
     # (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
-    return [_resolution(*check, sizes, orders, tolerance) for check in checks]
 
+    def resolution(variant: Variant, outcome: Outcome) -> Resolution:
+        kind, size = variant.kind, sizes[variant.kind]
+        if not outcome.is_ok:
+            cause = (outcome.cause.splitlines() or [outcome.status])[0]
+            return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
+        found = []
+        for text, change in outcome.changes.items():
+            order = orders[kind][text]
+            error = change / (1 - variant.by**order)
+            needed = size * (tolerance / error) ** (1 / order) if error else math.inf
+            found.append(Resolution(kind, error, text, size, needed))
+        return min(found, key=attrgetter("needed"))
 
-def _resolution(variant: Variant, outcome: Outcome, sizes, orders, tolerance: float) -> Resolution:
-    kind, size = variant.kind, sizes[variant.kind]
-    if not outcome.is_ok:
-        cause = (outcome.cause.splitlines() or [outcome.status])[0]
-        return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
-    resolutions = []
-    for text, change in outcome.changes.items():
-        order = orders[kind][text]
-        error = change / (1 - variant.by**order)
-        needed = size * (tolerance / error) ** (1 / order) if error else math.inf
-        resolutions.append(Resolution(kind, error, text, size, needed))
-    return min(resolutions, key=lambda resolution: resolution.needed)
+    return [resolution(*check) for check in checks]
 
 
 def round_down(value: float) -> float:
@@ -161,12 +157,8 @@ class Findings:
         # mesh if the scene itself is not resolved.
         if variant.kind in self.unresolved:
             return math.inf
-        smaller = [
-            result.change
-            for other, result in self.trials
-            if variant.is_size and other.kind == variant.kind and other.by <= variant.by
-        ]
-        return max([outcome.change, *smaller])
+        same = [pair for pair in self.trials if variant.is_size and pair[0].kind == variant.kind]
+        return max([outcome.change, *(o.change for v, o in same if v.by <= variant.by)])
 
     def candidates(self) -> list[Variant]:
         """Return the variants within the tolerance, the greatest saving per change first."""

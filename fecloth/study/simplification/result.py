@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.output.atomic_files import replace_file
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
@@ -22,8 +21,7 @@ class Simplification(StudyResult):
 
     tolerance: float = 0.01  # largest relative change of a quantity
     quantities: tuple[str, ...] = ()  # texts of the quantities
-    # Whether the errors of the scene itself are within the tolerance, as far as known
-    resolved: bool = True
+    resolved: bool = True  # whether the scene's own known errors are within the tolerance
     scene: Path | None = None  # path of the reduced scene in the folder that was given, or None
     reduced: str = ""  # the text of the reduced scene
     file: str = "reduced.toml"  # the name of its file; for a function reduced.txt, a list
@@ -35,14 +33,10 @@ class Simplification(StudyResult):
         """Sentences on the errors of the scene."""
         return list(self.remarks)
 
-    def report(self, folder: str | Path) -> Path:
-        """Write the reduced scene, the page, results.csv and the figure; return the page's path."""
-        replace_file(Path(folder) / self.file, self.reduced.encode())
-        return super().report(folder)
-
-    def describe_files(self, folder: Path, page: Path) -> str:
-        """Name the page and the reduced scene."""
-        return f"wrote {page} and {folder / self.file}"
+    @property
+    def scene_file(self) -> tuple[str, str]:
+        """Name and text of the reduced scene."""
+        return self.file, self.reduced
 
     @property
     def exit_status(self) -> int:
@@ -92,30 +86,24 @@ def make_table(
 
 
 def _row(outcome: Outcome, verdict: str) -> dict:
+    is_ok, seconds = outcome.is_ok, outcome.seconds
     line: dict = {"variant": outcome.name, "verdict": verdict}
-    line["change [%]"] = 100 * outcome.change if outcome.is_ok else None
+    line["change [%]"] = 100 * outcome.change if is_ok else None
     line |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
-    if outcome.is_ok:
-        line |= {"seconds saved": outcome.whole - outcome.seconds, "saved [%]": 100 * outcome.saved}
-        line |= {"cpu_seconds": outcome.seconds}
-        line |= {"triangles": outcome.triangles, "steps": outcome.steps}
+    if is_ok:
+        line |= {"seconds saved": outcome.whole - seconds, "saved [%]": 100 * outcome.saved}
+        line |= {"cpu_seconds": seconds, "triangles": outcome.triangles, "steps": outcome.steps}
     line["status"] = outcome.status
-    if outcome.cause:
-        line["cause"] = outcome.cause.splitlines()[0]
-    return line
+    return line | ({"cause": outcome.cause.splitlines()[0]} if outcome.cause else {})
 
 
 def make_verdict(
     findings: Findings, reduced: str, final: Outcome | None, file: str = "reduced.toml"
 ) -> str:
     """Return the answer in words: first what is not resolved, then what is not needed."""
-    lines = [
-        f"not known whether it is resolved: {each}"
-        if each.failure
-        else f"not resolved to {in_percent(findings.tolerance)}: {each}"
-        for each in findings.resolutions
-        if not each.is_resolved
-    ]
+    heads = f"not resolved to {in_percent(findings.tolerance)}", "not known whether it is resolved"
+    unresolved = [each for each in findings.resolutions if not each.is_resolved]
+    lines = [f"{heads[bool(each.failure)]}: {each}" for each in unresolved]
     lines += [f"{head}: {', '.join(items)}" for head, items in _groups(findings) if items]
     if final is None:
         lines.append("nothing simpler was found")
@@ -134,32 +122,27 @@ def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
     for variant, outcome in findings.ranked:
         if variant.is_check:
             continue
-        verdict, left_out = findings.judge(variant, outcome), variant.kind == "without"
-        is_ok = outcome.is_ok
-        change = (
-            f"changes {outcome.of} by {in_percent(outcome.change)}" if is_ok else outcome.status
-        )
-        if left_out and verdict in ("needed", "by chance"):
+        verdict, change, saved = findings.judge(variant, outcome), outcome.status, "none"
+        if outcome.is_ok:
+            change = f"changes {outcome.of} by {in_percent(outcome.change)}"
+        if outcome.saved > 0:
+            saved = in_percent(outcome.saved)
+        is_kept, left_out = verdict in ("needed", "by chance"), variant.kind == "without"
+        if left_out and is_kept:
             needed.append(str(variant.by))
         elif left_out:
-            costs = in_percent(outcome.saved) if outcome.saved > 0 else "none"
-            gone.append(f"{variant.by} ({change}, costs {costs} of the seconds)")
-        elif verdict in ("needed", "by chance"):
+            gone.append(f"{variant.by} ({change}, costs {saved} of the seconds)")
+        elif is_kept:
             larger.append(f"{variant.name} ({change})")
         elif verdict == "not needed" and outcome.saved > 0:
-            cheaper.append(f"{variant.name} ({change}, saves {in_percent(outcome.saved)})")
-    return [
-        ("not needed", gone or ["none of the terms"]),
-        ("can be cheaper", cheaper),
-        ("needed", needed),
-        ("changes too much", larger),
-    ]
+            cheaper.append(f"{variant.name} ({change}, saves {saved})")
+    heads = "not needed", "can be cheaper", "needed", "changes too much"
+    groups = gone or ["none of the terms"], cheaper, needed, larger
+    return list(zip(heads, groups, strict=True))
 
 
 def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[str]:
     """Return sentences on the errors of the scene itself that are within the tolerance."""
-    resolved = [str(each) for each in resolutions if each.is_resolved]
-    lines = [f"Resolved: {'; '.join(resolved)}."] if resolved else []
-    if not has_h:
-        lines.append("Whether the mesh is resolved is not known: the scene has no cloth.h.")
-    return lines
+    resolved = "; ".join(str(each) for each in resolutions if each.is_resolved)
+    unknown = "Whether the mesh is resolved is not known: the scene has no cloth.h."
+    return [*([f"Resolved: {resolved}."] if resolved else []), *([] if has_h else [unknown])]

@@ -13,8 +13,8 @@ from fecloth.study.change import AS_IS, FIRST, Change
 from fecloth.study.command import StudyFailed
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
-from fecloth.study.simplification.outcome import Outcome
-from fecloth.study.simplification.variants import PATIENCE, Variant, list_variants
+from fecloth.study.simplification.outcome import Outcome, Trial
+from fecloth.study.simplification.variants import PATIENCE, Variant, changes_of, list_variants
 from fecloth.study.status import FAILED, OK, REFUSED, failure
 from fecloth.terms.traits import traits_of
 
@@ -34,10 +34,6 @@ class Original:
     @property
     def is_scene(self) -> bool:
         return isinstance(self.problem, SceneProblem)
-
-    @property
-    def reduced_file(self) -> str:
-        return "reduced.toml" if self.is_scene else "reduced.txt"
 
     def list_variants(self) -> list[Variant]:
         """List all variants, terms first; of a function's problem the method stays."""
@@ -70,23 +66,21 @@ class Original:
             raise InputError(f"{names} = 0", allowed, where, remedy)
         return row
 
-    @cached_property
-    def _full_records(self) -> list[RunRecord]:
-        return self._records(self.full)
-
     def _records(self, row: Mapping) -> list[RunRecord]:
         return [record_at(row, quantity) for quantity in self.quantities]
 
     def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
         """Run changes, each with its name and the largest CPU time over the problem's."""
-        seconds = self.full["cpu_seconds"]
-        points = [
-            self._point(name, change, round(SHORT + patience * seconds, 1))
-            for name, change, patience in tried
-        ]
+        most = [round(SHORT + patience * self.full["cpu_seconds"], 1) for *_, patience in tried]
+        points = [self._point(*each[:2], time) for each, time in zip(tried, most, strict=True)]
         runs = replace(self.runs, fresh=fresh or self.runs.fresh)
         rows = run_or_skip(points, self.quantities, runs)
         return [self.compare(name, row) for (name, *_), row in zip(tried, rows, strict=True)]
+
+    def try_variants(self, tried: Sequence[Variant]) -> list[Trial]:
+        """Run each variant alone; return it with what its run gave."""
+        outcomes = self.run([(v.name, changes_of([v]), v.patience) for v in tried])
+        return list(zip(tried, outcomes, strict=True))
 
     def run_one(self, name: str, change: Change, fresh: bool = False) -> Outcome:
         return self.run([(name, change, PATIENCE)], fresh)[0]
@@ -105,7 +99,8 @@ class Original:
         if not outcome.is_ok:
             return outcome
         try:
-            pairs = zip(self.quantities, self._full_records, self._records(row), strict=True)
+            full, own = self._records(self.full), self._records(row)
+            pairs = zip(self.quantities, full, own, strict=True)
             changes = {q.text: relative_difference(q, a, b) for q, a, b in pairs}
         except FeclothError as error:  # as where a signal has no period
             return replace(outcome, status=FAILED, cause=str(error))

@@ -20,14 +20,7 @@ from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.sensitivities import describe_weak_terms
 from fecloth.study.simplification import result
-from fecloth.study.simplification.outcome import (
-    LOST,
-    NOISE,
-    Findings,
-    Outcome,
-    Trial,
-    find_resolutions,
-)
+from fecloth.study.simplification.outcome import LOST, NOISE, Findings, Outcome, find_resolutions
 from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.workload import Workload, check_size
@@ -84,14 +77,13 @@ def simplify(
     tried = original.list_variants()
     at_once = 1 if runs.scheduler else runs.jobs
     check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
-    opened = original.problem  # with the quantities in its [interest]
-    checks = run_variants(original, [variant for variant in tried if variant.is_check])
-    resolutions = find_resolutions(checks, _sizes_now(opened.tables), _orders(original), chosen)
+    tables = original.problem.tables  # with the quantities in its [interest]
+    checks = original.try_variants([variant for variant in tried if variant.is_check])
+    resolutions = find_resolutions(checks, _sizes_now(tables), _orders(original), chosen)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
-    others = [variant for variant in tried if not variant.is_check]
-    trials = checks + run_variants(original, others)
-    return summarise(original, Findings(trials, chosen, resolutions), folder, weak)
+    others = original.try_variants([variant for variant in tried if not variant.is_check])
+    return summarise(original, Findings(checks + others, chosen, resolutions), folder, weak)
 
 
 def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
@@ -125,18 +117,9 @@ def _sizes_now(data: dict) -> dict[str, float]:
 
 
 def _orders(original: Original) -> dict[str, dict[str, float]]:
-    both = {q.text: original.problem.orders(q) for q in original.quantities}
-    return {
-        "mesh": {text: orders[0] for text, orders in both.items()},
-        "dt": {text: orders[1] for text, orders in both.items()},
-        "rtol": dict.fromkeys(both, RTOL_ORDER),
-    }
-
-
-def run_variants(original: Original, tried: Sequence[Variant]) -> list[Trial]:
-    """Run each variant alone; return it with what its run gave."""
-    outcomes = original.run([(v.name, changes_of([v]), v.patience) for v in tried])
-    return list(zip(tried, outcomes, strict=True))
+    orders = {q.text: (*original.problem.orders(q), RTOL_ORDER) for q in original.quantities}
+    kinds = ("mesh", "dt", "rtol")
+    return {kind: {text: each[k] for text, each in orders.items()} for k, kind in enumerate(kinds)}
 
 
 def combine_variants(
@@ -168,12 +151,13 @@ def summarise(
     """Combine the variants, run the reduced scene, and return the result."""
     change, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, fits in attempts if fits]
-    tables, file = original.problem.tables, original.reduced_file
+    tables, file = original.problem.tables, f"reduced.{'toml' if original.is_scene else 'txt'}"
     text = original.text(change.apply(tables))
     final = original.run_one(file, change, fresh=True) if taken else None
-    if folder is not None:
-        replace_file(Path(folder) / file, text.encode())
-    name = "the reduced scene" if folder is None else file
+    scene = None if folder is None else Path(folder) / file
+    if scene:
+        replace_file(scene, text.encode())
+    name = file if scene else "the reduced scene"
     return result.Simplification(
         title=original.problem.name,
         warnings=original.problem.warnings,
@@ -182,7 +166,7 @@ def summarise(
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),
         resolved=not findings.unresolved,
-        scene=None if folder is None else Path(folder) / file,
+        scene=scene,
         reduced=text,
         file=file,
         change=final.change if final else 0.0,

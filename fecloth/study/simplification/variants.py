@@ -25,17 +25,12 @@ PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves no
 class Variant:
     """A change of a scene, and what it is."""
 
-    name: str  # name in the tables
-    # The kind of change, and its factor or the type of its term: of the term that is left out, or
-    # that stands in the place of another.
-    kind: str
-    by: Any
-    # Part of the scene that changes; the reduced scene has at most one change of each part.
-    slot: str
+    name: str  # in the tables
+    kind: str  # of the change
+    by: Any  # its factor, or the type of the term that is left out or stands in another's place
+    slot: str  # the part that changes; the reduced scene has at most one change of each part
     apply: Edit  # of the tables of the scene
-    # True for a refinement, which shows whether the scene itself is resolved. It is compared, but
-    # not taken.
-    is_check: bool = False
+    is_check: bool = False  # True for a refinement, which shows errors and is not taken
 
     @property
     def is_size(self) -> bool:
@@ -45,9 +40,7 @@ class Variant:
     @property
     def patience(self) -> float:
         """Largest CPU time, as a multiple of the full scene's."""
-        if not self.is_check:
-            return PATIENCE
-        return 20.0 if self.kind == "mesh" else 6.0
+        return PATIENCE if not self.is_check else 20.0 if self.kind == "mesh" else 6.0
 
 
 def changes_of(variants: Iterable[Variant]) -> Change:
@@ -82,15 +75,15 @@ def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[V
     """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
     name, slot, unclamps = term["type"], f"term {term}", traits.holds_normals
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
-    others: list[tuple[str, str, Data]] = []
+    others: list[tuple[str, str, object]] = []
     if term.get("friction"):
-        others.append((f"no friction of {name}", "friction", {"friction": 0.0}))
+        others.append((f"no friction of {name}", "friction", 0.0))
     if "gap" in term:
-        others.append((f"gap × {WIDER:g} of {name}", "gap", {"gap": WIDER * term["gap"]}))
+        others.append((f"gap × {WIDER:g} of {name}", "gap", WIDER * term["gap"]))
     if element == "P2" and term.get("strain") == "interpolated":
-        others.append((f"pointwise strain of {name}", "strain", {"strain": "pointwise"}))
-    for words, kind, values in others:
-        yield Variant(words, kind, name, slot, replace_term(term, term | values))
+        others.append((f"pointwise strain of {name}", "strain", "pointwise"))
+    for words, kind, value in others:
+        yield Variant(words, kind, name, slot, replace_term(term, term | {kind: value}))
     is_flat = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
     if is_flat and element == "P1":
         for other in traits.cheaper:
@@ -166,8 +159,7 @@ def explicit_steps_of(data: Data) -> Edit:
 
 def equilibrium_of(data: Data) -> Edit:
     """Return the edit to the equilibrium, in place of a motion that comes to rest."""
-    # What belongs to a motion is left out: the velocity at the start, [solver], the frames' seconds
-    # and [expect], which may name times.
+    # What belongs to a motion is left out; [expect] is, too, because it may name times.
     start = {key: value for key, value in data.get("start", {}).items() if key != "velocity"}
     static = {"equilibrium": {"load_steps": 1}, "start": start, "output": {"frames": 1}}
     return put(time=None, solver=None, expect={}, **static)

@@ -33,16 +33,14 @@ COLUMNS = {  # of a setting: names in `Choice` and in the table
 class Tuned(StudyResult):
     """What `tune` found: the table has a row for each run, with its estimated error."""
 
-    # Estimated relative error of the tuned setting, the largest of all quantities; 0.01 is 1 %.
-    error: float = math.nan
-    seconds: float = math.nan  # its measured CPU time [s]
+    error: float = math.nan  # estimated, relative, the largest of all quantities; 0.01 is 1 %
+    seconds: float = math.nan  # measured CPU time of the tuned setting [s]
     predicted: float = math.nan  # its predicted CPU time [s]
     # Whether a run with a finer mesh or shorter steps shows that the error, or with a budget the
     # time, is as asked for.
     proved: bool = False
-    # The largest relative error, or the CPU seconds [s], that the caller gave; the other is NaN.
-    tolerance: float = math.nan
-    budget: float = math.nan
+    tolerance: float = math.nan  # the largest relative error that the caller gave, or NaN
+    budget: float = math.nan  # the CPU time that the caller gave [s], or NaN
     quantities: tuple[str, ...] = ()  # texts of the quantities
     # The error by its cause: "space", "time", "solver" and "model", as far as they exist.
     parts: Mapping[str, float] = field(default_factory=dict)
@@ -65,15 +63,10 @@ class Tuned(StudyResult):
         lines.append(f"CPU time: {self.seconds:.2g} s{predicted}{took}.")
         return [*lines, *self.remarks]
 
-    def report(self, folder: str | Path) -> Path:
-        """Write tuned.toml, report.html, results.csv and the figure; return the page's path."""
-        if self.text:
-            replace_file(Path(folder) / "tuned.toml", self.text.encode())
-        return super().report(folder)
-
-    def describe_files(self, folder: Path, page: Path) -> str:
-        """Name the page and the tuned scene."""
-        return f"wrote {page} and {folder / 'tuned.toml'}"
+    @property
+    def scene_file(self) -> tuple[str, str]:
+        """Name and text of the tuned scene."""
+        return "tuned.toml", self.text
 
     @property
     def exit_status(self) -> int:
@@ -88,22 +81,23 @@ class Tuned(StudyResult):
             ax.text(0.5, 0.5, "The error of no run is known.", ha="center", transform=ax.transAxes)
             ax.set_axis_off()
             return drawing
-        names = list(dict.fromkeys(map(_series, rows)))
-        for i, name in enumerate(names):
+
+        def plot(listed: Sequence[Mapping[str, Any]], label: str, **look: Any) -> None:
+            x, y = ([row[name] for row in listed] for name in ("CPU s", "error %"))
+            ax.plot(x, y, ls="", label=label, **look)
+
+        for i, name in enumerate(dict.fromkeys(map(_series, rows))):
+            marker, color = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
             own = [row for row in rows if _series(row) == name]
-            x, y = [row["CPU s"] for row in own], [row["error %"] for row in own]
-            look = {"marker": MARKERS[i % len(MARKERS)], "color": COLOURS[i % len(COLOURS)]}
-            ax.plot(x, y, ls="", label=name, alpha=0.8, **look)
-        for row in rows:
-            if row["run"] == "tuned":
-                ring = {"marker": "o", "ms": 18, "mfc": "none", "mec": "k", "mew": 1.6, "ls": ""}
-                ax.plot(row["CPU s"], row["error %"], label="tuned", **ring)
+            plot(own, name, marker=marker, color=color, alpha=0.8)
+        if tuned := [row for row in rows if row["run"] == "tuned"]:
+            plot(tuned, "tuned", marker="o", ms=18, mfc="none", mec="k", mew=1.6)
         if math.isfinite(self.tolerance):
             ax.axhline(100 * self.tolerance, color="k", ls="--", label="tolerance")
         if math.isfinite(self.budget):
             ax.axvline(self.budget, color="k", ls="--", label="budget")
-        ax.set(xscale="log", yscale="log", xlabel="CPU time [s]")
-        ax.set_ylabel(f"error, at most, of {', '.join(self.quantities)} [%]")
+        words = f"error, at most, of {', '.join(self.quantities)} [%]"
+        ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", ylabel=words)
         ax.set_title(self.title, loc="left")
         use_plain_ticks(ax)
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
@@ -135,8 +129,8 @@ def summarise(
     text, scene = "", None
     if isinstance(opened, SceneProblem):
         text = to_toml(change_of(opened, trial.choice).apply(opened.tables))
-    if folder is not None and text:
-        scene = Path(folder) / "tuned.toml"
+        scene = None if folder is None else Path(folder) / "tuned.toml"
+    if scene:
         replace_file(scene, text.encode())
     return Tuned(
         title=opened.name,
@@ -146,8 +140,8 @@ def summarise(
         seconds=trial.seconds,
         predicted=proof.candidate.seconds if proof.candidate else math.nan,
         proved=proved,
-        tolerance=goal.tolerance if math.isfinite(goal.tolerance) else math.nan,
-        budget=goal.budget if math.isfinite(goal.budget) else math.nan,
+        tolerance=math.nan if goal.has_budget else goal.tolerance,
+        budget=goal.budget if goal.has_budget else math.nan,
         quantities=tuple(quantity.text for quantity in bench.quantities),
         parts={name: float(part.max()) for name, part in proof.parts.items()},
         settings=_settings(trial),
@@ -171,7 +165,7 @@ def _remarks(proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
 def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
     size = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
     has = f"{proof.trial.choice}: estimated error {size}, CPU time {proof.trial.seconds:.2g} s"
-    if math.isfinite(goal.budget):
+    if goal.has_budget:
         allowed = f"{goal.budget:g} s"
         missed = f"a budget of {allowed} cannot be kept: no run of the search was shorter"
     else:
@@ -183,11 +177,9 @@ def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
 
 
 def _settings(trial: Trial) -> dict[str, Any]:
-    choice, row = trial.choice, trial.row
-    values: dict[str, Any] = {"element": row["element"], "pattern": choice.pattern, "h": choice.h}
-    values |= {"method": choice.method, "rtol": choice.rtol}
-    if math.isfinite(row["step"]):
-        values["dt"] = row["step"]
+    names = ("pattern", "h", "method", "rtol")
+    values = {"element": trial.row["element"]} | {n: getattr(trial.choice, n) for n in names}
+    values |= {"dt": trial.row["step"]} if math.isfinite(trial.row["step"]) else {}
     return {name: value for name, value in values.items() if value}
 
 
@@ -195,9 +187,8 @@ def table_of_runs(bench: Bench, proof: Proof) -> Table:
     """Return a row for each run, with the largest error that it may have."""
     # This is its distance to the verifying run plus the error that is left in that one; for the
     # tuned run it is the estimated error.
-    finer = proof.finer
+    finer, rows = proof.finer, []
     left = proof.error - float(bench.distance(finer, proof.trial).max()) if finer else math.nan
-    rows = []
     for trial in each_once([*proof.search, proof.trial, *([finer] if finer else [])]):
         row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
         row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
