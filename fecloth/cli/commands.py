@@ -17,6 +17,7 @@ FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
     *("quality", "larger_stress", "smaller_stress"),
     *("E11", "E22", "E12", "S11", "S22", "S12", "checks"),
 )
+SPECIMENS = ("tension", "cantilever", "drape")
 
 
 @dataclass(frozen=True)
@@ -186,6 +187,16 @@ COMMANDS = {
             *shared.READING,
         ],
         "print the natural frequencies of a scene [Hz]",
+    ),
+    "new": Command(
+        "fecloth.cli.new:write_specimen",
+        [
+            option("name", "of the files: NAME.toml and others", metavar="NAME"),
+            option("--test", "of a specimen", choices=SPECIMENS, required=True),
+            flag("--overwrite", "replace files of these names"),
+        ],
+        "write a scene, a fit and example data of a specimen",
+        prints=False,
     ),
     "mesh": Command(
         "fecloth.cli.describe:print_mesh",

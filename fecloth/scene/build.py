@@ -26,6 +26,7 @@ from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
+from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.step_times import step_times
 from fecloth.system.clamps import find_clamps
@@ -50,7 +51,8 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, at)
     probes = tuple(table.probe() for table in scene.probes)
-    ledger, observer = Ledger.open(system, state), _observer(system, state, probes, at)
+    ledger = Ledger.open(system, state)
+    observer = _observer(scene, system, state, probes, at)
     if scene.expect or scene.interest:
         names = sorted({*observer.row(None, None), *ledger.row()} - {"t"})
         refuse_unknown(scene.expect, scene.interest, names, scene.source)
@@ -209,11 +211,16 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
 
 
-def _observer(system: System, state: State, probes: tuple[Probe, ...], at: At) -> Observer:
+def _observer(
+    scene: Any, system: System, state: State, probes: tuple[Probe, ...], at: At
+) -> Observer:
+    interest = scene.interest.all if scene.interest else ()
+    asked = on_request([*scene.expect, *(quantity.column for quantity in interest)])
     try:
-        return Observer.bind(system, state, probes)
+        return Observer.bind(system, state, (*probes, *asked))
     except InputError:  # bind the probes one by one, to name the one with the mistake
         for i, probe in enumerate(probes):
             with at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
                 probe.weights(system.cloth)
-        raise
+        with at("interest" if scene.interest else "expect"):
+            raise

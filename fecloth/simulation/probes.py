@@ -14,12 +14,17 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.selection import Where
 from fecloth.mesh.surface import Enclosure
 from fecloth.quantities.arguments import checks_arguments
+from fecloth.simulation.on_request import Measure, bind_measure
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.loops.green_strain import gradient
 
-TAKEN = ("mean_displacement", "sag", "area", "volume", "least_stretch", "largest_stretch")
+TAKEN = (
+    "mean_displacement",
+    *("sag", "area", "volume", "least_stretch", "largest_stretch", "drape_coefficient", "folds"),
+)
+PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
@@ -105,20 +110,24 @@ class Observer:
 
     `sag` is the greatest fall of a node since the start, whatever shape the cloth starts in [m].
     With `shape` these are also the largest and least principal stretch and the enclosed volume.
+    Names among the probes, such as "folds", are columns on request: see `on_request`.
     """
 
     system: System
     start: State
     probes: Mapping[str, tuple[np.ndarray, np.ndarray]]  # nodes and weights of each
     shape: Enclosure | None = None
+    measures: tuple[Measure, ...] = ()  # columns on request
 
     @classmethod
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> "Observer":
-        probes, cloth = _distinct(probes), system.cloth
-        rows = {p.name: p.weights(cloth) for p in probes}
+        placed, cloth = _distinct(probes), system.cloth
+        rows = {p.name: p.weights(cloth) for p in placed}
+        names = dict.fromkeys(name for name in probes if isinstance(name, str))
+        measures = tuple(bind_measure(name, system, rows) for name in names)
         weights = {name: (row.indices, row.data) for name, row in rows.items()}
         enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X)) if shape else None
-        return cls(system, start, weights, enclosure)
+        return cls(system, start, weights, enclosure, measures)
 
     def row(self, old: State | None, step) -> dict[str, float]:
         """Return probes, displacement, sag, area, reactions over the step (NaN at the start)."""
@@ -147,17 +156,22 @@ class Observer:
             row["least_stretch"], row["largest_stretch"] = stretches
         for name in self.system.constraints.groups:
             row |= _components(f"reaction:{name}", forces.get(name, np.full(3, np.nan)))
-        return row | contact_rows(self.system, acting, state)
+        row |= contact_rows(self.system, acting, state)
+        for measure in self.measures:
+            row |= measure(state.x, row)
+        return row
 
 
 def _distinct(probes) -> tuple[Probe, ...]:
-    if isinstance(probes, Probe) or not all(isinstance(p, Probe) for p in probes):
+    single = isinstance(probes, Probe | str)
+    if single or not all(isinstance(p, Probe | str) for p in probes):
         raise InputError(f"probes = {probes!r}", "must be a list of Probe(name, where)", "Observer")
+    probes = [probe for probe in probes if isinstance(probe, Probe)]
     names = [probe.name for probe in probes]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"probe {name!r} appears twice", "needs a unique name", "Observer")
-        if name in TAKEN or name.startswith(("reaction:", "least_distance:")):
+        if name in TAKEN or name.startswith(PREFIXES):
             raise InputError(f"probe {name!r}", "is the name of a column of every run", "Observer")
     return tuple(probes)
 

@@ -20,10 +20,12 @@ HOW = {  # words before the name: what is taken of its values over the run
 }
 UNITS = {"sag": "m", "area": "m²", "volume": "m³", "largest_stretch": "", "least_stretch": ""}
 UNITS |= {"displacement": "m²", "velocity": "m²/s", "reaction": "N", "energy": "J"}
+UNITS |= {"drape_coefficient": "", "folds": "", "line_force": "N/m"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 EXAMPLES = (
     "tip.z, tip.z at 0.3 s, max sag, path of tip, period of tip.z, energy.StVK, reaction.left.z, "
-    "displacement in H1, frequency(2)"
+    "displacement in H1, frequency(2), distance of a and b, drape_coefficient, folds, "
+    "line_force.left.x"
 )
 _MODE = re.compile(r"frequency\s*\(\s*(\d+)\s*\)")
 _TEXT = re.compile(
@@ -63,7 +65,7 @@ class Quantity:
     def column(self) -> str:
         """Name of the column in energies.csv or observed.csv, or of its vector."""
         kind, _, rest = self.name.partition(".")
-        if kind in ("reaction", "least_distance") and rest:
+        if kind in ("reaction", "least_distance", "line_force") and rest:
             return f"{kind}:{rest}"
         return rest if kind == "energy" and rest else self.name
 

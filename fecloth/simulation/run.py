@@ -161,7 +161,7 @@ def run(
     t_end: Annotated[float | None, TIME] = None,
     *,
     stops: Annotated[Sequence[float], TIME] = (),
-    probes: Sequence[Probe] = (),
+    probes: Sequence[Probe | str] = (),
     solver: str = "auto",
     newton: Newton | None = None,
     most_stretch: float = 20.0,

@@ -115,7 +115,7 @@ class Follower:
     def _observer(self, setup: Setup) -> Observer:
         if setup.cloth is self.base.cloth:
             return replace(self.observer, system=setup.system, start=setup.start)
-        return Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+        return Observer.bind(setup.system, setup.start, self.base.probes, shape=True)
 
     def follow(
         self, info: StepInfo, derive: Callable[[Along, Sides], DerivedStep], ledger: Ledger,

@@ -16,6 +16,7 @@ from fecloth.nonlinear.options import Newton
 from fecloth.scene.scene import scene_of
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import value_of
@@ -76,6 +77,8 @@ SetupAt = Callable[[Parameter, float], Setup]
 
 def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
     recorded = what_to_record(sought.quantities, setup)
+    asked = on_request(quantity.column for quantity in sought.quantities)
+    setup = replace(setup, probes=(*setup.probes, *asked))
     exactly = sought.tolerance * OF_STEPS, status.check_time_limit
     derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
     slopes = Slopes(setup, derivation, problem.probes)

@@ -17,6 +17,7 @@ from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.march import march
+from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
@@ -92,6 +93,7 @@ def measure(
 ) -> dict:
     quiet = warnings.catch_warnings(action="ignore", category=FeclothWarning)
     with setup.system.team.pinned(), quiet:
+        setup = replace(setup, probes=(*setup.probes, *on_request(recorded)))
         whole = bool(recorded or function)  # over the run: each step has a row
         solve: Solve = partial(_march, whole=whole)
         if setup.t_end is None:
@@ -210,7 +212,7 @@ def _ends(setup: Setup, both: Mapping, end, result) -> dict:
 
 def columns_to_record(quantity: Quantity) -> list[str]:
     """Return the columns that a quantity needs over the whole run."""
-    needs = quantity.how in WHOLE or quantity.at is not None
+    needs = quantity.how in WHOLE or quantity.at is not None or on_request([quantity.column])
     return [quantity.column] if needs else []
 
 

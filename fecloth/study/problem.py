@@ -12,6 +12,7 @@ from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.setups import Setup
@@ -76,7 +77,8 @@ class CommonProblem:
     def check_quantity(self, quantity: Quantity) -> None:
         """Raise `InputError` for a quantity that the run does not have."""
         setup = self.first
-        observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
+        probes = (*setup.probes, *on_request([quantity.column]))
+        observer = Observer.bind(setup.system, setup.start, probes, shape=True)
         names = {*observer.row(None, None), *Ledger.open(setup.system, setup.start).row()}
         quantity.require_known(sorted(names - {"t"}))
 
@@ -99,7 +101,7 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
         return 2.0
     names = {*setup.system.names, "kinetic", "total", "area", "volume"}
     is_mean = quantity.how in ("mode", "period", "frequency") or quantity.column in names
-    is_mean |= quantity.column.startswith("reaction")
+    is_mean |= quantity.column.startswith(("reaction", "line_force"))
     return 2.0 if is_gradient else 4.0 if is_mean else 3.0
 
 

@@ -32,7 +32,7 @@ class Setup:
     t_end: float | None = None
     newton: Newton | None = None
     linear: str = "auto"
-    probes: tuple[Probe, ...] = ()
+    probes: tuple[Probe | str, ...] = ()
 
     @property
     def cloth(self) -> Cloth:

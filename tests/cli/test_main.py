@@ -350,7 +350,7 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     told = capsys.readouterr().err
     commands = (
         "run, view, render, check, converge, compare, sweep, chart, stability, sensitivity, "
-        "simplify, tune, modes, mesh, info"
+        "simplify, tune, modes, new, mesh, info"
     )
     assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])

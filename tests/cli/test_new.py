@@ -1,0 +1,89 @@
+"""`fecloth new`: which files it writes, that they fit together and run, and what it refuses."""
+
+import csv
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fecloth.cli.main import main
+from fecloth.scene.scene import load_scene
+from fecloth.simulation.quantity import parse_quantity
+from fecloth.study.parameters import choose_parameters
+from fecloth.study.problems import SceneProblem
+
+TESTS = {"tension": "", "cantilever": "", "drape": ".geo"}
+COARSE = {  # settings that make the runs short
+    "tension": ["cloth.h=12.5 mm", "equilibrium.load_steps=2"],
+    "cantilever": [f"cloths.{name}.h=12 mm" for name in ("short", "middle", "long")],
+    "drape": ["cloth.h=25 mm", "equilibrium.load_steps=5"],
+}
+
+
+@pytest.fixture(params=TESTS)
+def written(request, tmp_path, monkeypatch, capsys):
+    """The name of a test, in a folder with the files of a specimen."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "cloths/my cotton.toml", "--test", request.param]) == 0
+    assert "next: fecloth run cloths/my cotton.toml" in capsys.readouterr().out
+    monkeypatch.chdir(tmp_path / "cloths")
+    return request.param
+
+
+def table(path):
+    """The names and units of the columns of a CSV file, and its rows."""
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line[:1] != "#"]
+    head, *rows = csv.reader(lines)
+    units = [re.fullmatch(r"(.*?)(?: \[(.*)\])?", name).groups() for name in head]
+    return dict(units), [list(map(float, row)) for row in rows]
+
+
+def test_the_files_of_a_specimen_fit_together(written, tmp_path):
+    endings = [".csv", ".toml", "_fit.toml", *filter(None, [TESTS[written]])]
+    folder = tmp_path / "cloths"
+    assert sorted(p.name for p in folder.iterdir()) == sorted(f"my cotton{e}" for e in endings)
+    assert not any("NAME" in path.read_text(encoding="utf-8") for path in folder.iterdir())
+    fit = tomllib.loads((folder / "my cotton_fit.toml").read_text(encoding="utf-8"))
+    (experiment,) = fit["experiments"]
+    scene = load_scene(folder / experiment["scene"])
+    columns, rows = table(folder / experiment["data"])
+    assert len(rows) >= 3
+    assert all(len(row) == len(columns) for row in rows)
+    assert "made-up" in (folder / experiment["data"]).read_text(encoding="utf-8")
+    chosen = choose_parameters(SceneProblem(scene, "scene"), fit["parameters"], {})
+    assert {each.name: each.value for each in chosen} == fit["parameters"]
+    problem = SceneProblem(scene, "scene")
+    along = experiment["along"]
+    pairs = experiment["quantity"] | (along if isinstance(along, dict) else {})
+    for column, text in pairs.items():
+        problem.check_quantity(parse_quantity(text))
+        assert columns[column] == {"m": "mm", "N": "N", "": "-"}[parse_quantity(text).unit()]
+    assert along == "t" or list(along.values()) == ["grip.x"]
+
+
+@pytest.mark.slow
+def test_the_scene_of_a_specimen_runs(written, capsys):
+    changes = [word for change in COARSE[written] for word in ("--set", change)]
+    assert main(["run", "my cotton.toml", "--quiet", *changes]) == 0
+    words = capsys.readouterr().err
+    assert "warning" not in words.replace("warning: wrinkles as fine as the mesh", "")  # of h / 2
+
+
+def test_files_that_exist_are_kept(written, capsys):
+    data = Path("my cotton.csv")
+    data.write_text("mine", encoding="utf-8")
+    again = ["new", "my cotton", "--test", written]
+    assert main(again) == 2
+    assert "exists: needs --overwrite" in capsys.readouterr().err
+    assert data.read_text(encoding="utf-8") == "mine"
+    assert main([*again, "--overwrite"]) == 0
+    assert table(data)[1]
+
+
+@pytest.mark.parametrize("name", ['a"b', "a\nb", "..", ""])
+def test_names_that_are_no_names_of_files_are_refused(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", name, "--test", "drape"]) == 2
+    assert "must be a file name" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
