@@ -30,8 +30,7 @@ P2_COST = 4.0  # nodes of P2 over nodes of P1 on the same triangles
 class Setting:
     """One setting of a problem."""
 
-    # Its cells in the table: method, element, model, and rtol [1/s] where it has one.
-    names: dict[str, str | float]
+    names: dict[str, str | float]  # cells of the table: method, element, model, perhaps rtol [1/s]
     run: Point | dict  # what runs; a row with the reason where it is refused
 
     def sizes(self) -> dict[str, float]:
@@ -52,10 +51,11 @@ def make_settings(
     meshes: int,
 ) -> list[Setting]:
     """Return the settings of all combinations, each on its meshes and with its steps."""
+    asked = methods, elements, models
     if isinstance(opened, SceneProblem):
-        combinations = _of_scene(opened.scene, methods, elements, models)
+        combinations = _of_scene(opened.scene, *asked)
     else:
-        combinations = _of_function(opened, methods, elements, models)
+        combinations = _of_function(opened, *asked)
     settings = [made for names in combinations for made in _settings(opened, names, meshes)]
     refusals = [setting.run["cause"] for setting in settings if isinstance(setting.run, dict)]
     if len(refusals) == len(settings):
@@ -66,27 +66,19 @@ def make_settings(
 def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
     """Return the combinations of a scene, each with a tolerance where its steps follow one."""
     own = [table.type for table in scene.terms if traits_of(table.make()).kind == "membrane"]
-    model = own[0] if own else ""
-    known = tuple(dict.fromkeys([*own, *MODELS]))
-    element = scene.cloth.element
-    if models and not model:
+    if models and not own:
         raise InputError("the terms", f"have none of {', '.join(MODELS)} to replace", "chart")
-    chosen = {
-        "element": known_names("element", elements or (element, *ELEMENTS), ELEMENTS),
-        "model": known_names("model", models or (model,), known) if model else [""],
-    }
-    if scene.equilibrium:
-        if methods:
-            raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "chart")
-        rules: list[dict] = [{"method": "equilibrium"}]
-    else:
-        own = scene.time.method.type
-        names = known_names("method", methods or (own, *USUAL), ALL_METHODS)
+    tried = known_names("element", elements or (scene.cloth.element, *ELEMENTS), ELEMENTS)
+    listed = known_names("model", models or own[:1], tuple(dict.fromkeys([*own, *MODELS])))
+    rules: list[dict] = [{"method": "equilibrium"}]
+    if not scene.equilibrium:
+        usual = scene.time.method.type, *USUAL
+        names = known_names("method", methods or usual, ALL_METHODS)
         rules = [rule for name in names for rule in _rules(scene, name)]
-    return [
-        {**rule, "element": e, "model": m}
-        for rule, e, m in product(rules, chosen["element"], chosen["model"])
-    ]
+    elif methods:
+        raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "chart")
+    combinations = product(rules, tried, listed or [""])
+    return [{**rule, "element": e, "model": m} for rule, e, m in combinations]
 
 
 def _rules(scene: Scene, method: str) -> list[dict]:
@@ -128,8 +120,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     """Return a setting for each mesh and step; one with the reason if the problem refuses it."""
     cls = ALL_METHODS.get(names["method"])
     method = "Auto" if names["method"] == "auto" else cls.__name__ if cls else names["method"]
-    rest = {key: names[key] for key in ("element", "model", "rtol") if key in names}
-    shown = {"method": method} | rest
+    shown = {"method": method} | {n: names[n] for n in ("element", "model", "rtol") if n in names}
     try:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
@@ -148,11 +139,11 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
 
 def _point(shown: dict, variant: Problem, level: Level) -> Point:
     """Return what runs, with the setting in words and its predicted size."""
-    words = ", ".join(str(value) for value in shown.values() if value)
-    words += f", {level}" if str(level) != str(FIRST) else ""
+    words = [str(value) for value in shown.values() if value]
+    words += [str(level)] if str(level) != str(FIRST) else []
     size = variant.workload(level)
     factor = P2_COST if shown["element"] == "P2" else 1.0
-    return Point(variant, level, words, replace(size, triangles=factor * size.triangles))
+    return Point(variant, level, ", ".join(words), replace(size, triangles=factor * size.triangles))
 
 
 def change_names(opened: Problem, names: dict) -> Change:
@@ -182,10 +173,9 @@ def _change_time(tables: dict, names: dict) -> None:
     own = time.get("method", "auto")
     if names["method"] != (own if isinstance(own, str) else own["type"]):
         time["method"] = names["method"]
-    if names["method"] in EXPLICIT:
-        tables["mass"] = "lumped"
-    if names["method"] in EXPLICIT or "rtol" in names:
-        time["dt"] = "auto"
+    is_explicit = names["method"] in EXPLICIT
+    tables |= {"mass": "lumped"} if is_explicit else {}
+    time |= {"dt": "auto"} if is_explicit or "rtol" in names else {}
     if time.get("dt", "auto") == "auto" or "dt" in names:
         for key in ("rtol", "atol", "longest"):
             time.pop(key, None)

@@ -1,6 +1,7 @@
 """The result of `chart`: the Pareto front of error over CPU seconds, and what it says."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,29 +37,22 @@ class Chart(StudyResult):
         if self.others:
             names = ", ".join(self.others)
             lines.append(f"All errors are of {self.quantity}, the first quantity; not of {names}.")
-        if self.limit:
-            convergence = self.limit
-            value = convergence.limit if math.isfinite(convergence.limit) else convergence.value
-            words = with_uncertainty(value, convergence.uncertainty, convergence.unit)
-            verdict = convergence.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
+        if found := self.limit:
+            value = found.limit if math.isfinite(found.limit) else found.value
+            words = with_uncertainty(value, found.uncertainty, found.unit)
+            verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
             lines.append(f"Limit: {self.quantity} = {words}; {verdict.rstrip('.')}.")
-        letters = grey_letters(self.table)
-        if letters:
-            key = ", ".join(f"{letter} {name}" for name, letter in letters.items())
+        if key := ", ".join(f"{sign} {name}" for name, sign in grey_letters(self.table).items()):
             lines.append(f"Grey letters in the figure: {key}.")
-        without = [row["status"] for row in self.table if row["status"] != OK]
-        counts = {status: without.count(status) for status in dict.fromkeys(without)}
-        if counts:
-            parts = ", ".join(f"{count} {status}" for status, count in counts.items())
+        counts = Counter(row["status"] for row in self.table if row["status"] != OK)
+        if parts := ", ".join(f"{count} {status}" for status, count in counts.items()):
             lines.append(f"Settings without an error: {parts}, of {len(self.table)}.")
         return lines
 
     def summary(self) -> str:
         """What the command prints: the verdict, the notes and the front."""
-        words = (
-            f"These are {len(self.front)} of {len(self.table)} settings: no other is as accurate\n"
-            "at the same cost. The report has all."
-        )
+        count = f"These are {len(self.front)} of {len(self.table)} settings"
+        words = f"{count}: no other is as accurate\nat the same cost. The report has all."
         return "\n".join([*self.words(), "", str(self.front), "", words])
 
     @property
@@ -143,13 +137,11 @@ def _stated_error(row: Mapping) -> str:
 def describe_row(row: Mapping, with_model: bool = True) -> str:
     parts = [f"{row['method']} with {row['element']}"]
     parts += [row["model"]] if with_model and row.get("model") else []
-    if row.get("h"):
-        h = row["h"]
+    if h := row.get("h"):
         parts.append(f"h = {100 * h:.3g} cm" if h >= 0.0099 else f"h = {1e3 * h:.3g} mm")
-    if row.get("rtol"):
-        return ", ".join([*parts, f"rtol = {row['rtol']:g} 1/s"])
-    if row.get("dt"):
-        dt = row["dt"]
+    if rtol := row.get("rtol"):
+        parts.append(f"rtol = {rtol:g} 1/s")
+    elif dt := row.get("dt"):
         parts.append(f"dt = {1e3 * dt:.3g} ms" if dt < 0.999 else f"dt = {dt:.3g} s")
     return ", ".join(parts)
 
@@ -201,22 +193,22 @@ def draw_chart(chart: Any) -> Figure:
         return drawing
     unit = " %" if all("error %" in row for row in _rows(lines)) else ""
     floor = next(iter(_rows(lines)))[f"uncertainty{unit}"]
-    ax.set(xscale="log", yscale="log", xlabel="CPU time [s]")
-    ax.set_ylabel(f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]")
+    words = f"error of {chart.quantity} [{unit.strip() or chart.limit.unit}]"
+    ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", ylabel=words)
     ax.set_title(chart.title, loc="left")
     key = "wide grey line: Pareto front; open: at most this error"
     ax.set_title(key, loc="right", fontsize=10, color="0.35")
     for name, letter in grey_letters(chart.table).items():
-        x, y = _points(rest[name], unit)
-        ax.plot(x, y, ls="", marker=f"${letter}$", ms=7, color="0.55", mew=0.3)
+        grey = {"ls": "", "marker": f"${letter}$", "ms": 7, "color": "0.55", "mew": 0.3}
+        ax.plot(*_points(rest[name], unit), **grey)
     ends = []
     for i, (name, rows) in enumerate(lines.items()):
         style = line_style(i)
         _draw_marks(ax, rows, unit, {**style, "ls": "", "ms": 4, "alpha": 0.35})
         x, y = _draw_marks(ax, best_rows(rows, BETTER), unit, style)
         ends.append((name, str(style["color"]), x[-1], y[-1]))
-    x, y = _points(chart.front, unit)
-    ax.plot(x, y, color="0.2", lw=9, alpha=0.2, zorder=1, solid_capstyle="round")
+    wide = {"color": "0.2", "lw": 9, "alpha": 0.2, "zorder": 1, "solid_capstyle": "round"}
+    ax.plot(*_points(chart.front, unit), **wide)
     x, y = _points([*_rows(lines), *_rows(rest)], unit)
     ax.set(xlim=(min(x) / 1.4, max(x) * 1.4), ylim=(min(*y, floor or math.inf) / 2, max(y) * 1.6))
     if floor > 0:

@@ -105,9 +105,8 @@ def chart(
         table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
         return Chart(title=opened.name, verdict=verdict, table=table, warnings=warned)
-    rows = _run(listed, chosen, timed)
-    pairs = zip(listed, rows, strict=True)
-    lines = [_line(setting, row, chosen, limit) for setting, row in pairs]
+    pairs = zip(listed, _run(listed, chosen, timed), strict=True)
+    lines = [_line(*pair, chosen, limit) for pair in pairs]
     on_front = find_front(lines)
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
@@ -127,9 +126,9 @@ def find_limit(
 ) -> Limit | None:
     """Refine the problem in h and dt; with a method of second order, which has the same limit."""
     problem = _for_limit(opened)
-    in_h = problem.can_refine("h")
-    explicit = isinstance(problem, SceneProblem) and not problem.is_static and problem.is_explicit
-    in_dt = not problem.is_static and (problem.can_refine("dt") or explicit)
+    in_h, is_scene = problem.can_refine("h"), isinstance(problem, SceneProblem)
+    has_steps = problem.can_refine("dt") or (is_scene and problem.is_explicit)
+    in_dt = not problem.is_static and has_steps
     refine = "both" if in_h and in_dt else "h" if in_h else "dt"
     problem.check(refine)
     study, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
@@ -142,31 +141,28 @@ def _for_limit(opened: Problem) -> Problem:
     """Return the problem with fixed steps of second order, or as it is."""
     if not isinstance(opened, SceneProblem) or opened.is_static:
         return opened
-    scene = opened.scene
-    kind, time = scene.time.method.type, scene.time
-    if kind in EXPLICIT and time.rtol is None:
+    time = opened.scene.time
+    if time.method.type in EXPLICIT and time.rtol is None:
         return opened
     if time.dt != "auto" and opened.first.steps.traits.order >= 2:
         return opened
     dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT if time.dt == "auto" else time.dt
-    names = {"method": "bdf2", "element": scene.cloth.element, "model": "", "dt": dt}
+    names = {"method": "bdf2", "element": opened.scene.cloth.element, "model": "", "dt": dt}
     return opened.changed(change_names(opened, names))
 
 
 def _run(listed: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
     """Return a row for each setting; refused and too long ones do not run."""
-    able = [_skip_long(setting.run, runs.time_limit or math.inf) for setting in listed]
+
+    def skip_long(run: run_problems.Point | dict) -> run_problems.Point | dict:
+        if isinstance(run, dict) or run.size.seconds <= (runs.time_limit or math.inf):
+            return run
+        return {"status": "skipped", "cause": f"predicted: about {in_words(run.size.seconds)}"}
+
+    able = [skip_long(setting.run) for setting in listed]
     if points := [run for run in able if isinstance(run, run_problems.Point)]:
         run_problems.check_points(points, runs)
     return run_problems.run_or_skip(able, [quantity], runs)
-
-
-def _skip_long(run: run_problems.Point | dict, limit: float) -> run_problems.Point | dict:
-    """Return a run, or a row in place of one that is predicted to take longer than the limit."""
-    if isinstance(run, run_problems.Point) and run.size.seconds > limit:
-        cause = f"predicted: about {in_words(run.size.seconds)}"
-        return {"status": "skipped", "cause": cause}
-    return run
 
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
