@@ -243,6 +243,7 @@ def scene(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_a_scene_has_the_columns_that_it_names_and_no_others(scene, tmp_path):
     expected = """[expect]
 "distance of left edge and grip" = { value = 1.1, relative = 1e-9 }
