@@ -82,7 +82,7 @@ def check_term(
     """Check the force of a term against its energy, and its tangents against its force.
 
     The errors of central differences must decrease with slope 2, in each state and at each scale of
-    the stiffness of the fabric. Of the bound term, `power`, `supply` and `rate_bounds` are not
+    the stiffness of the fabric. Of the bound term, `power` and `supply` are not
     checked. Raises `VerificationFailed` if a slope is not 2, or if a force is zero and therefore
     cannot be checked.
 

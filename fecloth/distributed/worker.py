@@ -20,11 +20,6 @@ def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
     return float(sum(shares))
 
 
-def largest(parts: Sequence[Part], shares: Sequence[tuple]) -> tuple:
-    """The largest of each number of tuples."""
-    return tuple(max(numbers) for numbers in zip(*shares, strict=True))
-
-
 def cells(parts: Sequence[Part], shares: Sequence[Rows]) -> Rows:
     """The rows of all triangles, each from the part where it counts."""
     out = np.zeros((sum(map(len, shares)), *shares[0].shape[1:]))
@@ -50,7 +45,6 @@ ABILITIES = {
     "supply": Ability(total, placed=2),
     "dissipation": Ability(total),
     "work_of_clamps": Ability(total, placed=0),
-    "rate_bounds": Ability(largest, placed=0),
     "strain_error": Ability(cells),
     "add_stress": Ability(cells, width=4),
 }

@@ -3,8 +3,6 @@
 import math
 from collections.abc import Iterator
 
-import numpy as np
-
 from fecloth.errors import amount
 from fecloth.linalg import mkl_pardiso
 from fecloth.scene.problem import Problem
@@ -12,7 +10,6 @@ from fecloth.simulation import dimensionless
 from fecloth.simulation.doubts.pins import rotation_about_pins
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
-from fecloth.stability.critical_step import element_bound
 from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition
 
@@ -38,11 +35,11 @@ def plan(problem: Problem, why: str) -> list[str]:
         *_wrinkle_line(system),
         *problem.notes(),
     ]
-    limit = element_bound(system, "central_difference")
-    if np.isfinite(limit) and not problem.is_static:
+    limit = math.inf if problem.is_static else problem.planned.explicit_limit
+    if math.isfinite(limit):
         speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
         fastest = f"fastest wave in the fabric {speed:.3g} m/s"
-        needs = f"an explicit method would need dt <= {limit:.3g} s (bound at rest)"
+        needs = f"an explicit method would need dt <= {limit:.3g} s (at the start)"
         if system.mass_kind != "lumped":
             needs = 'a consistent mass allows no explicit method, mass = "lumped" would'
         lines.append(f"{fastest}; {needs}")

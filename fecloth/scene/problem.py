@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,15 +72,15 @@ class Problem:
 
     def warnings(self) -> list[str]:
         """Return a sentence for each likely problem of the run, with its remedy."""
-        return list(find_warnings(self._planned, OF_SCENES))
+        return list(find_warnings(self.planned, OF_SCENES))
 
     def notes(self) -> list[str]:
         """Return lines to print before the run: facts that are easily overlooked."""
-        noted = (f"note: {words}" for words in find_warnings(self._planned, NOTES))
+        noted = (f"note: {words}" for words in find_warnings(self.planned, NOTES))
         return [*filter(None, [self.note]), *noted]
 
-    @property
-    def _planned(self) -> PlannedRun:
+    @cached_property
+    def planned(self) -> PlannedRun:
         ends = np.append(self.stops, self.t_end)
         return PlannedRun(self.system, self.state, self.steps, ends)
 

@@ -12,6 +12,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 PUSH = 1e-6  # size of the differences, relative to an edge
+SLOW = 1e-3  # m/s: the same, of velocities
+ROUGH = 0.1  # relative error of `largest_rates`
 LONGEST = 60  # Lanczos steps in a round
 ROUNDS = 6
 FIRST = 1.0  # s, the dt of the first round: a long one, in which stiffness rules
@@ -50,12 +52,33 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     return dt
 
 
+def largest_rates(system: System, state: State) -> tuple[float, float]:
+    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth.
+
+    Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
+    quarter for P1, and that part counts in its place. Raises as `estimate` does.
+    """
+    products, weights = _Products(system, state, 1.0, 1.0), ((1.0, 0.0), (0.0, 1.0))
+    noise, rates = products.noise(), [0.0, 0.0]
+    for i in range(1 + products.damped):
+        value, residual, _ = _lanczos(lambda y, i=i: products.product(y, *weights[i]), noise, ROUGH)
+        rates[i] = max(0.0, value + residual)
+    return rates[0], rates[1]
+
+
+def step_of_rates(k: float, d: float) -> float:
+    """The positive dt [s] of dt² k + dt d = 1; infinite for none."""
+    total = d + math.hypot(d, 2 * math.sqrt(k))
+    return 2 / total if total > 0 else math.inf
+
+
 class _Products:
     """y ↦ M^-½ P (wx K + wv D) P M^-½ y at a state, one force evaluation each."""
 
     def __init__(self, system, state, a, b):
         self.system, self.state, self.a, self.b = system, state, a, b
-        self.root_mass = np.sqrt(system.nodal_mass)[:, None]
+        part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
+        self.root_mass = np.sqrt(part * system.diagonal_mass)[:, None]
         self.edge = math.sqrt(system.cloth.area / len(system.cloth.triangles))
         self.damped = any(term.velocity_dependent for term in system.bound)
         self.force = system.force(state)
@@ -73,7 +96,8 @@ class _Products:
 
     def product(self, y, wx, wv) -> np.ndarray:
         state, z = self.state, y.reshape(-1, 3) / self.root_mass
-        push = PUSH * self.edge / (wx * np.abs(z).max())  # D changes with x only: v may move far
+        size = PUSH * self.edge / wx if wx else SLOW / wv  # D changes with x only: v may move far
+        push = size / np.abs(z).max()
         pushed = State(state.t, state.x + push * wx * z, state.v + push * wv * z)
         change = (self.force - self.system.force(pushed)) / push
         return self.system.constraints.project(change / self.root_mass).ravel()
@@ -91,7 +115,7 @@ class _Products:
         k = max(self.a * float(np.vdot(z, self.product(z, 1.0, 0.0))), 0.0)
         d = (value - dt**2 * k) / dt
         k, d = more * k, more * max(d, 0.0)
-        return 2 / (d + math.sqrt(d**2 + 4 * k))
+        return step_of_rates(k, d)
 
 
 def _not_finite(system: System, state: State) -> str:

@@ -430,16 +430,6 @@ class System(Arguments):
         """Whether every term's tangent is symmetric."""
         return all(term.symmetric for term in self.bound)
 
-    def rate_bounds(self) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
-
-        A consistent mass is at least a part of its scaled diagonal, a quarter for P1, and that
-        part counts in its place.
-        """
-        part = self.cloth.least_mass if self.mass_kind == "consistent" else 1.0
-        bounds = [term.rate_bounds(part * self.diagonal_mass) for term in self.bound]
-        return sum(b[0] for b in bounds), sum(b[1] for b in bounds)
-
     def __repr__(self) -> str:
         terms = ", ".join(self.names) or "no terms"
         return f"<System of {len(self.cloth.X)} nodes, {len(self.constraints.nodes)} held: {terms}>"

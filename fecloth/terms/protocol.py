@@ -32,7 +32,7 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.step_difference import StepDifference
 
 FLAGS = ("symmetric", "has_energy", "dissipative", "velocity_dependent")
-ALWAYS = ("name", *FLAGS, "add_force", "add_tangent", "rate_bounds")
+ALWAYS = ("name", *FLAGS, "add_force", "add_tangent")
 At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
@@ -71,9 +71,9 @@ def overrides(name: str) -> Any:
 class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
-    A term must have `name`, `symmetric`, `has_energy`, `add_force`, `add_tangent` and
-    `rate_bounds`; `energy` if it has one, and `power` if it is dissipative; without this base also
-    `dissipative` and `velocity_dependent`. All else does nothing here.
+    A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`; `energy` if
+    it has one, and `power` if it is dissipative; without this base also `dissipative` and
+    `velocity_dependent`. All else does nothing here.
 
     Attributes
     ----------
@@ -150,14 +150,6 @@ class BoundTerm:
         Add to ``J.values`` (blocks, 3, 3) at the slots that `bind` got. With `definite` what is
         added must be symmetric and positive semi-definite: Newton's method asks for that where
         the exact tangent fails.
-        """
-        raise NotImplementedError
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest.
-
-        `mass` (n,) [kg] are the nodal masses. Bounds by elements suffice; they guide the choice
-        of the linear solver and the stable step.
         """
         raise NotImplementedError
 

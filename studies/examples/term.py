@@ -48,9 +48,6 @@ class BoundWinkler:
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         J.values[self.own, 2, 2] += wx * self.k
 
-    def rate_bounds(self, mass):
-        return float((self.k / mass).max()), 0.0
-
 
 def sag(k, h=0.02, weight=1e-3):
     """Return z at the middle of a cloth stretched by a tenth, over ρ g/k."""

@@ -145,9 +145,6 @@ class Push:
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         pass
 
-    def rate_bounds(self, mass):
-        return 0.0, 0.0
-
 
 def test_load_without_a_supply_is_not_taken_for_a_blow_up(sheet):
     """The energy that it gives is not known, so no motion is too fast."""

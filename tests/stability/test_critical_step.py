@@ -136,7 +136,7 @@ def test_the_coded_methods_keep_to_it(small, isotropic, method, name, damping):
     assert largest[1] > 1e-5
 
 
-# --- the element bound ----------------------------------------------------------------------------
+# --- the bound by rows ----------------------------------------------------------------------------
 
 
 def ratio(cloth, fabric, terms, method="symplectic_euler", **options):
@@ -155,12 +155,12 @@ def least_angle(cloth):
 
 
 @pytest.mark.parametrize("h", [0.1, 0.05])
-def test_the_bound_is_within_one_and_a_half_on_gmsh_meshes(isotropic, h):
+def test_the_bound_is_close_on_gmsh_meshes(isotropic, h):
     for cloth in (fc.Cloth.rectangle(1.0, 0.7, h=h), fc.Cloth.disk(0.5, h / 2)):
         assert least_angle(cloth) > 30
-        assert 1.1 < ratio(cloth, isotropic, [fc.StVK()]) < 1.5
+        assert ratio(cloth, isotropic, [fc.StVK()]) < 1.07
         for method in ("symplectic_euler", "central_difference"):  # rates enter without the root
-            assert ratio(cloth, isotropic, DAMPED, method) < 1.5**2
+            assert ratio(cloth, isotropic, DAMPED, method) < 1.07**2
 
 
 @pytest.mark.parametrize("pattern", ["right", "cross", "equilateral", "unstructured"])
@@ -177,15 +177,15 @@ def test_the_bound_is_never_unsafe(pattern, mass, isotropic, orthotropic):
     ratio(cloth, bent, [fc.StVK(), fc.HingeBending()], mass=mass)
 
 
-@pytest.mark.parametrize(("squeeze", "angle", "price"), [(0.35, 12, 2.75), (0.1, 3, 5.7)])
-def test_slivers_cost_more(squeeze, angle, price, isotropic):
-    """Of one sliver among good triangles the bound sees its own mass, not its neighbours'."""
+@pytest.mark.parametrize(("squeeze", "angle"), [(0.35, 12), (0.1, 3)])
+def test_a_sliver_costs_nothing(squeeze, angle, isotropic):
+    """Of one sliver among good triangles the bound sees the mass of its neighbours, too."""
     cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.2, pattern="right")
     X, middle = cloth.X.copy(), np.argmin(np.sum((cloth.X - 0.4) ** 2, axis=1))
     X[middle, 0] += 0.2 * (1 - squeeze)
     sliver = fc.Cloth.from_arrays(X, cloth.triangles)
     assert least_angle(sliver) == pytest.approx(angle, rel=0.01)
-    assert ratio(sliver, isotropic, [fc.StVK()]) == pytest.approx(price, rel=0.01)
+    assert ratio(sliver, isotropic, [fc.StVK()]) < 1.01
 
 
 def test_refusals(sheet, isotropic):

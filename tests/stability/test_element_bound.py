@@ -1,4 +1,4 @@
-"""The bound by elements is never unsafe: for every term, alone and on a membrane, on any mesh."""
+"""The bound by rows is never unsafe: for every term, alone and on a membrane, on any mesh."""
 
 import numpy as np
 import pytest
@@ -95,8 +95,8 @@ def test_it_is_never_unsafe(name, mesh):
             system = fc.System(cloth, FABRIC, terms, pins, mass)
             limit, bound = critical_dt(system, system.rest()), element_bound(system)
             assert bound <= limit * (1 + 1e-9)
-            if not pins and len(terms) == 2 and mesh != "sliver":
-                assert bound > (0.35 if mass == "lumped" else 0.2) * limit  # and worth something
+            if len(terms) == 2:
+                assert bound > (0.75 if mass == "lumped" else 0.6) * limit  # and worth something
 
 
 @pytest.mark.parametrize("name", ["StVK", "structural", "StrainRateDamping", "Tether", "Wind"])
@@ -111,12 +111,8 @@ def test_nor_for_other_methods(name, method):
 
 @pytest.mark.parametrize("h", [0.1, 0.05])
 @pytest.mark.parametrize("terms", [[fc.StVK()], [fc.StVK(), fc.HingeBending()]], ids=len)
-def test_it_is_within_one_and_a_half_on_good_gmsh_meshes(terms, h):
+def test_it_is_close_on_good_gmsh_meshes(terms, h):
     soft = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-4)
     for cloth in (fc.Cloth.rectangle(1.0, 0.7, h=h), fc.Cloth.disk(0.5, h)):
-        corners = cloth.X[cloth.triangles]
-        a, b = (np.roll(corners, -k, axis=1) - corners for k in (1, 2))
-        cosine = np.sum(a * b, axis=2) / np.linalg.norm(a, axis=2) / np.linalg.norm(b, axis=2)
-        assert np.degrees(np.arccos(cosine)).min() > 30
         system = fc.System(cloth, soft, terms)
-        assert 1 <= critical_dt(system, system.rest()) / element_bound(system) < 1.5
+        assert 1 <= critical_dt(system, system.rest()) / element_bound(system) < 1.1

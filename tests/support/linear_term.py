@@ -90,6 +90,3 @@ class BoundLinear:
 
     def over_step(self, step):
         return self
-
-    def rate_bounds(self, mass):
-        return 0.0, 0.0

@@ -74,9 +74,6 @@ class BoundRibs(fc.BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         add_mass(self.blocks, self.matrix.data, wx, J.values)
 
-    def rate_bounds(self, mass):
-        return float((abs(self.matrix).sum(axis=1).A1 / mass).max()), 0.0
-
 
 # --- a damping ------------------------------------------------------------------------------------
 
@@ -118,9 +115,6 @@ class BoundSyrup:
         for i in range(3):
             J.values[self.own, i, i] += wv * self.drag
 
-    def rate_bounds(self, mass):
-        return 0.0, self.rate
-
 
 # --- a load ---------------------------------------------------------------------------------------
 
@@ -155,9 +149,6 @@ class BoundBreeze(fc.BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         pass
-
-    def rate_bounds(self, mass):
-        return 0.0, 0.0
 
 
 OWN = {"Rubber": Rubber, "Ribs": Ribs, "Syrup": Syrup, "Breeze": Breeze}

@@ -84,9 +84,6 @@ class BoundSliders:
             wx * self.k * part * np.where(slides[:, None, None], across, np.eye(3))
         )
 
-    def rate_bounds(self, mass):
-        return float((self.k / mass).max()), 0.0
-
 
 @dataclass(frozen=True, eq=False)
 class SlidersOverStep(BoundSliders):

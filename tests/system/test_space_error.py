@@ -154,9 +154,6 @@ class BoundFoundation:
     def add_tangent(self, *data):
         pass
 
-    def rate_bounds(self, mass):
-        return 1.0, 0.0
-
 
 REFUSED = [
     ("HingeBending bends with a rigidity that depends", [fc.StVK(), fc.HingeBending()]),

@@ -21,9 +21,6 @@ class Least:
     def add_tangent(self, x, v, t, wx, wv, J, definite):
         pass
 
-    def rate_bounds(self, mass):
-        return 0.0, 0.0
-
 
 class Slotted(Least):
     __slots__ = ("weight",)

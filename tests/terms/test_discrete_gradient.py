@@ -268,9 +268,6 @@ def test_a_term_of_ones_own_with_an_energy_is_served():
         def add_tangent(self, x, v, t, wx, wv, J, definite):
             J.values[self.slots, 2, 2] += wx * 1200.0 * x[:, 2] ** 2
 
-        def rate_bounds(self, mass):
-            return 0.0, 0.0
-
     result, *_ = fly([fc.StVK(), Quartic()])
     assert np.ptp(result.energies["Quartic"]) > 0.01 * result.energies["kinetic"].max()
     assert np.ptp(result.energies["total"]) < 1e-9 * result.energies["kinetic"].max()

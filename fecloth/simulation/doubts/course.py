@@ -89,7 +89,7 @@ def find_fast_waves(run: PlannedRun) -> Iterator[str]:
     method, dt = run.method, run.dt
     if not (method.traits.gains and dt):
         return
-    limit, loss = run.explicit_limit, _loss(run.system, dt)
+    limit, loss = run.explicit_limit, _loss(run, dt)
     if dt > UNRESOLVED * limit and loss < LOST:
         damping = (
             f"damping takes {100 * loss:.1g} % a step from them" if loss else "there is no damping"
@@ -101,11 +101,11 @@ def find_fast_waves(run: PlannedRun) -> Iterator[str]:
         )
 
 
-def _loss(system: System, dt: float) -> float:
+def _loss(run: PlannedRun, dt: float) -> float:
     """Return the part of the amplitude that damping takes in a step, of fast or of all waves."""
     # The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
     # that it resolves by 1 − d dt/2.
-    stiffness, damping = system.rate_bounds()
+    stiffness, damping = run.rates
     return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2)) if stiffness else 0.0
 
 

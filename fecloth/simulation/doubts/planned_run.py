@@ -13,7 +13,7 @@ from fecloth.simulation.doubts.signals import Signal, find_signals
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.resolve import method_to_report
-from fecloth.stability.critical_step import element_bound
+from fecloth.stability.lanczos_estimate import largest_rates, step_of_rates
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -49,9 +49,14 @@ class PlannedRun:
         return method_to_report(self.steps)
 
     @cached_property
+    def rates(self) -> tuple[float, float]:
+        """The `largest_rates` at the start; 0 where they are not known."""
+        return attempt(largest_rates, self.system, self.state, otherwise=(0.0, 0.0))
+
+    @property
     def explicit_limit(self) -> float:
-        """The longest step [s] of an explicit method, by a bound at rest."""
-        return element_bound(self.system, "central_difference")
+        """The longest step [s] of central differences at the start; infinite if not known."""
+        return step_of_rates(0.25 * self.rates[0], self.rates[1])
 
     @cached_property
     def signals(self) -> tuple[Signal, ...]:

@@ -227,7 +227,3 @@ class BoundQuadratic(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx Q ⊗ I₃."""
         add_mass(self.blocks, self.matrix.data, wx, J.values)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bound of the eigenvalues of M⁻¹K [1/s²]: the largest row sum of |Q|/m."""
-        return float((abs(self.matrix).sum(axis=1).A1 / mass).max()), 0.0

@@ -192,7 +192,3 @@ class BoundPlate(BoundTerm):
         first = len(mu) - len(self.plate.held)
         moment = self.plate.loop.select(self.plate.stiffness @ (mu - self.rest))
         return moment[first:, None] * g[first:, 3]
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bound of the eigenvalues of M⁻¹K [1/s²] at flat."""
-        return self.plate.bound(mass), 0.0

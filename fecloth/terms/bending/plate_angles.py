@@ -205,16 +205,6 @@ class PlateAngles:
 
         self.loop.add_blocks(call, J)
 
-    def bound(self, mass: np.ndarray) -> float:
-        """Upper bound of the eigenvalues of M⁻¹ GᵀQG at flat: the largest row sum."""
-        here = self.nodes >= 0
-        hinge = np.repeat(np.arange(len(self.nodes)), here.sum(axis=1))
-        shape = len(self.nodes), len(mass)
-        G = sparse.csr_matrix((self.flat_gradient[here], (hinge, self.nodes[here])), shape=shape)
-        scale = sparse.diags(1.0 / np.sqrt(mass))
-        K = scale @ (G.T @ self.stiffness @ G) @ scale
-        return float(abs(K).sum(axis=1).max()) if K.nnz else 0.0
-
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     """The hinge angles of a panel, coupled by the stiffness of its plate."""

@@ -181,10 +181,6 @@ class BoundContact(BoundTerm):
         """
         return 0.0
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Return zeros: at rest nothing touches."""
-        return 0.0, 0.0
-
     @property
     def keeps_history(self) -> bool:
         return self.friction > 0.0 or 0.0 < self.restitution < 1.0
@@ -215,7 +211,7 @@ class ContactOverStep(BoundTerm):
     has_energy = True
     stores_strain = False
     name, couples_nodes = taken_from("contact.name"), taken_from("contact.couples_nodes")
-    rate_bounds, limit = taken_from("contact.rate_bounds"), taken_from("contact.limit")
+    limit = taken_from("contact.limit")
     dissipates_over_step = taken_from("contact.dissipative")
     needs_path, end = taken_from("contact.needs_path"), taken_from("step.end")
 

@@ -121,7 +121,7 @@ class Condition:
         functions.check(rest)
         own = self.name, KERNELS, (int(self.convex),) * r
         data: Any = self.nodes, np.zeros(1), self.stiffness, self.damping
-        more: dict[str, Any] = {"tangent": self.tangent, "functions": functions}
+        more: dict[str, Any] = {"tangent": self.tangent, "functions": functions, "rest": rest}
         if self.gauss_newton:
             more["hessian"] = "gauss_newton"
         try:
@@ -152,10 +152,11 @@ class BoundUserCondition(bound_condition.BoundCondition):
     """`Condition` bound to a cloth: the constants of a stencil are the values of C, ∂C and ∂²C."""
 
     functions: Derivatives = field(kw_only=True)
+    rest: np.ndarray = field(kw_only=True)  # (m, k, 3) the nodes of the stencils at rest
 
     @cached_property
     def objective(self) -> bool:
-        return self.functions.is_objective(self.rest[self.nodes])
+        return self.functions.is_objective(self.rest)
 
     def table(self, x, t, order) -> np.ndarray:
         """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""

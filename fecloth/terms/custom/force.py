@@ -174,19 +174,6 @@ class BoundUserForce(BoundTerm):
             blocks = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
         add_blocks(J.pattern.diagonal, blocks, J.values)
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, of the symmetric parts."""
-        x = np.column_stack([self.X, np.zeros(len(self.X))])
-        rate = -(self.amount / mass)[:, None, None]
-        dg_dx, dg_dv = self._blocks(x, np.zeros_like(x), 0.0)
-        return _largest_eigenvalue(rate * dg_dx), _largest_eigenvalue(rate * dg_dv)
-
-
-def _largest_eigenvalue(blocks: np.ndarray) -> float:
-    """Largest eigenvalue >= 0 of the symmetric parts of blocks (n, 3, 3)."""
-    symmetric = 0.5 * (blocks + blocks.transpose(0, 2, 1))
-    return max(0.0, float(np.linalg.eigvalsh(symmetric).max()))
-
 
 def _check_value(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
     value = np.asarray(value, dtype=float)

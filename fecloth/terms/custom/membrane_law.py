@@ -67,14 +67,13 @@ class MembraneLaw:
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         name, constants = type(self).__name__, panel.each(self._row)
-        moduli = panel.each(lambda fabric: _raise_eigenvalues(self.moduli(fabric)))
+        panel.each(self.moduli)  # checks the law
         try:
             _compile_law(self.law)(NEAR, constants[0])
         except NumbaError as error:
             what, allowed = f"law: {' '.join(str(error).split())}", "must be what Numba compiles"
             raise InputError(what, allowed, name) from error
-        data = constants, moduli, panel, slots
-        return membrane.bind(name, _kernels(self.law), *data, self.strain)
+        return membrane.bind(name, _kernels(self.law), constants, panel, slots, self.strain)
 
     def _row(self, fabric: Fabric) -> np.ndarray:
         """Check `constants` and return them as an array."""
@@ -87,14 +86,6 @@ class MembraneLaw:
             what = f"constants of shape {c.shape}" if c.ndim != 1 else f"constants = {c}"
             raise InputError(what, "must be a list of finite numbers", name)
         return c
-
-
-def _raise_eigenvalues(C: np.ndarray) -> np.ndarray:
-    """Raise the eigenvalues of ℂ above zero, which can only raise the bound on the frequency."""
-    values, vectors = np.linalg.eigh(C[np.array(VOIGT)])
-    least = max(1e-9 * np.abs(values).max(), 1e-100)
-    A = (vectors * np.maximum(values, least)) @ vectors.T
-    return np.array([A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]])
 
 
 @inner

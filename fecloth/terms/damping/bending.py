@@ -128,10 +128,6 @@ class BoundPlateDamping(BoundTerm):
         if not definite:
             self.plate.add_curvatures(x, t, moment, wx, J)
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bound of the eigenvalues of M⁻¹D [1/s] at flat."""
-        return 0.0, self.time * self.plate.bound(mass)
-
     def _moments(self, x, v, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """μ̇ (h,), m (h,) and ∂μ/∂x (h, 4, 3)."""
         _, g = self.plate.gradients(x, t)

@@ -88,10 +88,6 @@ class BoundMassDamping(BoundTerm):
         """J += wv α m_a I."""
         add_diagonal(J.pattern.diagonal, wv, self.coefficient, J.values)
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s]."""
-        return 0.0, float((self.coefficient[:, 0] / mass).max())
-
 
 @dataclass(frozen=True, eq=False)
 class BoundConsistentMassDamping(BoundTerm):
@@ -124,10 +120,6 @@ class BoundConsistentMassDamping(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wv α M ⊗ I₃."""
         add_mass(self.blocks, self.matrix.data, wv, J.values)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Largest eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], which are 0 and α."""
-        return 0.0, self.rate
 
 
 @kernel

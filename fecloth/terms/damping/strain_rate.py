@@ -13,7 +13,6 @@ from fecloth.compiled.jit import Array
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import TIME
-from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane import BoundMembrane, PointwiseStrain, strain_of
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain
@@ -182,10 +181,6 @@ class BoundStrainRate(BoundTerm):
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
-        return 0.0, membrane_bound(self.panel, self.viscosity, mass)
-
 
 @dataclass(frozen=True, eq=False)
 class StrainRateOverStep(BoundTerm):
@@ -209,7 +204,7 @@ class StrainRateOverStep(BoundTerm):
         damping, moduli = self.damping, self.damping.viscosity / h
         strain = replace(damping.strain, rest=np.zeros_like(damping.strain.rest))
         kernels = stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge
-        data = damping.panel, moduli, moduli, strain, damping.loop
+        data = damping.panel, moduli, strain, damping.loop
         return BoundMembrane(self.name, kernels, *data).less(past)
 
     def energy(self, x: np.ndarray, t: float) -> float:
@@ -228,7 +223,3 @@ class StrainRateOverStep(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K; `definite` clamps the stresses of the geometric part at zero."""
         self.membrane.add_tangent(x, v, t, wx, wv, J, definite)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest."""
-        return self.damping.rate_bounds(mass)[1] / self.step.h, 0.0

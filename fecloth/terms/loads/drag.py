@@ -14,7 +14,6 @@ from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import DENSITY, RESISTANCE
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
 from fecloth.terms.loads.pressure import cross, edge
-from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
 from fecloth.terms.traits import DRAG
@@ -162,33 +161,6 @@ class BoundDrag(BoundTerm):
             return add_tangent, (*data, x, v, wx, wv, values)
 
         self.loop.add_blocks(call, J)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest at t = 0.
-
-        The bound of D for a triangle is k A/9 Σ 1/m_a, where m_a is its share of the mass of node
-        a. For the quadratic law k is replaced by 2 k |u|. The bound of K holds for |eigenvalues|;
-        it is zero for tangent = "symmetric".
-        """
-        cloth, (normal, tangential, quadratic) = self.panel.cloth, self.law
-        area = cloth.weights.sum(axis=1)
-        triangle_mass = area * self.panel.density
-        around = np.bincount(cloth.stencil.ravel(), np.repeat(triangle_mass, 3), len(mass))
-        share = triangle_mass[:, None] * (mass / around)[cloth.stencil]
-        k = max(normal, tangential)
-        x = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        if quadratic:
-            k = 2 * k * np.linalg.norm(self._air(x, 0.0), axis=1)
-        damping = float((k * area / 9 * (1 / share).sum(axis=1)).max())
-        return 0.0 if self.symmetric else self._stiffness_bound(x, mass), damping
-
-    def _stiffness_bound(self, x, mass) -> float:
-        m, k = self.nodes.shape
-        slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
-        u, change = self._air(x, 0.0), self.wind.gradient(self._centroids(x), 0.0)
-        K = np.zeros((m * k * k, 3, 3))
-        add_tangent(self.nodes, slots, self.law, u, change, x, np.zeros_like(x), 1.0, 0.0, K)
-        return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass)
 
 
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:

@@ -135,10 +135,6 @@ class BoundGas(BoundTerm):
         rate = self.absolute_pressure(V) / V if V else math.nan
         return self.gas.exponent * rate, u
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Return zeros: the volume at rest may be zero, so that no bound exists."""
-        return 0.0, 0.0
-
 
 @inner
 def from_origin(x, i, o):

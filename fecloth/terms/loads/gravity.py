@@ -75,9 +75,6 @@ class BoundGravity(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force is constant."""
 
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        return 0.0, 0.0
-
 
 @dataclass(frozen=True)
 class PointForce:
@@ -160,6 +157,3 @@ class BoundPointForce(BoundTerm):
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """Do nothing: the force does not depend on x and v."""
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        return 0.0, 0.0

@@ -14,7 +14,6 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 from fecloth.quantities.units import PRESSURE
-from fecloth.terms.loops.eigenvalue_bounds import stencil_bound
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
@@ -74,9 +73,8 @@ class Pressure:
         cloth = panel.cloth
         p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"
-        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
-        data = p, loop, orientation_signs(cloth), symmetric, rest, panel
+        data = p, loop, orientation_signs(cloth), symmetric, panel
         return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
 
 
@@ -95,7 +93,6 @@ class BoundPressure(BoundTerm):
     loop: SharedLoop
     signs: np.ndarray  # (m,) 1 or −1, see `orientation_signs`
     symmetric: bool
-    rest: np.ndarray  # (n, 3) positions of the flat cloth [m]
     panel: Panel  # the cloth with its fabrics
 
     nodes = taken_from("loop.nodes")  # (m, k) of the triangles
@@ -123,15 +120,6 @@ class BoundPressure(BoundTerm):
         if definite:
             return
         self.loop.add_blocks(partial(self._tangent, self.loop.slots, wx * float(self.p(t)), x), J)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of |eigenvalues| of M⁻¹K [1/s²] and of M⁻¹D [1/s], at rest and t = 0."""
-        m, k = self.nodes.shape
-        slots = np.arange(m * k * k, dtype=np.int32).reshape(m, k, k)
-        K, p = np.zeros((m * k * k, 3, 3)), float(self.p(0.0))
-        function, arguments = self._tangent(slots, p, self.rest, self.loop.whole, K)
-        function(*arguments)
-        return stencil_bound(self.nodes, K.reshape(m, k, k, 3, 3), mass), 0.0
 
     def _force(self, p, x, part, f) -> Call:
         return add_force, (self.nodes[part], self.signs[part], p, x, f)

@@ -1,6 +1,6 @@
 """Conditions of one family bound to the stencils of a cloth, as a `System` calls them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -15,7 +15,6 @@ from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.loops import condition
 from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
-from fecloth.terms.loops.eigenvalue_bounds import bound_from_squares, squared_norms
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
@@ -49,7 +48,6 @@ class BoundCondition(BoundTerm):
     # (m, r, r) k_s and k_d.
     stiffness: np.ndarray
     damping: np.ndarray
-    rest: np.ndarray  # (n, 3) positions at which `rate_bounds` is taken
     hessian: str = "exact"  # "exact" or "gauss_newton" (without ∂²C)
     # Of the damping: "symmetric" (without its non-symmetric part) or "exact".
     tangent: str = "symmetric"
@@ -78,13 +76,12 @@ class BoundCondition(BoundTerm):
         `own` are the fields of a subclass.
         """
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
-        (m, k), r, X = nodes.shape, len(convex), panel.cloth.X
+        (m, k), r = nodes.shape, len(convex)
         rows = np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), float)
         shape = (0,) * k, tuple(int(flag) for flag in convex)
         loop = SharedLoop.over_elements(panel, nodes, slots)
         ks, kd = _matrices(stiffness, m, r), _matrices(damping, m, r)
-        rest = np.column_stack([X, np.zeros(len(X))])
-        return cls(name, kernels, shape, loop, rows, ks, kd, rest, hessian, tangent, **own)
+        return cls(name, kernels, shape, loop, rows, ks, kd, hessian, tangent, **own)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -143,31 +140,6 @@ class BoundCondition(BoundTerm):
         arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
         others = x, v, float(wx), float(wv), part, mixed
         self.loop.add_blocks(by_part(self.kernels.add_tangent, self.shape, arrays, *others), J)
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
-        return self._bound(mass, 1.0, 0.0), self._bound(mass, 0.0, 1.0)
-
-    def _bound(self, mass: np.ndarray, wx: float, wv: float) -> float:
-        """Bound the eigenvalues of M⁻¹(wx K + wv D) by the eigenvalues of the stencils."""
-        if not (self.stiffness.any() if wx else self.damping.any()):
-            return 0.0
-        parts = [squared_norms(blocks) for blocks in self._blocks(wx, wv)]
-        return bound_from_squares(self.nodes, np.concatenate(parts), mass)
-
-    def _blocks(self, wx: float, wv: float, size: int = 8192) -> Iterator[np.ndarray]:
-        """Yield the matrices (s, k, k, 3, 3) of the stencils at rest, `size` of them at once."""
-        zero, constants = np.zeros_like(self.rest), self.table(self.rest, 0.0, 2)
-        for start in range(0, len(self.nodes), size):
-            part = slice(start, start + size)
-            s, k = self.nodes[part].shape
-            slots = np.arange(s * k * k, dtype=np.int32).reshape(s, k, k)
-            values = np.zeros((s * k * k, 3, 3))
-            data = constants[part], self.stiffness[part], self.damping[part]
-            weights = wx, wv, EXACT if self.hessian == "exact" else GAUSS_NEWTON, False
-            arrays = *self.shape, self.nodes[part], slots, *data
-            self.kernels.add_tangent(*arrays, self.rest, zero, *weights, values)
-            yield values.reshape(s, k, k, 3, 3)
 
 
 @dataclass(frozen=True, eq=False)

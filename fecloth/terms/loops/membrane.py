@@ -41,7 +41,6 @@ from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.mesh.recovery import CONSTANT, QUADRATIC, Samples
 from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.kinematics import deformation_gradient, green_strains, membrane_error
-from fecloth.terms.loops.eigenvalue_bounds import membrane_bound
 from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, is_interpolated
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part, cut
@@ -88,7 +87,6 @@ class BoundMembrane(BoundTerm):
     kernels: Kernels  # the law's entry points for its strain
     panel: Panel
     constants: np.ndarray  # (m, p) constants of the law in each triangle
-    moduli: np.ndarray  # (m, 6) ℂ at E = 0 [N/m], for the bound on the frequency
     strain: PointwiseStrain | ReggeStrain  # the strain of the panel
     loop: SharedLoop  # the loop over the triangles
 
@@ -151,17 +149,13 @@ class BoundMembrane(BoundTerm):
 
     def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
         """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
-        moduli = np.zeros((len(self.moduli), 6))
+        moduli = np.zeros((len(self.constants), 6))
         self.kernels.add_moduli(*self.data, x, moduli)
         E, samples = self.strain.sampled(x)
         return E, moduli, samples
 
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes
-
-    def rate_bounds(self, mass: np.ndarray) -> tuple[float, float]:
-        """Upper bounds of the eigenvalues of M⁻¹K [1/s²] at rest and of M⁻¹D [1/s]."""
-        return membrane_bound(self.panel, self.moduli, mass), 0.0
 
     def less(self, strains: Iterable[tuple[float, Array]]) -> Self:
         """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
@@ -210,16 +204,15 @@ def bind(
     name: str,
     kernels: Kernels,
     constants: np.ndarray,
-    moduli: np.ndarray,
     panel: Panel,
     slots: FindSlots,
     strain: object = "interpolated",
 ) -> BoundMembrane:
-    """Bind a law with constants (m, p) and moduli (m, 6) to a panel; `strain` matters on P2."""
+    """Bind a law with constants (m, p) to a panel; `strain` matters on P2."""
     loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
     own = kernels.regge if is_interpolated(strain, panel) else kernels
     its_strain = strain_of(panel, strain)
-    return BoundMembrane(name, own, panel, constants, moduli, its_strain, loop)
+    return BoundMembrane(name, own, panel, constants, its_strain, loop)
 
 
 def strain_of(panel: Panel, strain: object) -> PointwiseStrain | ReggeStrain:

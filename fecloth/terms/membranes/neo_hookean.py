@@ -116,9 +116,8 @@ class NeoHookean:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        data = constants, moduli, panel, slots
-        return membrane.bind("NeoHookean", KERNELS[self.kind], *data, self.strain)
+        constants, kernels = panel.each(self.constants), KERNELS[self.kind]
+        return membrane.bind("NeoHookean", kernels, constants, panel, slots, self.strain)
 
 
 @inner

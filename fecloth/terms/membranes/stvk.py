@@ -59,7 +59,7 @@ class StVK:
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         C = panel.each(self.moduli)
-        return membrane.bind("StVK", KERNELS, C, C, panel, slots, self.strain)
+        return membrane.bind("StVK", KERNELS, C, panel, slots, self.strain)
 
 
 @inner

@@ -71,9 +71,8 @@ class TensionField:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        constants, moduli = panel.each(self.constants), panel.each(self.moduli)
-        data = constants, moduli, panel, slots
-        return membrane.bind("TensionField", KERNELS, *data, self.strain)
+        constants = panel.each(self.constants)
+        return membrane.bind("TensionField", KERNELS, constants, panel, slots, self.strain)
 
 
 @inner

@@ -52,8 +52,8 @@ class TensorCondition:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        k, moduli = panel.each(lambda fabric: np.array([self.k])), panel.each(self.moduli)
-        return membrane.bind("TensorCondition", KERNELS, k, moduli, panel, slots, self.strain)
+        k = panel.each(lambda fabric: np.array([self.k]))
+        return membrane.bind("TensorCondition", KERNELS, k, panel, slots, self.strain)
 
 
 @inner

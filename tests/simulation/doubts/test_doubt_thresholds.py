@@ -12,7 +12,7 @@ from fecloth.simulation import dimensionless
 from fecloth.simulation.doubts import course, jumps, pins, terms, units, unseen
 from fecloth.simulation.doubts.signals import find_signals
 from fecloth.simulation.within_step import LOADS
-from fecloth.stability.critical_step import element_bound
+from fecloth.stability.lanczos_estimate import largest_rates, step_of_rates
 
 CLOTH = fc.Cloth.rectangle(0.3, 0.2, h=0.1, pattern="right")
 FABRIC = fc.Fabric(0.2, 500.0)
@@ -27,7 +27,7 @@ def bound(*given, fabric=FABRIC, cloth=CLOTH, pins=()):
 
 
 CLOTH_AT_REST = bound().rest()
-LIMIT = element_bound(bound(), "central_difference")
+LIMIT = step_of_rates(largest_rates(bound(), CLOTH_AT_REST)[0] / 4, 0.0)
 
 
 def fabric(density=0.2, stiffness=500.0, **more):
