@@ -1,6 +1,6 @@
 """A sparse matrix of 3×3 blocks with a fixed pattern, one block per pair of coupled nodes."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from weakref import WeakValueDictionary
@@ -28,7 +28,8 @@ class BlockPattern:
     @classmethod
     def union(cls, n: int, stencils: Sequence[np.ndarray]) -> "BlockPattern":
         """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
-        rows = [np.arange(n, dtype=np.int32)[:, None], *_unique_objects(stencils)]
+        distinct = {id(stencil): stencil for stencil in stencils}  # terms may share an array
+        rows = [np.arange(n, dtype=np.int32)[:, None], *distinct.values()]
         nodes = np.concatenate([stencil.ravel() for stencil in rows]).astype(np.int32, copy=False)
         widths = [np.full(len(stencil), stencil.shape[1]) for stencil in rows]
         start = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
@@ -75,11 +76,6 @@ def find_entries(matrix: sparse.csr_matrix, find_slots: FindSlots) -> np.ndarray
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
     return np.ascontiguousarray(find_slots(pairs)[:, 0, 1])
-
-
-def _unique_objects(stencils: Iterable[np.ndarray]) -> Iterable[np.ndarray]:
-    """The stencils without repeated references to the same array."""
-    return {id(stencil): stencil for stencil in stencils}.values()
 
 
 @dataclass(frozen=True)

@@ -96,15 +96,12 @@ def blocks(m: int, size: int = 1 << 16) -> Iterator[slice]:
         yield slice(start, min(start + size, m))
 
 
-def _degree_4():
-    return skfem.quadrature.get_quadrature(skfem.ElementTriP2.refdom, 4)
-
-
+DEGREE_4 = skfem.quadrature.get_quadrature(skfem.ElementTriP2.refdom, 4)
 QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 
 ELEMENTS = {
     "P1": Element("P1", skfem.ElementTriP1(), 1, CENTROID_RULE, ((0, 1, 2),)),
-    "P2": Element("P2", skfem.ElementTriP2(), 2, _degree_4(), QUARTERS),
+    "P2": Element("P2", skfem.ElementTriP2(), 2, DEGREE_4, QUARTERS),
 }
 
 

@@ -52,7 +52,7 @@ class ObstacleFrames:
     def add(self, number: int, state: State) -> None:
         """Write the obstacles at the time of a state, if they are not where they were."""
         now = find_obstacles(self.system, self.around, state.t)
-        if now is None or (self.last is not None and _are_equal(now, self.last)):
+        if now is None or (self.last is not None and all(map(np.array_equal, now, self.last))):
             return
         name = _name(number)
         frame = encode_vtu(now.points, now.triangles, state.t, {}, {})
@@ -77,10 +77,6 @@ def _name(number: int) -> str:
 
 def _files(folder: Path) -> list[Path]:
     return sorted((folder / "frames").glob("obstacles_*.vtu"))
-
-
-def _are_equal(one: Obstacles, other: Obstacles) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def read_obstacles(folder: Path, number: int) -> Obstacles | None:

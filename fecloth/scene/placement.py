@@ -140,14 +140,12 @@ class PinTable(Table):
         if self.direction and self.normal:
             require_exactly_one(self, "direction", "normal")
         self._pin = pin = self._make_pin()
-        if self.motion and not self._uses("t") and (pin.motion.by_place or pin.motion(0).any()):
+        uses_t = any(re.search(r"\bt\b", text) for text in self.motion or ())
+        if self.motion and not uses_t and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: only changes of a motion move a pin"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
             raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
         return self
-
-    def _uses(self, variable: str) -> bool:
-        return any(re.search(rf"\b{variable}\b", text) for text in self.motion or ())
 
     @property
     def pin(self) -> Pin:

@@ -124,11 +124,8 @@ class TimeError(Account):
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "TimeError":
-        return cls.open(run.start, _sample(run.system, run.start, run.step, others))
-
-    @classmethod
-    def open(cls, state: State, start: Sample) -> "TimeError":
-        return cls(state.x, start, (start,), looked=start.t)
+        start = _sample(run.system, run.start, run.step, others)
+        return cls(run.start.x, start, (start,), looked=start.t)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "TimeError":
         """Return the estimate after a step: nearly always the same object."""
@@ -199,7 +196,8 @@ class TimeError(Account):
             fastest=max(self.fastest, sample.kinetic),
             due=sample.step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
-        return after if new.t < self._next_look else after._looked(system.diagonal_mass, state)
+        next_look = self.looked + OFTEN * (self.looked - self.start.t)
+        return after if new.t < next_look else after._looked(system.diagonal_mass, state)
 
     def _summed(self, system: System, state: State, recent, over: float) -> "TimeError":
         """Return the estimate with what κ ∫ dt^q dt = `over` adds to e, and what e forgets."""
@@ -310,10 +308,6 @@ class TimeError(Account):
     def _apart(self, q: int, constant: float, dt: float, t: float) -> float:
         """Return τ [s] for steps of the present size from the start on."""
         return (2**q * constant * dt**q * (t - self.start.t)) ** (1 / (q + 1))
-
-    @property
-    def _next_look(self) -> float:
-        return self.looked + OFTEN * (self.looked - self.start.t)
 
     def _looked(self, mass: np.ndarray, state: State) -> "TimeError":
         moved = rms(mass, state.x - self.opening)

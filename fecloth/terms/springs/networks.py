@@ -87,7 +87,8 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
     If `shear` is None there are shear springs; if `bend` is None there are no bend springs.
     """
     net = edges(cloth)
-    across, up = (_is_along(net.vectors, axis) for axis in (0, 1))
+    dx, dy = np.abs(net.vectors.T)
+    across, up = dy < 1e-9 * dx, dx < 1e-9 * dy
     oblique = ~(across | up)
     if not _is_grid(net.vectors, across, up, oblique):
         for name, value in (("shear", shear), ("bend", bend)):
@@ -113,10 +114,6 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
 def _make_net(cloth, nodes, kind, sides) -> Net:
     nodes = np.ascontiguousarray(nodes, dtype=np.int32)
     return Net(nodes, cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]], kind, sides)
-
-
-def _is_along(vectors, axis):
-    return np.abs(vectors[:, 1 - axis]) < 1e-9 * np.abs(vectors[:, axis])
 
 
 def _directions(vectors):
