@@ -25,9 +25,8 @@ from fecloth.terms.loads.pressure import Pressure
 from fecloth.terms.loads.wind import Wind
 from fecloth.terms.membranes.baraff_witkin import BaraffWitkin
 from fecloth.terms.membranes.neo_hookean import NeoHookean
-from fecloth.terms.membranes.stvk import StVK
+from fecloth.terms.membranes.stvk import StVK, TensorCondition
 from fecloth.terms.membranes.tension_field import TensionField
-from fecloth.terms.membranes.tensor_condition import TensorCondition
 from fecloth.terms.springs.springs import Springs
 from fecloth.terms.springs.tether import Tether
 from fecloth.terms.traits import traits_of
