@@ -112,8 +112,7 @@ def check_term(
     for scale in scales:
         system = System(cloth, _scaled(fabric, scale), [term])
         for name, x, v in states:
-            state = system.state(x, v)
-            for sweep in _sweeps(system, state, tangents):
+            for sweep in _sweeps(system, system.state(x, v), tangents):
                 sweep.check(f"{term!r} in the {name} state at stiffness × {scale:g}")
                 sweeps.append(sweep)
     if not sweeps:
@@ -125,8 +124,7 @@ def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.
     """Three states (name, x, v): random, compressed to a stretch of 0.3, nearly degenerate."""
     rng = np.random.default_rng(seed)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    size = np.sqrt(cloth.area / len(cloth.triangles))
-    noise = rng.standard_normal((3, *flat.shape)) * size
+    noise = rng.standard_normal((3, *flat.shape)) * np.sqrt(cloth.area / len(cloth.triangles))
     speed = rng.standard_normal(flat.shape)
     rotation, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     sheared = np.array([[1.0, 0.0, 0.0], [1.5, 0.05, 0.0], [0.0, 0.0, 1.0]])
@@ -150,8 +148,7 @@ def _scaled(fabric: Fabric, factor: float) -> Fabric:
 
 
 def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep]:
-    rng = np.random.default_rng(1)
-    direction = rng.standard_normal(state.x.shape)
+    direction = np.random.default_rng(1).standard_normal(state.x.shape)
     term, f = system.bound[0], system.force(state)
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
     force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
@@ -195,8 +192,7 @@ def _sweep(
     """Relative errors of central differences of `function(h)` for h = size/4, size/8, …"""
     # The first of them may leave the domain of a law, where it is not finite; they do not count.
     h = size * 0.5 ** np.arange(2, 18)
-    least = np.linalg.norm(function(0.0)) / size * 1e-6
-    scale = scale or float(max(np.linalg.norm(exact), least))
+    scale = scale or float(max(np.linalg.norm(exact), np.linalg.norm(function(0.0)) / size * 1e-6))
     with np.errstate(invalid="ignore"):  # of an energy that is infinite on both sides
         errors = np.array(
             [np.linalg.norm((function(s) - function(-s)) / (2 * s) - exact) / scale for s in h]

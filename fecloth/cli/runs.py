@@ -64,8 +64,7 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
             warn(words)
 
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
-        resume = bool(options.resume)
-        run_ = scene, path, options.overwrite, announce, report, resume, warn
+        run_ = scene, path, options.overwrite, announce, report, bool(options.resume), warn
         closed = partial(set_handler, signal.SIG_IGN)
         outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
     if not options.quiet:
@@ -104,8 +103,7 @@ def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None])
     result = collect(problem.march(solver), *start, why, report=report)
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    unit = scene.schedule.unit
-    return check(scene.expect, result.times, result.observed, result.energies, unit)
+    return check(scene.expect, result.times, result.observed, result.energies, scene.schedule.unit)
 
 
 def view(options: Namespace) -> int:

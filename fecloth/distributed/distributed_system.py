@@ -121,8 +121,7 @@ class DistributedSolver:
 
     def _solve(self, b: np.ndarray, rtol: float, guess: np.ndarray | None) -> list:
         def own(part) -> tuple:
-            start = None if guess is None else guess[part.own_nodes]
-            return b[part.own_nodes], rtol, start
+            return b[part.own_nodes], rtol, None if guess is None else guess[part.own_nodes]
 
         return self.crew.each("solve", own)
 

@@ -68,8 +68,7 @@ class Part:
     def restrict(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of these nodes of the whole cloth are in the part: their places, and numbers."""
         order = np.argsort(self.nodes)
-        at = np.searchsorted(self.nodes, nodes, sorter=order)
-        places = order[np.minimum(at, len(order) - 1)]
+        places = order[np.minimum(np.searchsorted(self.nodes, nodes, sorter=order), len(order) - 1)]
         inside = np.flatnonzero(self.nodes[places] == nodes)
         return inside, places[inside]
 
@@ -109,8 +108,7 @@ def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
     ones = np.ones(2 * len(a), np.int8)
     pairs = np.append(a, b), np.append(b, a)
     graph = sparse.coo_array((ones, pairs), shape=(corners, corners)).tocsr()
-    neighbours = pymetis.CSRAdjacency(graph.indptr, graph.indices)
-    _, owner = pymetis.part_graph(count, neighbours)
+    _, owner = pymetis.part_graph(count, pymetis.CSRAdjacency(graph.indptr, graph.indices))
     return np.asarray(owner)
 
 

@@ -62,8 +62,7 @@ class Worker:
         self.x = self.v = np.zeros((len(self.part.nodes), 3))
         self.solver: Any = None  # a `PetscSolver` from `create_solver` on
         self._matrix: BlockMatrix | None = None
-        cells = self.part.counted(self.system.cloth.triangles)
-        self.own_cells = np.flatnonzero(cells)
+        self.own_cells = np.flatnonzero(self.part.counted(self.system.cloth.triangles))
 
     @property
     def matrix(self) -> BlockMatrix:

@@ -143,8 +143,7 @@ def _deviation(key: str, value: Any) -> float | str:
     name, _, item = key.partition(".")
     if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
         allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
-        remedy = did_you_mean(key, CONSTANTS)
-        raise InputError(f"{key} = {brief(value)}", allowed, WHERE, remedy)
+        raise InputError(f"{key} = {brief(value)}", allowed, WHERE, did_you_mean(key, CONSTANTS))
     dimension, number = CONSTANTS[name], value
     if isinstance(value, str) and (part := PART.fullmatch(value.strip())):
         return f"{float(part[1]):.15g} %"

@@ -111,8 +111,7 @@ class BlockMatrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr
-        blocks = tuple(array.copy() for array in arrays)
-        return sparse.bsr_matrix(blocks, shape=(n, n))
+        return sparse.bsr_matrix(tuple(array.copy() for array in arrays), shape=(n, n))
 
 
 @kernel

@@ -42,8 +42,7 @@ class Transfer:
     def from_aggregates(cls, pattern: BlockPattern, aggregates: Aggregates) -> Self:
         n, m = len(pattern), len(aggregates)
         A = _ones(pattern.indptr, pattern.indices, (n, n))
-        T = _ones(np.arange(n + 1, dtype=np.int32), aggregates.of_node, (n, m))
-        P = _sorted(A @ T)
+        P = _sorted(A @ _ones(np.arange(n + 1, dtype=np.int32), aggregates.of_node, (n, m)))
         product = _sorted(A @ P)
         pairs = _sorted(P.T.tocsr() @ product)
         entries = np.argsort(P.indices, kind="stable").astype(np.int32)

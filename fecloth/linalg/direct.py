@@ -144,8 +144,7 @@ class SuperLU(Direct):
         self._rows.refill(A)
         n = 3 * len(A.pattern)
         # The row arrays of A, used as column arrays, give Aᵀ.
-        transposed = sparse.csc_matrix(self._rows.arrays, shape=(n, n))
-        self._lu = self._factor(transposed)
+        self._lu = self._factor(sparse.csc_matrix(self._rows.arrays, shape=(n, n)))
         self._A, self._seconds = A, time.perf_counter() - begin
 
     def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:

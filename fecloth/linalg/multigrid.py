@@ -175,8 +175,7 @@ class Multigrid(PCG):
             self._levels[0].refill(A, self._inverse)
         else:
             self._levels, self._rate, self._extra = [], 0.0, 0.0
-            at_one_point = np.zeros((len(A.pattern), 3))
-            motions = rigid_motions(at_one_point if self._x is None else self._x)
+            motions = rigid_motions(np.zeros((len(A.pattern), 3)) if self._x is None else self._x)
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
         self._seconds += time.perf_counter() - begin

@@ -27,9 +27,8 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
     block, where = A.values[A.pattern.diagonal[node]], f"the diagonal block of node {node}"
     if not np.isfinite(block).all():
         raise SolveFailed(f"{name}: A is not finite: {where} is {block.tolist()}")
-    eigenvalues = np.linalg.eigvalsh(block)
     raise IndefiniteMatrix(
-        f"{name}: {where} is not positive definite, its eigenvalues are {eigenvalues}"
+        f"{name}: {where} is not positive definite, its eigenvalues are {np.linalg.eigvalsh(block)}"
     )
 
 
@@ -96,8 +95,7 @@ class PCG:
             x[:] = guess
             reached = relative_residual(A, b, bb, x, r)
         while not reached <= rtol:
-            limit = self.max_iterations - iterations
-            count, status = self._iterate(A, x, rtol * rtol * bb, limit)
+            count, status = self._iterate(A, x, rtol * rtol * bb, self.max_iterations - iterations)
             iterations += count
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.

@@ -148,8 +148,7 @@ class Cloth:
         element : str
             "P1" or "P2".
         """
-        where = "from_arrays"
-        mesh = FlatMesh.from_arrays(X, triangles, sets, where=where, triangle_sets=regions)
+        mesh = FlatMesh.from_arrays(X, triangles, sets, where="from_arrays", triangle_sets=regions)
         return cls._from_mesh(mesh, element, renumber)
 
     @classmethod

@@ -187,8 +187,7 @@ class _Plate:
     def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
         """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ belongs to the left side of `centre`."""
         h, slope = len(self.edges.of_hinge), self.edges.slopes_of_curvature
-        halves = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])
-        left = halves[hinge]
+        left = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])[hinge]
         rows = self.across(centre, hinge, left // 3, slope[left])
         interior = slice(None) if not len(self.clamped) else np.flatnonzero(hinge < h)
         right = self.edges.of_hinge[hinge[interior], 1]

@@ -40,10 +40,8 @@ class Element:
     @cached_property
     def reference_mass(self) -> np.ndarray:
         """(k, k) ∫ N_a N_b dA over a triangle of area 1; multiply by A for a triangle of area A."""
-        mesh = skfem.MeshTri.init_refdom()
-        basis = skfem.Basis(mesh, self.shapes, intorder=2 * self.degree)
-        form = skfem.BilinearForm(lambda u, v, w: 2 * u * v)
-        return form.elemental(basis).tolocal()[0]
+        basis = skfem.Basis(skfem.MeshTri.init_refdom(), self.shapes, intorder=2 * self.degree)
+        return skfem.BilinearForm(lambda u, v, w: 2 * u * v).elemental(basis).tolocal()[0]
 
     @cached_property
     def scaled_diagonal(self) -> np.ndarray:
@@ -108,8 +106,7 @@ ELEMENTS = {
 def find_element(name: str, where: str) -> Element:
     """The element with this name; raises `InputError` for an unknown name."""
     if name not in ELEMENTS:
-        allowed = f"must be one of {', '.join(ELEMENTS)}"
-        raise InputError(f"element = {name!r}", allowed, where)
+        raise InputError(f"element = {name!r}", f"must be one of {', '.join(ELEMENTS)}", where)
     return ELEMENTS[name]
 
 

@@ -107,8 +107,7 @@ class _Source:
         if len(bad):
             vertices = triangles[bad[:MAX_LISTED]]
             vertices = vertices if raw else self.nodes[vertices]
-            ids = self.triangles[bad[:MAX_LISTED]]
-            pairs = zip(ids, vertices.tolist(), strict=True)
+            pairs = zip(self.triangles[bad[:MAX_LISTED]], vertices.tolist(), strict=True)
             listed = [f"triangle {i} (nodes {', '.join(map(str, v))})" for i, v in pairs]
             self._raise(bad, listed, kind, allowed, remedy)
 
@@ -164,8 +163,7 @@ def _check_nodes(X, t, source):
     # Complex numbers are sorted by their real part x, then by their imaginary part y.
     points = np.ascontiguousarray(X).view(np.complex128).ravel()
     order = np.argsort(points, kind="stable")
-    is_repeated = points[order][1:] == points[order][:-1]
-    bad = np.sort(order[1:][is_repeated])
+    bad = np.sort(order[1:][points[order][1:] == points[order][:-1]])
     kind = "nodes coincident with another node"
     source.check_no_nodes(bad, kind, remedy="Merge nodes at the same position.")
 
@@ -198,8 +196,7 @@ def _orient(X, t, source):
 def _check_duplicates(t, source):
     low = np.sort(t, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    is_repeated = (low[order[1:]] == low[order[:-1]]).all(axis=1)
-    bad = np.sort(order[1:][is_repeated])
+    bad = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
     source.check_no_triangles(bad, t, "duplicate triangles", remedy="Remove the copies.")
 
 
@@ -283,10 +280,8 @@ def _frame(normal: np.ndarray) -> np.ndarray:
     # The sign of the normal is chosen so that the axes vary continuously from the axes of the
     # coordinate planes xy, xz and yz.
     signed = normal * (1.0, -1.0, 1.0)
-    axis = next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)
-    normal = normal * np.sign(signed[axis])
-    normal_is_x = np.linalg.norm(normal[1:]) < 1e-6
-    first = np.eye(3)[1 if normal_is_x else 0]
+    normal = normal * np.sign(signed[next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)])
+    first = np.eye(3)[1 if np.linalg.norm(normal[1:]) < 1e-6 else 0]
     first = first - normal * (first @ normal)
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first)])

@@ -90,8 +90,7 @@ def check_geo(text: str, where: str) -> str:
 def _refused(what: str, line: int, where: str, suggestion: str = "") -> MeshError:
     allowed = "is not among the commands that are allowed in a .geo file"
     trust = "If you trust the file, pass --trust-geo, or trust=True to Cloth.read."
-    remedy = f"{suggestion} {trust}".strip()
-    return MeshError(f"{what} in line {line}", allowed, where, remedy)
+    return MeshError(f"{what} in line {line}", allowed, where, f"{suggestion} {trust}".strip())
 
 
 def _tokens(text: str, where: str) -> Iterator[Token]:

@@ -155,8 +155,7 @@ def _gmsh_arrays(gmsh, where: str):
 
 def _from_gmsh(gmsh, where: str) -> RawMesh:
     ids, xyz, triangles, triangle_ids = _gmsh_arrays(gmsh, where)
-    surfaces = gmsh.model.getEntities(2)
-    if any(len(gmsh.model.getPhysicalGroupsForEntity(*s)) > 1 for s in surfaces):
+    if any(len(gmsh.model.getPhysicalGroupsForEntity(*s)) > 1 for s in gmsh.model.getEntities(2)):
         first = np.sort(np.unique(triangles, axis=0, return_index=True)[1])
         triangles, triangle_ids = triangles[first], triangle_ids[first]
     nodes, edges = _gmsh_sets(gmsh, ids, where)
@@ -179,8 +178,7 @@ def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
             vertices = gmsh.model.mesh.getElementsByType(2, surface)[1].astype(np.int64)
             group_keys = np.searchsorted(ids, vertices).reshape(-1, 3) @ weights
             position = np.minimum(np.searchsorted(keys, group_keys), len(keys) - 1)
-            is_match = keys[position] == group_keys
-            regions.setdefault(name, []).append(order[position[is_match]])
+            regions.setdefault(name, []).append(order[position[keys[position] == group_keys]])
     return {name: np.unique(np.concatenate(parts)) for name, parts in regions.items()}
 
 

@@ -37,8 +37,7 @@ class Hinges:
         left = np.flatnonzero(has_twin & (np.arange(len(start)) < twin))
         right = twin[left]
         nodes = np.stack([start[left], end[left], opposite[left], opposite[right]], axis=1)
-        sides = np.stack([left // 3, right // 3], axis=1)
-        return cls._from_nodes(X, nodes.astype(np.int32), sides)
+        return cls._from_nodes(X, nodes.astype(np.int32), np.stack([left // 3, right // 3], axis=1))
 
     @classmethod
     def _from_nodes(cls, X, nodes, sides) -> Self:

@@ -61,8 +61,7 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)
     candidates = candidates.reshape(len(points), nearest)
     depth = _depth(corners[candidates], points[:, None])
-    deepest = np.argmax(depth, axis=1)
-    cells, depth = candidates[np.arange(len(points)), deepest], depth.max(axis=1)
+    cells, depth = candidates[np.arange(len(points)), np.argmax(depth, axis=1)], depth.max(axis=1)
     # Search all triangles for points outside the mesh, and on graded meshes.
     for p in np.flatnonzero(depth < -1e-12):
         all_depths = _depth(corners, points[p])
@@ -94,8 +93,7 @@ def _distance(corners, point):
     edge = np.roll(corners, -1, axis=1) - corners
     offset = point - corners
     ratio = np.einsum("eai,eai->ea", offset, edge) / np.einsum("eai,eai->ea", edge, edge)
-    foot = np.clip(ratio, 0.0, 1.0)[..., None] * edge
-    return np.linalg.norm(offset - foot, axis=2).min(axis=1)
+    return np.linalg.norm(offset - np.clip(ratio, 0.0, 1.0)[..., None] * edge, axis=2).min(axis=1)
 
 
 def l2_norm(cloth, values: np.ndarray) -> float:
@@ -126,8 +124,7 @@ def _on_common_points(cloth, a, other, b):
     a, b = nodal_values(cloth, a), nodal_values(other, b)
     if a.shape[1:] != b.shape[1:]:
         what = f"fields of shapes {a.shape} and {b.shape}"
-        allowed = "must have the same number of components"
-        raise InputError(what, allowed, "Cloth.l2_difference")
+        raise InputError(what, "must have the same number of components", "Cloth.l2_difference")
     finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
     basis = finer.basis(4)
     points = basis.global_coordinates()  # (2, m, q)
@@ -261,12 +258,10 @@ def mass(cloth, kind: str | None = None, density: np.ndarray | None = None) -> s
         return sparse.diags(diagonal_mass(cloth, density), format="csr")
     basis = cloth.basis(2 * cloth.kind.degree)
     rho = np.broadcast_to(density[:, None], basis.dx.shape)
-    form = skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v)
-    return form.assemble(basis, rho=rho).tocsr()
+    return skfem.BilinearForm(lambda u, v, w: w["rho"] * u * v).assemble(basis, rho=rho).tocsr()
 
 
 def diagonal_mass(cloth, density: np.ndarray) -> np.ndarray:
     """(n,) the lumped masses [kg]; positive for both elements. See `mass`."""
-    triangle_mass = cloth.weights.sum(axis=1) * density
-    nodal_parts = triangle_mass[:, None] * cloth.kind.scaled_diagonal
+    nodal_parts = (cloth.weights.sum(axis=1) * density)[:, None] * cloth.kind.scaled_diagonal
     return np.bincount(cloth.stencil.ravel(), nodal_parts.ravel(), len(cloth.X))

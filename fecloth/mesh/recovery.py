@@ -155,8 +155,7 @@ def _fit(
                         gram[i, j] += terms[i] * terms[j] / count
                     for c in range(columns):
                         right[i, c] += terms[i] * values[t, q, c] / count
-        few = count <= d and least > 0.0
-        poor[p] = _solve(gram, right, least ** (1 if d == 3 else 2)) or few
+        poor[p] = _solve(gram, right, least ** (1 if d == 3 else 2)) or (count <= d and least > 0.0)
         size[s] = length
 
 

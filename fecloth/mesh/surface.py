@@ -103,8 +103,7 @@ def _side(
     u, v, w = b - a, c - a, d - a
     volume = (np.cross(u, v) * w).sum(axis=-1)
     u, v, w = (abs(side).max(axis=-1) for side in (u, v, w))
-    limit = 4.0 * error * (u * v + v * w + w * u)
-    return np.where(abs(volume) <= limit, 0.0, np.sign(volume))
+    return np.where(abs(volume) <= 4.0 * error * (u * v + v * w + w * u), 0.0, np.sign(volume))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +167,7 @@ class Enclosure:
         cells = triangles.astype(np.int64)
         corners, midpoints = cells[:, :3], cells[:, 3:].reshape(3 * len(cells), -1)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-        is_rim = ~np.isin(edges @ (nodes, 1), edges @ (1, nodes))
-        rim = np.hstack([edges, midpoints])[is_rim]
+        rim = np.hstack([edges, midpoints])[~np.isin(edges @ (nodes, 1), edges @ (1, nodes))]
         graph = sparse.csr_matrix((np.ones(len(rim)), rim[:, :2].T), shape=(nodes, nodes))
         label = connected_components(graph, directed=False)[1]
         _, part = np.unique(label[rim[:, 0]], return_inverse=True)

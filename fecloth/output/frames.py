@@ -54,8 +54,7 @@ class Frames:
         """
         points, cells = arrays or self._fields(state)
         file = self.path.parent / self._name(len(self.times))
-        frame = encode_vtu(state.x, self.cloth.cells, state.t, points, cells)
-        replace_file(file, frame)
+        replace_file(file, encode_vtu(state.x, self.cloth.cells, state.t, points, cells))
         self.times.append(state.t)
         self._list_last()
         return file

@@ -55,8 +55,7 @@ class ObstacleFrames:
         if now is None or (self.last is not None and all(map(np.array_equal, now, self.last))):
             return
         name = _name(number)
-        frame = encode_vtu(now.points, now.triangles, state.t, {}, {})
-        replace_file(self.folder / name, frame)
+        replace_file(self.folder / name, encode_vtu(now.points, now.triangles, state.t, {}, {}))
         self.listed.append((name, state.t))
         replace_file(self.folder / LIST, encode_pvd(self.listed))
         self.last = now

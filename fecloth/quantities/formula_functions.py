@@ -158,8 +158,7 @@ def _closure(
         case ast.BinOp(left=left, op=op, right=right):
             of_scalars = not (_is_array(left, variables) or _is_array(right, variables))
             by_math = kit.for_numbers and isinstance(op, ast.Pow) and of_scalars
-            function = math.pow if by_math else kit.binary[type(op)]
-            return _apply(function, inner(left), inner(right))
+            return _apply(math.pow if by_math else kit.binary[type(op)], inner(left), inner(right))
         case ast.BoolOp(op=op, values=parts):
             join = kit.every if isinstance(op, ast.And) else kit.some
             return _join(join, [inner(part) for part in parts])

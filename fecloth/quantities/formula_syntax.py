@@ -84,8 +84,7 @@ class _Reader:
             case ast.Call():
                 self.call(node, depth)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                remedy = "Use where(a < b, c, d)."
-                self.refuse("a comparison instead of a number", node, remedy)
+                self.refuse("a comparison instead of a number", node, "Use where(a < b, c, d).")
             case ast.BinOp(op=ast.BitXor()):
                 self.refuse("not allowed", node, "Powers are written **.")
             case _:
@@ -231,8 +230,7 @@ def _product(a: ast.expr, b: ast.expr) -> ast.expr:
 
 def _choice(name: str, arguments: list[ast.expr], slope_of: _SlopeOf) -> ast.expr | None:
     """The derivative of the argument that is chosen; only that one need be finite."""
-    first = None if name == "where" else slope_of(arguments[0])
-    slopes = [first, *map(slope_of, arguments[1:])]
+    slopes = [None if name == "where" else slope_of(arguments[0]), *map(slope_of, arguments[1:])]
     if not any(slopes):
         return None
     return _substitute(_CHOICES[name], arguments, [slope or _ZERO for slope in slopes])

@@ -73,8 +73,7 @@ def difference_quotient(
 
 def scalar(value: OfTime, name: str, where: str) -> TimeFunction:
     """A number, a formula of t, or a function of t."""
-    parts = value if callable(value) else (_part(value, name, where),)
-    return TimeFunction(parts, (), name, where)
+    return TimeFunction(value if callable(value) else (_part(value, name, where),), (), name, where)
 
 
 def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:

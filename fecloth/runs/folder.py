@@ -164,8 +164,7 @@ class RunFolder:
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
-        text = json.dumps(_plain(values), indent=2, ensure_ascii=False)
-        self.text("summary.json", text + "\n")
+        self.text("summary.json", json.dumps(_plain(values), indent=2, ensure_ascii=False) + "\n")
 
     def text(self, name: str, text: str) -> None:
         """Replace a text file, e.g. "scene.resolved.toml"."""

@@ -73,11 +73,9 @@ class Recorder:
 
     def _begin(self) -> Progress:
         problem = self.problem
-        kinds = list_scene_accounts(problem.is_static)
-        accounts = Accounts.begin(kinds, self.run, problem.ledger)
+        accounts = Accounts.begin(list_scene_accounts(problem.is_static), self.run, problem.ledger)
         accounts = self._frame(problem.state, accounts)
-        first = self.files.frames.files(0)[0]
-        check_space(self.folder.path, problem, first.stat().st_size)
+        check_space(self.folder.path, problem, self.files.frames.files(0)[0].stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
         return self._progress(problem.state, problem.first_memory, accounts)
@@ -203,8 +201,7 @@ class Recorder:
 
     def _is_frame_due(self, info: StepInfo) -> bool:
         every, ended = self.problem.frame_steps, info.t >= self.problem.t_end
-        due = info.t in self.problem.stops if every is None else not info.step % every
-        return due or ended
+        return (info.t in self.problem.stops if every is None else not info.step % every) or ended
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write the last good state as a frame, the summary, the last line of the log."""
@@ -263,8 +260,7 @@ class Recorder:
             "versions": versions(),
             **accounts.summary(),
         }
-        first = {key: values[key] for key in ORDER if key in values}
-        return first | values
+        return {key: values[key] for key in ORDER if key in values} | values
 
     def _report(self, summary: dict) -> None:
         """Write report.html; a failure to write it must not fail the run."""
@@ -281,8 +277,7 @@ class Recorder:
         return None
 
     def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
-        tables = self.files.tables
-        files = (tables[name].path for name in ("energies", "observed"))
+        files = (self.files.tables[name].path for name in ("energies", "observed"))
         energies, observed = map(outcome.read_columns, files)
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)

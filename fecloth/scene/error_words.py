@@ -64,11 +64,10 @@ def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
     if item["type"] == "kind":
         return _kind(key, written, *item["msg"].split(": "))
     listed = "tuple" in item["type"] and "." not in key
-    remedy = f"Write [[{key}]] above each of them." if listed else ""
     return (
         f"{key} = {shorten(value)}",
         f"must be a {'list of tables' if listed else 'table'}",
-        remedy,
+        f"Write [[{key}]] above each of them." if listed else "",
     )
 
 

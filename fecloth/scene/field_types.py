@@ -24,8 +24,7 @@ def formula_text(*variables: str, condition: bool = False) -> Any:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         return repr(value) if number and not condition else value
 
-    kinds = "string" if condition else ["number", "string"]
-    schema = WithJsonSchema({"type": kinds})
+    schema = WithJsonSchema({"type": "string" if condition else ["number", "string"]})
     return Annotated[str, BeforeValidator(text), AfterValidator(check), schema]
 
 

@@ -63,8 +63,7 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
     scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
     scene["fabrics"]["additionalProperties"] = one_fabric
-    several = scene["expect"]["additionalProperties"]
-    either = {"anyOf": [{"$ref": "#/$defs/Expectation"}, several]}
+    either = {"anyOf": [{"$ref": "#/$defs/Expectation"}, scene["expect"]["additionalProperties"]]}
     scene["expect"]["additionalProperties"] = either
     scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]

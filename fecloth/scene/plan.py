@@ -47,10 +47,9 @@ def plan(problem: Problem, why: str) -> list[str]:
 
 
 def _pins(system: System) -> str:
-    groups = system.constraints.groups.items()
     counts = [
         f"{name} ({amount(len(nodes), 'node')}{', clamped' if pin.clamp else ''})"
-        for name, (pin, nodes) in groups
+        for name, (pin, nodes) in system.constraints.groups.items()
     ]
     turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
     words = ", ".join(counts) or "none"

@@ -81,8 +81,7 @@ class Problem:
 
     @cached_property
     def planned(self) -> PlannedRun:
-        ends = np.append(self.stops, self.t_end)
-        return PlannedRun(self.system, self.state, self.steps, ends)
+        return PlannedRun(self.system, self.state, self.steps, np.append(self.stops, self.t_end))
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""

@@ -111,8 +111,7 @@ class Scene(Table):
         require_exactly_one(self, "time", "equilibrium")
         if self.equilibrium:
             self._refuse_time()
-        fixed = self.schedule.dt != "auto"
-        if fixed and self.output.every and self.output.every < self.time.dt:
+        if self.schedule.dt != "auto" and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
         return self

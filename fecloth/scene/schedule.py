@@ -96,8 +96,7 @@ class Time(Table):
         tolerances = {k: getattr(self, k) for k in CHOSEN if getattr(self, k) is not None}
         if self.method.type == "auto":
             return Auto(**tolerances)
-        dt = None if self.dt == "auto" else self.dt
-        return choose_steps(self.method.make(), dt, tolerances)
+        return choose_steps(self.method.make(), None if self.dt == "auto" else self.dt, tolerances)
 
 
 class EquilibriumTable(Table):
@@ -124,8 +123,7 @@ class EquilibriumTable(Table):
     @model_validator(mode="after")
     def _not_too_many(self):
         if self.load_steps > MOST_STEPS:
-            allowed = f"must be at most {MOST_STEPS:.0e}"
-            raise InputError(f"load_steps = {self.load_steps}", allowed)
+            raise InputError(f"load_steps = {self.load_steps}", f"must be at most {MOST_STEPS:.0e}")
         return self
 
     @property

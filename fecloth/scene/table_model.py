@@ -77,11 +77,10 @@ class Table(BaseModel):
 def _unknown(data: dict, table: type[Table]) -> list[InputError]:
     known = (*table.model_fields, *table.shorthands)
     at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
-    allowed = f"unknown key; the keys are {', '.join(known)}"
     return [
         InputError(
             f"{key} = {shorten(value)}",
-            allowed,
+            f"unknown key; the keys are {', '.join(known)}",
             "",
             f"Write {key} before the first table."
             if key in at_top

@@ -81,8 +81,7 @@ def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
             raise InputError(
                 f"terms: {name!r}", "must not be the name of a term of the package", "load_scene"
             )
-        is_class = isinstance(cls, type) and dataclasses.is_dataclass(cls)
-        if not (is_class and is_description(cls)):
+        if not (isinstance(cls, type) and dataclasses.is_dataclass(cls) and is_description(cls)):
             allowed = "must be the class of a term: a dataclass with stencil and bind"
             raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load_scene")
     tables = {

@@ -126,8 +126,7 @@ def _override(text: str) -> tuple[list[str], object]:
     if not (equals and key.strip() and value):
         raise SceneError("no key=value", 'write it like "time.dt=0.005"', where)
     try:
-        chain = tomllib.loads(f"{key} = 0")
-        keys = _keys(chain)
+        keys = _keys(tomllib.loads(f"{key} = 0"))
     except (ValueError, RecursionError) as error:
         raise SceneError(f"key {key!r} is not a dotted key ({error})", where=where) from None
     try:

@@ -62,8 +62,7 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     units = np.eye(size, start.x.size).reshape(size, 3, 3)  # of unit i: oscillator i has a 1
     start = State(0.0, units[0], units[1])
     step = method.step(system, start, 1.0, solver, _with_arrays(memory, iter(units[2:])))
-    after = [step.state.x, step.state.v, *_arrays(step.memory)]
-    return np.array([y.ravel()[:size] for y in after])
+    return np.array([y.ravel()[:size] for y in [step.state.x, step.state.v, *_arrays(step.memory)]])
 
 
 def resolve_method(method):
@@ -94,8 +93,7 @@ def _numbers(name: str, value, above: float | None = None) -> np.ndarray:
 
 def _oscillators(omega: float, zeta: float) -> System:
     """Three nodes of 1 kg on springs of no length to the origin, each with ω [1/s] and ζ."""
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    cloth = Cloth.from_arrays(corners, np.array([[0, 1, 2]]))
+    cloth = Cloth.from_arrays(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]))
     fabric = Fabric(areal_density=3 / cloth.area, tensile_stiffness=1.0)
     spring = Tether([0, 1, 2], (0.0, 0.0, 0.0), float(omega**2), float(2 * zeta * omega))
     return System(cloth, fabric, [spring])

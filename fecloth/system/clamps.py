@@ -56,8 +56,7 @@ class _ClampedGroup:
             )
             raise InputError(what, allowed, "Pin", remedy)
         order = np.argsort(nodes)
-        rows = order[np.searchsorted(nodes[order], ends[half_edges])]
-        return cls(pin, half_edges, rows, start)
+        return cls(pin, half_edges, order[np.searchsorted(nodes[order], ends[half_edges])], start)
 
     def move(self, points: np.ndarray, t: float) -> np.ndarray:
         """Points (c, 3) of the start, one for each edge, at the time t."""

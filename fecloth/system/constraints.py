@@ -148,8 +148,7 @@ class Constraints:
 
     @cached_property
     def _moved(self) -> list[_MovedGroup]:
-        groups = self.groups.values()
-        return [_MovedGroup(pin, nodes) for pin, nodes in groups if pin.moves]
+        return [_MovedGroup(pin, nodes) for pin, nodes in self.groups.values() if pin.moves]
 
     def free(self, n: int) -> np.ndarray:
         """The degrees of freedom 3 i + c of a cloth of n nodes that no pin constrains."""
@@ -287,10 +286,8 @@ class MatrixProjection:
 
     def apply(self, A: BlockMatrix) -> None:
         scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
-        data = self.blocks, self.left, self.right, self.projectors
-        _project(*data, np.empty((3, 3)), A.values)
-        rest = np.eye(3) - self.projectors[:-1]
-        A.values[self.diagonal] += scale[:, None, None] * rest
+        _project(self.blocks, self.left, self.right, self.projectors, np.empty((3, 3)), A.values)
+        A.values[self.diagonal] += scale[:, None, None] * (np.eye(3) - self.projectors[:-1])
 
 
 @kernel

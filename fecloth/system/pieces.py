@@ -91,8 +91,7 @@ def movable_pieces(
         ours = held_label == number
         held = constraints.nodes[ours]
         outside = np.eye(3) - constraints.projectors[ours]
-        ours_all = slice(None) if count == 1 else np.flatnonzero(label == number)
-        piece = Piece(ours_all, held, outside)
+        piece = Piece(slice(None) if count == 1 else np.flatnonzero(label == number), held, outside)
         if moved[held].any() or piece.free_directions.any():
             movable.append(piece)
     return tuple(movable)

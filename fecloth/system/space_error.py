@@ -109,8 +109,7 @@ def _refusal(system: System) -> str:
     for term, bound, name in zip(system.terms, system.bound, system.names, strict=True):
         if why := traits_of(term).space_error:
             return f"{name} {why}"
-        strained = bound.has_energy and bound.stores_strain
-        if strained and not (bound.load or bound.recovers_strain):
+        if bound.has_energy and bound.stores_strain and not (bound.load or bound.recovers_strain):
             return f"{name} states no stress or moment"
     return ""
 
@@ -134,8 +133,7 @@ def folds_at_mesh_size(cloth: Cloth, x: np.ndarray) -> bool:
     the strain of the triangles.
     """
     angles = hinge_angles(cloth, x)
-    E = green_strains(deformation_gradient(cloth, x))
-    strain = np.sqrt(np.mean(E**2) * 3)
+    strain = np.sqrt(np.mean(green_strains(deformation_gradient(cloth, x)) ** 2) * 3)
     hidden = np.mean(angles**2) / 8 if len(angles) else 0.0
     return bool(hidden > HIDDEN * strain) and roughness(cloth, angles) > ROUGH
 
@@ -155,8 +153,7 @@ def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     place = hinges.nodes.ravel(), np.repeat(np.arange(h), 4)
     around = sparse.csr_matrix((np.ones(4 * h), place), shape=(n, h))
     around = around[np.diff(around.indptr) >= ENOUGH]
-    products = angle[:, :, None] * angle[:, None, :]
-    gram = (around @ products.reshape(h, 9)).reshape(-1, 3, 3)
+    gram = (around @ (angle[:, :, None] * angle[:, None, :]).reshape(h, 9)).reshape(-1, 3, 3)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     right, total = around @ (angle * angles[:, None]), float((around @ angles**2).sum())
     explained = np.einsum("ni,ni->", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0])

@@ -141,8 +141,7 @@ class System(Arguments):
         clamps = find_clamps(self.constraints, self.cloth, start)
         if clamps and not any(traits_of(term).holds_normals for term in self.terms):
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
-            remedy = "Add PlateBending, or pin without a clamp."
-            raise InputError(what, allowed, "System", remedy)
+            raise InputError(what, allowed, "System", "Add PlateBending, or pin without a clamp.")
         return replace(
             panel,
             start=self.start.x if self.start else None,
@@ -255,12 +254,11 @@ class System(Arguments):
         """
         if history is None and not rates and not step.increment:
             return self
-        records = history or (None,) * len(self.bound)
         return self._with_changed(
             term.over_step(step if record is None else replace(step, history=record))
             if rates or record is not None or (step.increment and term.limits_direction)
             else term
-            for term, record in zip(self.bound, records, strict=True)
+            for term, record in zip(self.bound, history or (None,) * len(self.bound), strict=True)
         )
 
     # --- the history of terms -------------------------------------------------------------------
@@ -403,8 +401,7 @@ class System(Arguments):
 
     def damping(self, state: State) -> sparse.csr_matrix:
         """D = −∂f/∂v over all nodes, (3n, 3n) [N s/m]."""
-        J = BlockMatrix.zeros(self.pattern)
-        return self.assemble(J, state, wv=1.0).to_scipy().tocsr()
+        return self.assemble(BlockMatrix.zeros(self.pattern), state, wv=1.0).to_scipy().tocsr()
 
     @cached_property
     def mass(self) -> sparse.csr_matrix:
