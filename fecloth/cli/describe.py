@@ -5,6 +5,7 @@ import textwrap
 from argparse import Namespace
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from fecloth.runs.run_scene import resolve_scene
 from fecloth.scene.json_schema import json_schema
 from fecloth.scene.plan import memory_of_each, plan
 from fecloth.scene.scene import load_scene
-from fecloth.scene.table_model import Made
 from fecloth.scene.tables import TERM_TABLES
 from fecloth.scene.type_words import fields, meaning, phrase
 
@@ -40,10 +40,8 @@ def _info_lines(options: Namespace) -> list[str]:
         return [json_schema()]
     if options.terms is not None:
         return describe_terms(options.terms)
-    return _describe_scene(options) if options.scene else _versions()
-
-
-def _versions() -> list[str]:
+    if options.scene:
+        return _describe_scene(options)
     lines = [f"{name}: {number}" for name, number in versions().items()]
     return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
 
@@ -83,18 +81,15 @@ def describe_cloth(cloth: Cloth) -> list[str]:
     corners = cloth.X[cloth.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
+    triangles = f"{len(cloth.triangles)} {'quadratic ' * (cloth.element == 'P2')}triangles"
     return [
-        f"{amount(len(cloth.X), 'node')}, {_triangles(cloth)}, area {cloth.area:.6g} m²",
+        f"{amount(len(cloth.X), 'node')}, {triangles}, area {cloth.area:.6g} m²",
         f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
         f"edges {edges.min():.4g} to {edges.max():.4g} m, mean {edges.mean():.4g} m",
         f"quality {cloth.quality.min():.3f} to {cloth.quality.max():.3f}, "
         f"mean {cloth.quality.mean():.3f} (1 is equilateral)",
         *(f"set {n}: {amount(len(cloth.nodes(n)), 'node')}" for n in sorted(cloth.node_sets)),
     ]
-
-
-def _triangles(cloth: Cloth) -> str:
-    return f"{len(cloth.triangles)} {'quadratic ' * (cloth.element == 'P2')}triangles"
 
 
 def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
@@ -114,7 +109,9 @@ def list_fabrics() -> list[str]:
         number = numbers.setdefault(source, len(numbers) + 1)
         what.append(f"{name}: {kind} [{number}]")
     sources = [_wrap(f"[{number}] {source}") for source, number in numbers.items()]
-    return [_header(), *table, "", *_list_uncertainties(fabrics), "", *what, "", *sources]
+    head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
+    table.insert(0, f"{head}  (warp / weft; small strain)")
+    return [*table, "", *_list_uncertainties(fabrics), "", *what, "", *sources]
 
 
 def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
@@ -130,11 +127,6 @@ def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
         rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{bent:>12}  ({letter})")
     head = f"{'standard uncertainty':<26}{'Y [%]':>15}{'G [%]':>9}{'ν':>6}{'B [%]':>12}"
     return [head, *rows, "", *(_wrap(f"({letter}) {words}") for words, letter in letters.items())]
-
-
-def _header() -> str:
-    head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
-    return f"{head}  (warp / weft; small strain)"
 
 
 def _row(name: str, fabric: Fabric) -> str:
@@ -162,12 +154,9 @@ def describe_terms(name: str) -> list[str]:
         allowed = f"must be one of {', '.join(tables)}"
         raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, list(tables)))
     lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
-    lines += [line for key in fields(tables[name]) for line in _describe_key(tables[name], key)]
+    indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
+    for key, field in fields(tables[name]).items():
+        usual = "required" if field.is_required() else f"default {field.default!r}"
+        words = textwrap.wrap(meaning(field), WIDTH, **indent)
+        lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
     return lines
-
-
-def _describe_key(table: type[Made], key: str) -> list[str]:
-    field = table.model_fields[key]
-    usual = "required" if field.is_required() else f"default {field.default!r}"
-    words = textwrap.wrap(meaning(field), WIDTH, initial_indent="    ", subsequent_indent="    ")
-    return ["", f"{key}: {phrase(field)}; {usual}", *words]

@@ -64,7 +64,8 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     and infinity survive and the result does not depend on the thread count. A kernel from outside
     the package is compiled anew when its bytecode, its constants or its callees change.
     """
-    return _compile(function) if _is_of_package(function) else _compile_by_content(function)
+    is_own = str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
+    return _compile(function) if is_own else _compile_by_content(function)
 
 
 def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
@@ -98,10 +99,6 @@ def specialise(template: Callable[..., Result], **functions: Callable) -> Callab
     """Compile a template as a `kernel`, with `functions` inserted (see `insert`)."""
     # The machine code is found again by the bytecode, the constants and the callees of all of them.
     return _compile_by_content(insert(template, **functions))
-
-
-def _is_of_package(function: Callable) -> bool:
-    return str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
 
 
 def _copy(function: Any, qualified_name: str, names: dict) -> Any:

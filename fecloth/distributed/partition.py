@@ -84,18 +84,15 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
         what, allowed = f"{count} processes", f"must be at most one for each of {corners} nodes"
         raise InputError(what, allowed, "mpiexec", "Ask for fewer by -n.")
     owner = np.empty(len(cloth.X), np.int64)
-    ranges = np.searchsorted(_ends(count), np.arange(corners) / corners, side="right")
+    # where the ranges end, from 0 to 1; the first process has more to do, and a shorter range
+    first = max((1 + DRIVING) / count - DRIVING, 0.2 / count)
+    ends = first + (1 - first) * np.arange(count) / max(count - 1, 1)
+    ranges = np.searchsorted(ends, np.arange(corners) / corners, side="right")
     owner[:corners] = ranges if count <= MOST_RANGES else _by_metis(cloth, corners, count)
     if cloth.element == "P2":  # the stencil: ascending corners, then the midpoints 01, 12, 02
         for midpoint, end in ((3, 0), (4, 1), (5, 0)):
             owner[cloth.stencil[:, midpoint]] = owner[cloth.stencil[:, end]]
     return owner
-
-
-def _ends(count: int) -> np.ndarray:
-    """Where the ranges end, from 0 to 1; the first process has more to do, and a shorter range."""
-    first = max((1 + DRIVING) / count - DRIVING, 0.2 / count)
-    return first + (1 - first) * np.arange(count) / max(count - 1, 1)
 
 
 def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:

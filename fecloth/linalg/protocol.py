@@ -73,12 +73,9 @@ def check_arguments(
         raise InputError(f"b of shape {b.shape}", f"must be ({len(A.pattern)}, 3)", "solve")
     bb = squared_norm(b)
     if not np.isfinite(bb):
-        raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {_largest(b)}")
+        node = int(np.argmax(np.abs(b).sum(axis=1)))
+        raise SolveFailed(f"b is not finite: ‖b‖² = {bb}, largest at node {node}")
     return A, b, bb
-
-
-def _largest(b: np.ndarray) -> int:
-    return int(np.argmax(np.abs(b).sum(axis=1)))
 
 
 def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

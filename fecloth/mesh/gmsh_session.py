@@ -84,7 +84,8 @@ def _user_session_restored(gmsh) -> Iterator[None]:
     # Options that a .geo file sets itself are not restored.
     current, models = gmsh.model.getCurrent(), gmsh.model.list()
     options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
-    parser, onelab = _parser_values(gmsh), gmsh.onelab.get()
+    own, onelab = gmsh.parser, gmsh.onelab.get()
+    parser = [(key, own.getNumber(key), own.getString(key)) for key in own.getNames()]
     name = "fecloth"
     while name in models:
         name += "_"
@@ -109,8 +110,3 @@ def _user_session_restored(gmsh) -> Iterator[None]:
 def set_options(gmsh, options: dict[str, float]) -> None:
     for name, value in options.items():
         gmsh.option.setNumber(name, value)
-
-
-def _parser_values(gmsh):
-    parser = gmsh.parser
-    return [(key, parser.getNumber(key), parser.getString(key)) for key in parser.getNames()]

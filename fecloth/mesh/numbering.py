@@ -19,7 +19,9 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     # Measured against a Hilbert curve: reverse Cuthill–McKee makes gathers 5-10 % faster and the
     # bandwidth 90-180 times smaller.
     n = len(mesh.X)
-    old_nodes = reverse_cuthill_mckee(_node_graph(mesh.triangles, n), symmetric_mode=True)
+    a, b = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    pairs = np.ones(2 * len(a), dtype=np.int8), (np.append(a, b), np.append(b, a))
+    old_nodes = reverse_cuthill_mckee(coo_array(pairs, (n, n)).tocsr(), symmetric_mode=True)
     new = np.empty(n, dtype=np.int32)
     new[old_nodes] = np.arange(n, dtype=np.int32)
     triangles = new[mesh.triangles]
@@ -35,12 +37,6 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     X = mesh.X[old_nodes]
     renumbered = FlatMesh(X, triangles[old_triangles], node_sets, edge_sets, regions)
     return renumbered, old_nodes.astype(np.intp), old_triangles
-
-
-def _node_graph(triangles, n):
-    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    ones = np.ones(2 * len(a), dtype=np.int8)
-    return coo_array((ones, (np.append(a, b), np.append(b, a))), shape=(n, n)).tocsr()
 
 
 LONGEST_NAME = 100  # characters of the name of a piece

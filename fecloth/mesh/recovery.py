@@ -52,19 +52,15 @@ def recovery_gap(
     at the points of `samples`. The `group` (m,) is equal where the field is smooth across edges; a
     fit takes triangles of one group.
     """
-    node, corner = _pair_corners(triangles, group)
+    # the node of each pair of a node and a group (s,), and the pair of each corner (m, 3)
+    groups = int(group.max()) + 1
+    pairs, corner = np.unique(triangles * np.int64(groups) + group[:, None], return_inverse=True)
+    node, corner = pairs // groups, corner.reshape(-1, 3)
     size, fit = _fit_all(X, triangles, node, corner, values, samples)
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
     terms = np.empty(TERMS[samples.degree])
     _add_blend(X, triangles, node, size, corner, samples.rule, fit, terms, gap)
     return gap
-
-
-def _pair_corners(triangles: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Node of each pair of a node and a group (s,), and the pair of each corner (m, 3)."""
-    groups = int(group.max()) + 1
-    pairs, corner = np.unique(triangles * np.int64(groups) + group[:, None], return_inverse=True)
-    return pairs // groups, corner.reshape(-1, 3)
 
 
 def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, np.ndarray]:

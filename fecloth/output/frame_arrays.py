@@ -30,7 +30,10 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
     for term in membranes:
         term.add_stress(state.x, stress)
-    points = _points(cloth, state) | {"held": _held_directions(system)} | _contact(system, state)
+    held = np.zeros(len(cloth.X), np.uint8)  # number of directions in which each node is held
+    free = np.trace(system.constraints.projectors, axis1=1, axis2=2)
+    held[system.constraints.nodes] = np.round(3 - free)
+    points = _points(cloth, state) | {"held": held} | _contact(system, state)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     if error_density:
@@ -113,14 +116,6 @@ def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
         "principal_stresses": np.column_stack([mean - radius, mean + radius]),
         "energy_density": W,
     }
-
-
-def _held_directions(system: System) -> np.ndarray:
-    """(n,) number of directions in which each node is held."""
-    held = np.zeros(len(system.cloth.X), np.uint8)
-    free = np.trace(system.constraints.projectors, axis1=1, axis2=2)
-    held[system.constraints.nodes] = np.round(3 - free)
-    return held
 
 
 def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -167,7 +167,8 @@ def _closure(
             pairs = zip(ops, sides, sides[1:], strict=False)
             return _join(kit.every, [_apply(kit.compare[type(op)], a, b) for op, a, b in pairs])
         case ast.Call(func=ast.Name(id="where"), args=parts) if kit.for_numbers:
-            return _choose(*map(inner, parts))
+            condition, a, b = map(inner, parts)
+            return lambda v: a(v) if condition(v) else b(v)
         case ast.Call(func=ast.Name(id=name), args=parts):
             return _apply(kit.functions[name], *map(inner, parts))
     raise AssertionError(f"unchecked node {node!r}")
@@ -191,10 +192,6 @@ def _join(function: Callable[..., Any], parts: list[Closure]) -> Closure:
     if len(parts) == 1:
         return parts[0]
     return lambda v: function([part(v) for part in parts])
-
-
-def _choose(condition: Closure, a: Closure, b: Closure) -> Closure:
-    return lambda v: a(v) if condition(v) else b(v)
 
 
 def _fold_constant(closure: Closure) -> Closure:

@@ -20,7 +20,7 @@ from fecloth.runs.restart import Progress, Restart
 from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
-from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
@@ -73,7 +73,8 @@ class Recorder:
 
     def _begin(self) -> Progress:
         problem = self.problem
-        accounts = Accounts.begin(list_scene_accounts(problem.is_static), self.run, problem.ledger)
+        kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
+        accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
         accounts = self._frame(problem.state, accounts)
         check_space(self.folder.path, problem, self.files.frames.files(0)[0].stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
@@ -160,7 +161,10 @@ class Recorder:
         accounts = record.accounts.with_record(before.accounts[Shapes])
         try:
             if not info.is_part:
-                steps = {**_step_row(info), **record.rows["steps"]}
+                counts = info.counts
+                row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
+                row |= {key: getattr(counts, key) for key in SUMMED[1:]}
+                steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
                 accounts = self._frame(record.state, accounts, info.t >= self.problem.t_end)
@@ -222,7 +226,9 @@ class Recorder:
         summary = self._summary(status, why, str(error) if error else None, accounts)
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
-        resumes = self._resume_time()
+        resumes: float | None = None  # without a restart file
+        with suppress(InputError, MemoryError):
+            resumes = restarts.find(self.folder.path).progress.state.t
         if status == INTERRUPTED and resumes is not None:
             words += f"; --resume goes on from {resumes:g}{self.problem.unit}"
         try:
@@ -270,12 +276,6 @@ class Recorder:
         except Exception as failure:  # of any kind: all else is written
             self.folder.log(f"warning: no report: {failure}")
 
-    def _resume_time(self) -> float | None:
-        """Return the time from which `--resume` goes on [s]; None without a restart file."""
-        with suppress(InputError, MemoryError):
-            return restarts.find(self.folder.path).progress.state.t
-        return None
-
     def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
         files = (self.files.tables[name].path for name in ("energies", "observed"))
         energies, observed = map(outcome.read_columns, files)
@@ -297,16 +297,3 @@ class Recorder:
             error=error,
             resumes=resumes,
         )
-
-
-def list_scene_accounts(is_static: bool) -> tuple[type[Account], ...]:
-    """Return the accounts of a scene: the accounts of `run`, two of them last."""
-    return (*(kind for kind in list_accounts(is_static) if kind not in LAST), *LAST)
-
-
-def _step_row(info: StepInfo) -> dict[str, float]:
-    """Return the first columns of steps.csv."""
-    counts = info.counts
-    row = {"step": info.step, "t": info.t, "dt": info.dt, "newton": counts.newton}
-    row |= {key: getattr(counts, key) for key in SUMMED[1:]}
-    return row | {"residual": counts.residual}

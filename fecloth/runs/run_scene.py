@@ -110,7 +110,9 @@ def _run_scene(
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             folder.text("scene.resolved.toml", scene.to_toml())
             folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-            folder.log(f"{_sizes(problem)}; solver {why}")
+            sizes, terms = count_sizes(problem.system), ", ".join(problem.system.names)
+            counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
+            folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
             recorder = Recorder(
@@ -138,12 +140,6 @@ def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
         if str(steps) == found.method:
             return replace(problem, steps=steps)
     raise InputError(f"the run used {found.method}", "is none of Auto's methods")
-
-
-def _sizes(problem: Problem) -> str:
-    sizes = count_sizes(problem.system)
-    terms = ", ".join(problem.system.names) or "no terms"
-    return f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}; {terms}"
 
 
 def compile_kernels(problem: Problem) -> None:

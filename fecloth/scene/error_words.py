@@ -39,15 +39,12 @@ def place(key: str, data: Any, text: str = "") -> str:
     tables = data.get(name, ()) if isinstance(data, dict) else ()
     table = tables[number] if number < len(tables) else None
     words = [str(table.get("type", ""))] if isinstance(table, dict) and "type" in table else []
-    headers = [i for i, line in enumerate(text.splitlines(), 1) if _is_header(line, name)]
+    lines = (line.split("#")[0].replace(" ", "").strip() for line in text.splitlines())
+    headers = [i for i, line in enumerate(lines, 1) if line == f"[[{name}]]"]
     if len(headers) == len(tables) > 0:  # all are written so, and none comes from an override
         words.append(f"line {headers[number]}")
     ordinal = ORDINALS[number] if number < len(ORDINALS) else f"{number + 1}th"
     return f"(It is {', '.join([f'the {ordinal} [[{name}]]', *words])}.)"
-
-
-def _is_header(line: str, name: str) -> bool:
-    return line.split("#")[0].replace(" ", "").strip() == f"[[{name}]]"
 
 
 def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
@@ -82,17 +79,12 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
         return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, MESH_FILE if name == "shape" else ""
-    remedy = did_you_mean(value[name], kinds.split(", "))
-    if key.startswith("terms") and not key.endswith(".shape"):
-        remedy = " ".join(filter(None, [remedy, _remedy_for_own_term(value[name])]))
-    return f"{key}.{name} = {shorten(value[name])}", allowed, remedy
-
-
-def _remedy_for_own_term(name: Any) -> str:
-    """Return a remedy for the name of a user's own term."""
-    if not (isinstance(name, str) and name.isidentifier()):
-        return ""
-    return f'For a term of your own: fc.load_scene("….toml", terms={{"{name}": {name}}}).'
+    own, remedy = value[name], did_you_mean(value[name], kinds.split(", "))
+    is_name = isinstance(own, str) and own.isidentifier()
+    if is_name and key.startswith("terms") and not key.endswith(".shape"):
+        how = f'For a term of your own: fc.load_scene("….toml", terms={{"{own}": {own}}}).'
+        remedy = f"{remedy} {how}".strip()
+    return f"{key}.{name} = {shorten(own)}", allowed, remedy
 
 
 def with_key(key: str, error: InputError, value: Any = None) -> str:

@@ -193,17 +193,10 @@ def check(
     # Values are interpolated linearly between steps. A time outside the run and a value that is not
     # a number fail.
     columns = {**energies, **observed}
-    return [
-        _verdict(name, expectation, times, columns[name], unit)
-        for name, expectations in expect.items()
-        for expectation in expectations
-    ]
-
-
-def _verdict(
-    name: str, expected: Expectation, times: np.ndarray, column: np.ndarray, unit: str
-) -> Verdict:
-    at = float(times[-1]) if expected.at is None else expected.at
-    value = float(np.interp(at, times, column, left=np.nan, right=np.nan))
-    passed = abs(value - expected.value) <= expected.tolerance
-    return Verdict(name, at, value, expected.value, expected.tolerance, passed, unit)
+    verdicts = []
+    for name, each in ((name, each) for name, several in expect.items() for each in several):
+        at = float(times[-1]) if each.at is None else each.at
+        value = float(np.interp(at, times, columns[name], left=np.nan, right=np.nan))
+        passed = abs(value - each.value) <= each.tolerance
+        verdicts.append(Verdict(name, at, value, each.value, each.tolerance, passed, unit))
+    return verdicts

@@ -220,7 +220,10 @@ def load_scene(
     path, overrides = Path(path), tuple(overrides)
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
-    kind, text = _scene(terms or {}), toml_text.text(path)
+    kind, text = Scene, toml_text.text(path)
+    if terms:  # a class of scenes that may also have these
+        term: Any = tables.terms_with(terms)[1]
+        kind = create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))
     return _check(kind, data, source, text, (trust_geo, mesh_time), path.parent)
 
 
@@ -241,11 +244,3 @@ def _check(
         raise scene_error(error, data, source, text) from None
     scene._source, scene._text, scene._reading = source or "the scene", text, reading
     return scene
-
-
-def _scene(terms: Mapping[str, type]) -> type[Scene]:
-    """Return the class of scenes that may also have these terms."""
-    if not terms:
-        return Scene
-    term: Any = tables.terms_with(terms)[1]
-    return create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))

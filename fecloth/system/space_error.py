@@ -94,7 +94,8 @@ def space_error(system: System, state: State) -> SpaceError:
     density = error / system.cloth.weights.sum(axis=1)
     if reason := "" if bound else NO_STRAIN:
         return SpaceError(math.nan, density, reason)
-    if stored <= _round_off(system):
+    stiffness = max(max(fabric.tensile) for fabric in system.panel.fabrics)
+    if stored <= stiffness * system.sums.total(system.cloth.area) * UNSTRAINED**2:
         return SpaceError(math.nan, np.zeros(m), AT_REST)
     relative = math.sqrt(system.sums.total(float(error.sum())) / stored)
     if folds_at_mesh_size(system.cloth, state.x):
@@ -112,12 +113,6 @@ def _refusal(system: System) -> str:
         if bound.has_energy and bound.stores_strain and not (bound.load or bound.recovers_strain):
             return f"{name} states no stress or moment"
     return ""
-
-
-def _round_off(system: System) -> float:
-    """Energy [J] of the strain `UNSTRAINED`."""
-    stiffness = max(max(fabric.tensile) for fabric in system.panel.fabrics)
-    return stiffness * system.sums.total(system.cloth.area) * UNSTRAINED**2
 
 
 ROUGH = 0.7  # share of the angles that no curvature explains; random angles have 0.87
