@@ -84,9 +84,8 @@ class Fabric:
         object.__setattr__(self, "uncertainty", Uncertainty.read(self.uncertainty))
         _check_positive("areal_density", self.areal_density, "kg/m²")
         if not is_number(self.poisson_ratio):
-            raise InputError(
-                f"poisson_ratio = {self.poisson_ratio!r}", "must be a number", "Fabric"
-            )
+            what = f"poisson_ratio = {self.poisson_ratio!r}"
+            raise InputError(what, "must be a number", "Fabric")
         for value in self.tensile:
             _check_positive("tensile_stiffness", value, "N/m")
         warp, weft = self.tensile
@@ -189,10 +188,8 @@ class Fabric:
 
         Notes
         -----
-        S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed. (1980).
-
-        No test of KES-F twists the cloth, and none measures how it bends across: the rigidity of
-        twist follows from B45, or is Huber's estimate without it, and ν_b is 0.
+        S. Kawabata, The Standardization and Analysis of Hand Evaluation, 2nd ed. (1980). Without
+        B45 the rigidity of twist is Huber's estimate.
 
         Examples
         --------
@@ -238,9 +235,8 @@ class Fabric:
         Notes
         -----
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
-        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994).
-
-        The rigidity of twist is as in `from_kes`, with C45 in place of B45.
+        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994). The rigidity of twist
+        is as in `from_kes`, with C45 in place of B45.
 
         Examples
         --------
@@ -272,12 +268,8 @@ class Fabric:
         >>> Fabric.sheet(E=2e5, nu=0.3, thickness=5e-4, rho=400.0).tensile_stiffness
         100.0
         """
-        for name, value, unit in (
-            ("E", E, "Pa"),
-            ("thickness", thickness, "m"),
-            ("rho", rho, "kg/m³"),
-        ):
-            _check_positive(name, value, unit, "Fabric.sheet")
+        for given in (("E", E, "Pa"), ("thickness", thickness, "m"), ("rho", rho, "kg/m³")):
+            _check_positive(*given, "Fabric.sheet")
         if not -1.0 < nu <= 0.5:
             raise InputError(f"nu = {nu!r}", "must be in (-1, 0.5]", "Fabric.sheet")
         return cls(

@@ -20,10 +20,8 @@ def constants(name: str) -> dict:
     """Constants of a preset as keyword arguments of `Fabric`."""
     name = name if isinstance(name, str) else repr(name)  # a scene may have any type here
     if name not in _fabrics():
-        allowed = f"must be one of {', '.join(names())}"
-        raise InputError(
-            f"preset = {name!r}", allowed, "Fabric.preset", did_you_mean(name, names())
-        )
+        allowed, close = f"must be one of {', '.join(names())}", did_you_mean(name, names())
+        raise InputError(f"preset = {name!r}", allowed, "Fabric.preset", close)
     return dict(_fabrics()[name])
 
 
@@ -48,12 +46,8 @@ def wang(density: float, stretching: list[float], bending: list[float], least: f
     c11, c12, c22, c33 = stretching
     moduli = orthotropic(2 * c22, 2 * max(c12, least), 2 * c11, c33)
     warp, bias, weft = (1e-6 * k / 4 for k in bending)
-    return {
-        "areal_density": density,
-        **moduli,
-        "bending_rigidity": (warp, weft),
-        "bias_rigidity": bias,
-    }
+    plate = {"bending_rigidity": (warp, weft), "bias_rigidity": bias}
+    return {"areal_density": density, **moduli, **plate}
 
 
 def orthotropic(C11: float, C12: float, C22: float, G: float) -> dict:

@@ -131,7 +131,10 @@ class _Checker:
             before = self._join(i - 4, i)
             if text == ";":
                 self.seen.clear()
-                self._count(i)
+                self.statements += math.prod(count for _, count in self.loops)
+                if self.statements > MOST_STATEMENTS:
+                    what = f"more than {MOST_STATEMENTS} statements, with all repetitions of For,"
+                    raise self._error(what, i)
             elif kind == "text" and not _TEXT.search(f"{before} {text}"):
                 raise self._error(f"the text {text}", i)
             elif text == ".":
@@ -145,12 +148,6 @@ class _Checker:
 
     def _error(self, what: str, i: int, suggestion: str = "") -> MeshError:
         return _refused(what, self.tokens[i].line, self.where, suggestion)
-
-    def _count(self, i: int) -> None:
-        self.statements += math.prod(count for _, count in self.loops)
-        if self.statements > MOST_STATEMENTS:
-            what = f"more than {MOST_STATEMENTS} statements, with all repetitions of For,"
-            raise self._error(what, i)
 
     def _point(self, i: int, before: str) -> None:
         """Check Mesh.Algorithm, Geometry.Tolerance or Field[1].SizeMin; the threads are not set."""

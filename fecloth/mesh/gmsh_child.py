@@ -28,6 +28,7 @@ MEMORY_SHARE = 0.5  # of the machine's memory
 MOST_NODES = 3 * validation.MOST_TRIANGLES
 _ERRORS = {"InputError": InputError, "MeshError": MeshError}
 _LISTS = ("node_sets", "edge_sets")
+_PLAIN = ("xyz", "triangles", "node_ids", "triangle_ids", "geometric")
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
@@ -68,7 +69,7 @@ def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
 
 def _packed(raw: RawMesh) -> bytes:
     """Return a mesh as the bytes of an .npz file, with the names of its sets in a JSON header."""
-    arrays = {name: getattr(raw, name) for name in _plain_arrays()}
+    arrays = {name: getattr(raw, name) for name in _PLAIN}
     header: dict[str, list[str]] = {}
     for kind in (*_LISTS, "triangle_sets"):
         sets = getattr(raw, kind)
@@ -78,10 +79,6 @@ def _packed(raw: RawMesh) -> bytes:
             empty = np.empty((0, 2) if kind == "edge_sets" else 0, dtype=np.int64)
             arrays[f"{kind}_{i}"] = np.concatenate([empty, *parts])
     return _npz(header, arrays)
-
-
-def _plain_arrays() -> tuple[str, ...]:
-    return "xyz", "triangles", "node_ids", "triangle_ids", "geometric"
 
 
 def _npz(header: dict, arrays: dict[str, Any]) -> bytes:
@@ -100,7 +97,7 @@ def _unpacked(data: bytes) -> RawMesh:
             kind: {name: file[f"{kind}_{i}"] for i, name in enumerate(names)}
             for kind, names in header.items()
         }
-        plain = {name: file[name] for name in _plain_arrays()}
+        plain = {name: file[name] for name in _PLAIN}
     nodes, edges = ({name: [one] for name, one in sets[kind].items()} for kind in _LISTS)
     return RawMesh(**plain, node_sets=nodes, edge_sets=edges, triangle_sets=sets["triangle_sets"])
 
@@ -168,18 +165,16 @@ def surface_from_meshio(path: Path, where: str) -> RawMesh:
 def from_meshio(path: Path, where: str) -> RawMesh:
     """The mesh of a file of triangles, lines and points, with its sets."""
     mesh = _meshio_mesh(path, where)
-    check_cells(
-        {b.type: len(b) for b in mesh.cells if b.type not in ("triangle", "line", "vertex")}, where
-    )
+    known = ("triangle", "line", "vertex")
+    check_cells({b.type: len(b) for b in mesh.cells if b.type not in known}, where)
     triangles = _triangles(mesh)
     nodes, edges = _meshio_sets(mesh, where)
     n, m = len(mesh.points), len(triangles)
     geometric = np.zeros(n, dtype=bool)
     for block in mesh.cells:
         if block.type != "triangle":
-            geometric[
-                validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
-            ] = True
+            used = validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
+            geometric[used] = True
     return RawMesh(mesh.points, triangles, nodes, edges, np.arange(n), np.arange(m), geometric)
 
 

@@ -137,14 +137,9 @@ def from_msh(path: Path, where: str) -> RawMesh:
 def _gmsh_arrays(gmsh, where: str):
     """Sorted node tags, coordinates, triangles as node indices, and triangle tags."""
     mesh = gmsh.model.mesh
-    check_cells(
-        {
-            mesh.getElementProperties(kind)[0]: len(mesh.getElementsByType(kind)[0])
-            for kind in mesh.getElementTypes()
-            if kind not in (1, 2, 15)
-        },
-        where,
-    )
+    others = [kind for kind in mesh.getElementTypes() if kind not in (1, 2, 15)]
+    counts = {mesh.getElementProperties(k)[0]: len(mesh.getElementsByType(k)[0]) for k in others}
+    check_cells(counts, where)
     tags, xyz, _ = mesh.getNodes(returnParametricCoord=False)
     order = np.argsort(tags)
     ids, xyz = tags[order].astype(np.int64), xyz.reshape(-1, 3)[order]

@@ -128,11 +128,8 @@ def _on_common_points(cloth, a, other, b):
     finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
     basis = finer.basis(4)
     points = basis.global_coordinates()  # (2, m, q)
-    return (
-        basis.dx.ravel(),
-        _value_and_gradient(cloth, a, points, finer is cloth),
-        _value_and_gradient(other, b, points, finer is other),
-    )
+    fields = ((cloth, a), (other, b))
+    return basis.dx.ravel(), *(_value_and_gradient(c, y, points, finer is c) for c, y in fields)
 
 
 def _value_and_gradient(cloth, values, points, is_own_points):
@@ -207,11 +204,8 @@ def at_points(function, basis, shape, name: str) -> np.ndarray:
     points = basis.global_coordinates()  # (2, m, q)
     flat = points.reshape(2, -1).T
     values = np.asarray(function(flat), dtype=float)
-    if shape is None:
-        has_shape = values.shape[:1] == (len(flat),)
-    else:
-        has_shape = values.shape == (len(flat), *shape)
-    if not has_shape or not np.isfinite(values).all():
+    tail = values.shape[1:] if shape is None else shape
+    if values.shape != (len(flat), *tail) or not np.isfinite(values).all():
         expected = ", ".join(["p", *map(str, shape or ("...",))])
         what = f"the function's values of shape {values.shape} at {flat.shape} points"
         raise InputError(what, f"must be finite and ({expected})", f"Cloth.{name}")

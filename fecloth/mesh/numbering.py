@@ -27,9 +27,7 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     triangles = new[mesh.triangles]
     low = np.sort(triangles, axis=1)
     old_triangles = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    node_sets = {
-        name: np.sort(new[nodes]).astype(np.intp) for name, nodes in mesh.node_sets.items()
-    }
+    node_sets = {k: np.sort(new[nodes]).astype(np.intp) for k, nodes in mesh.node_sets.items()}
     edge_sets = {name: sorted_pairs(new[pairs]) for name, pairs in mesh.edge_sets.items()}
     new_triangles = np.empty(len(triangles), dtype=np.intp)
     new_triangles[old_triangles] = np.arange(len(triangles))
@@ -55,14 +53,13 @@ def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
     regions: dict[str, np.ndarray] = {}
     triangles = []
     for i, (piece, name) in enumerate(zip(pieces, names, strict=True)):
-        own = np.append(
-            first_corner[i] + np.arange(corners[i]), first_midpoint[i] + np.arange(midpoints[i])
-        )
+        inner = first_midpoint[i] + np.arange(midpoints[i])
+        own = np.append(first_corner[i] + np.arange(corners[i]), inner)
         nodes |= {name: own} | {f"{name}/{k}": own[v] for k, v in piece.node_sets.items()}
         edges |= {f"{name}/{k}": own[v] for k, v in piece.edge_sets.items()}
         all_own = np.arange(first_triangle[i], first_triangle[i + 1])
-        regions |= {name: all_own}
-        regions |= {f"{name}/{k}": all_own[v] for k, v in piece.triangle_sets.items()}
+        inside = {f"{name}/{k}": all_own[v] for k, v in piece.triangle_sets.items()}
+        regions |= {name: all_own} | inside
         triangles.append(own[piece.triangles])
     ends = [(p.X[:c], p.X[c:]) for p, c in zip(pieces, corners, strict=True)]
     X = np.concatenate([part for place in (0, 1) for part in (end[place] for end in ends)])

@@ -148,9 +148,8 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     raw = in_child({"surface": str(path.resolve())}, where)
     if not len(raw.triangles):
         raise MeshError("no triangles", "must be a surface of triangles", where)
-    corners = raw.xyz[
-        validated_indices("triangle cells", raw.triangles.ravel(), len(raw.xyz), (), where)
-    ]
+    used = validated_indices("triangle cells", raw.triangles.ravel(), len(raw.xyz), (), where)
+    corners = raw.xyz[used]
     if not np.isfinite(corners).all():
         raise MeshError("coordinates that are not finite", "must be finite", where)
     nodes, number = np.unique(corners, axis=0, return_inverse=True)

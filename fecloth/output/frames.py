@@ -190,12 +190,8 @@ def write_mesh(path: Path, cloth: Cloth) -> None:
     inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
     for name, nodes in cloth.node_sets.items():
         inside[f"set {name}"][nodes] = 1.0
-    mesh = meshio.Mesh(
-        points,
-        {MESHIO[cloth.element]: cloth.cells},
-        point_data=inside,
-        cell_data={"quality": [cloth.quality]},
-    )
+    cells, quality = {MESHIO[cloth.element]: cloth.cells}, {"quality": [cloth.quality]}
+    mesh = meshio.Mesh(points, cells, point_data=inside, cell_data=quality)
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -101,14 +101,10 @@ class _Waiting(io.RawIOBase):
         self.size = base.seek(0, os.SEEK_END)  # of the file with its changes
         self.changes: list[tuple[int, bytes]] = []  # (place, bytes), in order of writing
 
-    def readable(self) -> bool:
-        return True
-
-    def writable(self) -> bool:
-        return True
-
     def seekable(self) -> bool:
         return True
+
+    readable = writable = seekable
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         origin = {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: self.size}[whence]

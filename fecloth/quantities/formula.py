@@ -136,9 +136,5 @@ def _compile(
         tree = derivative(tree, variable)
     if by:
         name = f"the derivative by {' and '.join(by)} of formula {text!r}"
-    return _CompiledFormula(
-        name,
-        variables,
-        compile_tree(tree, variables, NUMBERS),
-        compile_tree(tree, variables, ARRAYS),
-    )
+    closures = (compile_tree(tree, variables, kit) for kit in (NUMBERS, ARRAYS))
+    return _CompiledFormula(name, variables, *closures)

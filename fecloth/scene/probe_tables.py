@@ -63,9 +63,8 @@ class Expectation(Table):
     def _one_tolerance(self):
         require_exactly_one(self, "relative", "absolute")
         if self.relative and self.value == 0:
-            raise InputError(
-                "relative is given", "must not be used with value = 0", "", "Use absolute."
-            )
+            allowed = "must not be used with value = 0"
+            raise InputError("relative is given", allowed, "", "Use absolute.")
         return self
 
     @property
@@ -136,13 +135,10 @@ def refuse_times(expect: Expected, start: float, end: float, source: str, unit: 
     """Raise `SceneError` for a value expected at a t outside the run."""
     most = f"time.t_end = {end} [s]" if unit == " s" else f"{end:g}{unit}"
     for name, expectations in expect.items():
-        for at in (e.at for e in expectations if e.at is not None):
-            if at > end:
-                allowed = f"must be at most {most}"
-                raise SceneError(f"expect.{name}.at = {at}", allowed, source)
-            if at < start:
-                allowed = f"must be at least time.t_start = {start} [s]"
-                raise SceneError(f"expect.{name}.at = {at}", allowed, source)
+        for at in (e.at for e in expectations if e.at is not None and not start <= e.at <= end):
+            least = f"must be at least time.t_start = {start} [s]"
+            allowed = f"must be at most {most}" if at > end else least
+            raise SceneError(f"expect.{name}.at = {at}", allowed, source)
 
 
 def refuse_unknown(

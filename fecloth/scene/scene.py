@@ -120,10 +120,8 @@ class Scene(Table):
         static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
             raise InputError("start.velocity is given", static, "", "Leave it out.")
-        for key, instead in (
-            ("every", "frames or every_steps"),
-            ("restart_every", "restart_steps"),
-        ):
+        instead_of = {"every": "frames or every_steps", "restart_every": "restart_steps"}
+        for key, instead in instead_of.items():
             if getattr(self.output, key):
                 raise InputError(f"output.{key} is given", static, "", f"Use {instead}.")
         if self.solver.linear in ("pcg", "multigrid"):

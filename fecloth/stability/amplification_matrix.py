@@ -49,11 +49,9 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     # The memory is every array (n, 3) that a step hands on to the next one, in a fixed order; for a
     # method that takes it as a first guess only, its columns are zero.
     system = _oscillators(omega_dt, zeta)
-    options = Newton(tolerance=1e-13)
-    symmetric = system.symmetric and method.traits.symmetric
-    solver = SolverContext(
-        SuperLU(symmetric), BlockMatrix.zeros(system.pattern, system.team), options
-    )
+    linear = SuperLU(system.symmetric and method.traits.symmetric)
+    J = BlockMatrix.zeros(system.pattern, system.team)
+    solver = SolverContext(linear, J, Newton(tolerance=1e-13))
     start = State(0.0, *np.zeros((2, 3, 3)))
     memory = method.step(system, start, 1.0, solver, None).memory
     size = 2 + len(_arrays(memory))
@@ -114,7 +112,5 @@ def _with_arrays(record, arrays: Iterator[np.ndarray]):
         return next(arrays)
     if not is_dataclass(record) or isinstance(record, type):
         return record
-    filled = {
-        field.name: _with_arrays(getattr(record, field.name), arrays) for field in fields(record)
-    }
-    return replace(record, **filled)
+    names = [field.name for field in fields(record)]
+    return replace(record, **{name: _with_arrays(getattr(record, name), arrays) for name in names})

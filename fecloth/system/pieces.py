@@ -129,11 +129,8 @@ def _fill_equations(outside, y, v, A, b):
             o0, o1, o2 = outside[h, i]
             b[h, i] = o0 * v[h, 0] + o1 * v[h, 1] + o2 * v[h, 2]
             A[h, i, 0], A[h, i, 1], A[h, i, 2] = o0, o1, o2
-            A[h, i, 3], A[h, i, 4], A[h, i, 5] = (
-                o2 * y1 - o1 * y2,
-                o0 * y2 - o2 * y0,
-                o1 * y0 - o0 * y1,
-            )
+            A[h, i, 3], A[h, i, 4] = o2 * y1 - o1 * y2, o0 * y2 - o2 * y0
+            A[h, i, 5] = o1 * y0 - o0 * y1
 
 
 @rounded_kernel

@@ -38,9 +38,8 @@ class ReactionLimits:
         K = stiffness()
         pattern = K.pattern
         way = np.linalg.norm(cloth.X[pattern.rows] - cloth.X[pattern.indices], axis=1)
-        force = np.where(
-            is_pinned[pattern.indices], 0.0, np.linalg.norm(K.values, axis=(1, 2)) * way
-        )
+        force = np.linalg.norm(K.values, axis=(1, 2)) * way
+        force[is_pinned[pattern.indices]] = 0.0
         most = np.bincount(pattern.rows, force, len(cloth.X))[nodes]
         return cls(nodes, np.where(np.isfinite(most), most, np.inf))
 

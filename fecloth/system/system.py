@@ -142,14 +142,8 @@ class System(Arguments):
         if clamps and not any(traits_of(term).holds_normals for term in self.terms):
             what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
             raise InputError(what, allowed, "System", "Add PlateBending, or pin without a clamp.")
-        return replace(
-            panel,
-            start=self.start.x if self.start else None,
-            clamps=clamps,
-            mass=self.mass_kind,
-            team=self.team,
-            counted=self.counted,
-        )
+        own: dict[str, Any] = {"mass": self.mass_kind, "team": self.team, "counted": self.counted}
+        return replace(panel, start=self.start.x if self.start else None, clamps=clamps, **own)
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
