@@ -135,9 +135,8 @@ class StepFailed(FeclothError):
         residual = "" if math.isnan(self.residual) else f"relative residual {self.residual:.2e}; "
         place = f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s"
         if self.unit != " s":
-            place = (
-                f"load step {self.step}, from {self.t:.6g} to {self.t + self.dt:.6g}{self.unit},"
-            )
+            end = self.t + self.dt
+            place = f"load step {self.step}, from {self.t:.6g} to {end:.6g}{self.unit},"
         return (
             f"{place} failed: {self.reason} ({residual}most deformed triangle {self.triangle} "
             f"with a principal stretch of {self.stretch:.4g}). {self.remedy}"
@@ -206,5 +205,4 @@ def did_you_mean(name: object, names: Iterable[str], cutoff: float = LIKENESS) -
 
 
 def _plain(name: object) -> str:
-    """Return the name without capitals and underscores."""
     return str(name).lower().replace("_", "")

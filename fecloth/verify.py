@@ -194,9 +194,8 @@ def _sweep(
     h = size * 0.5 ** np.arange(2, 18)
     scale = scale or float(max(np.linalg.norm(exact), np.linalg.norm(function(0.0)) / size * 1e-6))
     with np.errstate(invalid="ignore"):  # of an energy that is infinite on both sides
-        errors = np.array(
-            [np.linalg.norm((function(s) - function(-s)) / (2 * s) - exact) / scale for s in h]
-        )
+        quotients = [(function(s) - function(-s)) / (2 * s) for s in h]
+        errors = np.array([np.linalg.norm(each - exact) / scale for each in quotients])
     outside = np.flatnonzero(~np.isfinite(errors[: len(h) // 3]))
     inside = slice(outside[-1] + 1 if len(outside) else 0, None)
     return Sweep(name, h[inside], np.maximum(errors[inside], 1e-16))

@@ -47,7 +47,6 @@ def _info_lines(options: Namespace) -> list[str]:
 
 
 def _describe_scene(options: Namespace) -> list[str]:
-    """Return what a scene would do, and what may disappoint."""
     scene = load_scene(options.scene, options.set, **reading(options))
     problem, _, why = resolve_scene(scene.build())
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes

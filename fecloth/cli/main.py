@@ -127,7 +127,6 @@ def _run_command(arguments: list[str] | None) -> int:
 
 
 def _status(options: Namespace) -> int:
-    """Run the command of the options; print its failure, if any."""
     from fecloth.cli.studies import run_study
     from fecloth.output.atomic_files import ending_of
 

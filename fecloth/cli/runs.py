@@ -35,7 +35,6 @@ def run(options: Namespace) -> int:
 
 
 def _run_one(options: Namespace, make_system: Callable[..., System] | None = None) -> int:
-    """Run a scene in this process, or with a system whose terms several share."""
     from functools import partial
     from pathlib import Path
 
@@ -150,7 +149,6 @@ def _describe_frame_time(options: Namespace) -> str:
 
 
 def _load(path: str, options: Namespace) -> Scene:
-    """Return a scene with the values that the options change."""
     from fecloth.scene.scene import load_scene
 
     threads = [] if options.threads is None else [f"solver.threads={options.threads}"]

@@ -64,7 +64,6 @@ def can_be_trusted(folder: Path) -> bool:
 
 
 def _digest_of_sources() -> str:
-    """Hash of every source file of the package that holds kernels."""
     digest, compiler = hashlib.sha256(), Path(__file__).with_name("jit.py")
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         text = source.read_bytes()
@@ -85,7 +84,6 @@ def _make(folder: Path) -> bool:
 
 
 def _warn_of(folders: list[Path]) -> None:
-    """Say why machine code is not kept, and what to do."""
     if folders:
         words = (
             f"machine code is compiled anew for this process: other users can change what is in "

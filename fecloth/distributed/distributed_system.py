@@ -86,7 +86,6 @@ class DistributedSolver:
         self.seconds_factor = time.perf_counter() - begin
 
     def _change(self) -> None:
-        """Take GAMG from here on."""
         self.kind = "GAMG"
         self._create()
 

@@ -113,9 +113,7 @@ class PetscSolver:
         rows = np.repeat(np.arange(self.own), np.diff(self.starts))
         here = (columns >= first) & (columns < first + self.own)
         stored = columns - first >= rows if half else np.ones(len(columns), bool)
-        counts = [
-            np.bincount(rows[of], minlength=self.own) for of in (here & stored, ~here & stored)
-        ]
+        counts = [np.bincount(rows[k], minlength=self.own) for k in (here & stored, ~here & stored)]
         if not half:
             counts = [3 * np.repeat(count, 3) for count in counts]
         A.setPreallocationNNZ(tuple(count.astype(PETSc.IntType) for count in counts))
@@ -200,7 +198,6 @@ class PetscSolver:
         return self.x.array.reshape(-1, 3).copy(), self.ksp.getIterationNumber(), residual
 
     def _check(self, reason: int) -> None:
-        """Raise the error that a negative reason of PETSc stands for."""
         reasons = self.petsc.KSP.ConvergedReason
         if reason >= 0:
             return

@@ -135,7 +135,6 @@ def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
 
 
 def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where: str) -> dict:
-    """The fields as (warp, weft) in SI units."""
     for name in fields:
         if name not in units and name not in unused:
             allowed = f"unknown field; must be one of {', '.join(units)}"

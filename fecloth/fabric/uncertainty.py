@@ -129,7 +129,6 @@ def _constant(key: str) -> str:
 
 
 def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
-    """Yield the values by key; those of KEY = [a, b] as KEY.0 and KEY.1."""
     for key, value in table.items():
         if key in PAIRS and isinstance(value, list | tuple):
             value = {str(i): item for i, item in enumerate(value)}

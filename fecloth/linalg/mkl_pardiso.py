@@ -66,20 +66,16 @@ def routine() -> Callable[..., None]:
     import pypardiso
 
     # The module-wide solver is used because a new PyPardisoSolver() searches the disk again.
-    _make_reproducible(pypardiso.ps.libmkl)
-    call: Callable[..., None] = pypardiso.ps._mkl_pardiso
-    return call
-
-
-def _make_reproducible(library: ctypes.CDLL) -> None:
-    """Set the MKL's mode in which equal calls with equal numbers of threads give equal bits."""
-    # In the default mode sums depend on the addresses of arrays, and the number of threads depends
-    # on the load of the machine (oneMKL Developer Guide, Obtaining Numerically Reproducible
-    # Results). The mode does not change if the user has set MKL_CBWR, or if the MKL rejects the
-    # call because another package has already used it.
+    solver = pypardiso.ps
+    # Equal calls with equal numbers of threads are to give equal bits. In the default mode sums
+    # depend on the addresses of arrays, and the number of threads on the load of the machine
+    # (oneMKL Developer Guide, Obtaining Numerically Reproducible Results). The mode does not change
+    # if the MKL rejects the call because another package has already used it.
     if "MKL_CBWR" not in os.environ:
-        library.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
-    library.MKL_Set_Dynamic(ctypes.c_int(0))
+        solver.libmkl.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
+    solver.libmkl.MKL_Set_Dynamic(ctypes.c_int(0))
+    call: Callable[..., None] = solver._mkl_pardiso
+    return call
 
 
 def threads() -> int | None:

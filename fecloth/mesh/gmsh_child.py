@@ -88,7 +88,6 @@ def _npz(header: dict, arrays: dict[str, Any]) -> bytes:
 
 
 def _unpacked(data: bytes) -> RawMesh:
-    """Return the mesh, or raise the error, that the child has sent."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         header = json.loads(file["header"].tobytes())
         if "error" in header:

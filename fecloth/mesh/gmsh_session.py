@@ -58,7 +58,6 @@ def gmsh_model() -> Iterator:
 
 @contextlib.contextmanager
 def _signal_handlers_restored() -> Iterator[None]:
-    """Restore Python's signal handlers at the end."""
     # Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once.
     # Signals that arrive in between are delayed, if the system supports it and no other thread
     # handles them.

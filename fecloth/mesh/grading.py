@@ -119,7 +119,6 @@ def _size_field(gmsh, grading: Grading, h: float, where: str) -> int:
 
 
 def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
-    """Add a field of the distance to the points and curves of a set."""
     points, curves = _entities(gmsh, grading.where, where)
     box = gmsh.model.getBoundingBox(-1, -1)
     widest = max(np.subtract(box[3:], box[:3]))

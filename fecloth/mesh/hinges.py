@@ -87,10 +87,8 @@ class HalfEdges:
     def of_hinge(self) -> np.ndarray:
         """(h, 2) half-edges of each interior edge: in the left and in the right triangle."""
         nodes, sides = self.hinges.nodes, self.hinges.sides
-        corner = [
-            np.argmax(self.triangles[sides[:, s]] == nodes[:, s, None], axis=1) for s in (0, 1)
-        ]
-        return 3 * sides + np.stack(corner, axis=1)
+        at = [np.argmax(self.triangles[sides[:, s]] == nodes[:, s, None], axis=1) for s in (0, 1)]
+        return 3 * sides + np.stack(at, axis=1)
 
     @cached_property
     def hinge(self) -> np.ndarray:

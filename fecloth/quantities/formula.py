@@ -130,7 +130,6 @@ _parse = lru_cache(maxsize=256)(parse)
 def _compile(
     text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...]
 ) -> _CompiledFormula:
-    """The formula, or its derivative by one variable after the other."""
     tree, name = _parse(text, variables, condition), f"formula {text!r}"
     for variable in by:
         tree = derivative(tree, variable)

@@ -57,9 +57,8 @@ class _Reader:
             remedy = "Powers are written **." if "^" in self.text else ""
             if re.fullmatch(NUMBER_AND_UNIT, self.text):
                 remedy = "A formula has no units: write its numbers in SI, as 0.02 for 2 cm."
-            self.refuse(
-                "not an expression" + (f" (see character {at})" if at else ""), None, remedy
-            )
+            where = f" (see character {at})" if at else ""
+            self.refuse(f"not an expression{where}", None, remedy)
 
     def number(self, node: ast.AST, depth: int) -> None:
         if depth > DEEPEST:

@@ -269,7 +269,6 @@ class Recorder:
         return {key: values[key] for key in ORDER if key in values} | values
 
     def _report(self, summary: dict) -> None:
-        """Write report.html; a failure to write it must not fail the run."""
         try:
             frame = self.files.shown_at(self.progress.state)
             write_report(self.folder.path, summary, frame, self.files.obstacles.last)

@@ -115,9 +115,8 @@ def _run_scene(
             folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
-            recorder = Recorder(
-                folder, problem, watch, solver, scene.to_toml(), start, found, warnings
-            )
+            given = scene.to_toml(), start, found, warnings
+            recorder = Recorder(folder, problem, watch, solver, *given)
         error = recorder.march(report, warn, interrupted)
         stopped = INTERRUPTED if recorder.progress.state.t < problem.t_end else DONE
         outcome = recorder.close(FAILED if error else stopped, why, error, warn)

@@ -111,7 +111,6 @@ def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callabl
 
 
 def _each(value: Any, function: Callable) -> Any:
-    """Apply the function to the value, or to the value of each region."""
     if isinstance(value, Mapping):
         return {name: function(one) for name, one in value.items()}
     return function(value)
@@ -175,7 +174,6 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
 def _check_method(
     scene: Any, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
-    """Refuse a term, a mass, a step or a linear solver that the method does not allow."""
     with at("terms"):
         check_terms(system, steps, "terms")
     if not system.is_whole and (isinstance(steps, Auto) or steps.traits.explicit):

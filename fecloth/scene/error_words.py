@@ -51,9 +51,8 @@ def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
     """Return what, allowed and remedy of each mistake; `written` is the file's value at `key`."""
     value, cause = item["input"], item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
-        return [
-            (with_key(key, one, value), one.allowed, one.remedy) for one in (cause, *cause.also)
-        ]
+        each = (cause, *cause.also)
+        return [(with_key(key, error, value), error.allowed, error.remedy) for error in each]
     return [_of_type(item, key, written, value)]
 
 

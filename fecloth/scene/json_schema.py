@@ -57,9 +57,8 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     published = {"enum": list(presets.names())}
     shorthands = _without_null(Shorthands.model_json_schema())["properties"]
     fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published}
-    fabric["anyOf"] = [
-        {"required": keys} for keys in (fabric.pop("required"), *([key] for key in shorthands))
-    ]
+    required = fabric.pop("required"), *([key] for key in shorthands)
+    fabric["anyOf"] = [{"required": keys} for keys in required]
     one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
     scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
     scene["fabrics"]["additionalProperties"] = one_fabric

@@ -233,7 +233,6 @@ def scene_of(tables: dict, trust_geo: bool = False) -> Scene:
 def _check(
     kind: type[Scene], data: dict, source: str, text: str, reading: tuple[bool, float], folder: Path
 ) -> Scene:
-    """Return the scene of these tables, which were read from the text of the source."""
     with errors_at("", source):
         data = join_pieces(data)
     try:

@@ -99,16 +99,14 @@ Term: Any
 TERM_TABLES, Term = terms_with({})
 
 
-def _check_uncertainty(table: dict | None) -> dict | None:
+def _check_uncertain(table: dict | None) -> dict | None:
     read = Uncertainty.read(table)
     return read.table() if read else None
 
 
 _KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source"]
 _SCHEMA = {"type": "object", "properties": {k: {} for k in _KEYS}, "additionalProperties": False}
-_Uncertain: Any = Annotated[
-    dict | None, AfterValidator(_check_uncertainty), WithJsonSchema(_SCHEMA)
-]
+_Uncertain: Any = Annotated[dict | None, AfterValidator(_check_uncertain), WithJsonSchema(_SCHEMA)]
 # a base class made at run time
 _FabricFields: Any = table_of(Fabric, uncertainty=(_Uncertain, None))
 
@@ -160,7 +158,6 @@ class FabricTable(_FabricFields):
 
 
 def _constants(key: str, value: Any, folder: Path) -> dict:
-    """Return the constants of a preset, of a file, or from the readings of an instrument."""
     if key == "preset":
         return presets.constants(value)
     if key == "file":

@@ -25,7 +25,6 @@ def read(path: str | Path) -> dict:
 
 
 def _toml_remedy(problem: str) -> str:
-    """Return a remedy for the two commonest mistakes in TOML, or ""."""
     unclosed = ("Unterminated string", r"Illegal character '\n'", 'Expected "\'"')
     if any(words in problem for words in unclosed):
         return "A text has no closing quotation mark."

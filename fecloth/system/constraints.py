@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, count
 from typing import Self
 
 import numpy as np
@@ -82,10 +83,8 @@ class Constraints:
             if not isinstance(pin.motion, Motion):  # a user's function: an early error
                 for value in (pin.displacement(0.0), pin.speed(0.0, since=0.0)):
                     pin.check_shape(value, len(nodes))
-        everything = [nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)]
-        nodes, first, times = np.unique(
-            np.concatenate(everything), return_index=True, return_counts=True
-        )
+        held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
+        nodes, first, times = np.unique(held, return_index=True, return_counts=True)
         if (times > 1).any():
             what = f"node {nodes[times > 1][0]} is held by more than one pin"
             allowed = "each node may belong to one pin"
@@ -210,18 +209,12 @@ def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
 
 
 def _rows(value: np.ndarray) -> np.ndarray:
-    """(1, 3) or (k, 3)."""
     return np.ascontiguousarray(value.reshape(-1, 3))
 
 
 def _free_name(name: str, taken) -> str:
-    """The name, or name.2, name.3, … if it is in use."""
-    number = 1
-    free = name
-    while free in taken:
-        number += 1
-        free = f"{name}.{number}"
-    return free
+    numbered = (f"{name}.{number}" for number in count(2))
+    return next(free for free in chain([name], numbered) if free not in taken)
 
 
 @kernel

@@ -437,7 +437,6 @@ def _check_elements(terms, element: str) -> None:
 
 
 def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
-    """The terms or pins as a tuple; raises `InputError` for anything else."""
     where, allowed = f"System({name}=...)", f"must be a list, as in [{example}]"
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name} = {values!r}", allowed, where)
