@@ -71,7 +71,7 @@ class Crew:
             if y is None or np.array_equal(self.placed.get(name, np.empty(0)), y):
                 continue
             self.placed[name] = y.copy()
-            self.link.each(f"place_{name}", [(y[part.nodes],) for part in self.parts])
+            self.link.each("place", [(name, y[part.nodes]) for part in self.parts])
 
     def gather(self, rows: Sequence[np.ndarray], out: np.ndarray) -> np.ndarray:
         """out += the rows of the nodes that each worker owns, in place."""

@@ -33,7 +33,7 @@ class Ability:
     """How an ability of a bound term is asked of all processes."""
 
     gather: Callable[[Sequence[Part], Sequence], Any]  # makes the whole of what the parts return
-    # Number of its first arguments, x and v, that each process has: `Worker.place_x`.
+    # Number of its first arguments, x and v, that each process has: `Worker.place`.
     placed: int = 1
     # Columns of the array of triangles to which it adds, its last argument; 0: it returns.
     width: int = 0
@@ -71,11 +71,9 @@ class Worker:
             self._matrix = BlockMatrix.zeros(self.system.pattern)
         return self._matrix
 
-    def place_x(self, x: np.ndarray) -> None:
-        self.x = x
-
-    def place_v(self, v: np.ndarray) -> None:
-        self.v = v
+    def place(self, name: str, y: np.ndarray) -> None:
+        """Take positions ("x") or velocities ("v")."""
+        setattr(self, name, y)
 
     def names(self) -> list[str]:
         return [term.name for term in self.system.bound]

@@ -112,9 +112,8 @@ def find_element(name: str, where: str) -> Element:
 
 def skfem_mesh(X: np.ndarray, triangles: np.ndarray) -> skfem.MeshTri:
     """scikit-fem mesh with corners X (n, 2); scikit-fem sorts the vertices of each triangle."""
-    return skfem.MeshTri(
-        np.ascontiguousarray(X.T), np.ascontiguousarray(triangles.T, dtype=np.int64)
-    )
+    corners = np.ascontiguousarray(triangles.T, dtype=np.int64)
+    return skfem.MeshTri(np.ascontiguousarray(X.T), corners)
 
 
 def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh:

@@ -31,8 +31,7 @@ def plan(problem: Problem, why: str) -> list[str]:
         _course(problem),
         f"linear solver: {why}",
         _threads_and_memory(problem),
-        *_weight_line(system),
-        *_wrinkle_line(system),
+        *_length_lines(system),
         *problem.notes(),
     ]
     limit = math.inf if problem.is_static else problem.planned.explicit_limit
@@ -59,15 +58,10 @@ def _pins(system: System) -> str:
 def _course(problem: Problem) -> str:
     if problem.is_static:
         return str(problem.method)
-    return f"{problem.method}, {_steps(problem)} to t = {problem.t_end:g} s"
-
-
-def _steps(problem: Problem) -> str:
-    if problem.dt:
-        return f"dt = {problem.dt:g} s"
-    steps = problem.steps
+    steps, dt = problem.steps, problem.dt
     by = f"rtol = {steps.rtol:g}" if isinstance(steps, Adaptive | Auto) else "stability"
-    return f'steps chosen by {by}, as dt is left out or "auto",'
+    words = f"dt = {dt:g} s" if dt else f'steps chosen by {by}, as dt is left out or "auto",'
+    return f"{problem.method}, {words} to t = {problem.t_end:g} s"
 
 
 def _threads_and_memory(problem: Problem) -> str:
@@ -82,18 +76,14 @@ def _threads_and_memory(problem: Problem) -> str:
     return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
 
 
-def _weight_line(system: System) -> Iterator[str]:
-    """Yield weight over bending stiffness, which tells whether bending matters."""
+def _length_lines(system: System) -> Iterator[str]:
+    """Yield weight over bending stiffness, which tells whether bending matters, and wrinkles."""
     if number := dimensionless.weight_over_stiffness(system):
         length = dimensionless.unsupported_length(system)
         is_around = dimensionless.is_surrounded_by_pins(system)
         reach = "twice the reach from the pins around" if is_around else "the reach from the pins"
         words = f"ρ g L³/B = {number:.3g} with L = {length:.3g} m, {reach}"
         yield f"weight over bending stiffness: {words}"
-
-
-def _wrinkle_line(system: System) -> Iterator[str]:
-    """Yield the length of wrinkles and of edges; a run warns if they matter."""
     if wave := dimensionless.wrinkle_length(system):
         edge = dimensionless.mean_edge(system)
         yield f"wrinkles under its own weight: about {wave:.2g} m long, edges {edge:.2g} m"

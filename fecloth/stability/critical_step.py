@@ -172,7 +172,8 @@ def _least(K, D, M) -> float:
     for _ in range(20):
         if math.isinf(dt):
             break
-        last, dt = dt, min(dt, root(_largest(_sum(dt**2 * K, dt * D), M)[1]))
+        damping = dt * D if issparse(K) else aslinearoperator(dt * D)  # K may have dense parts
+        last, dt = dt, min(dt, root(_largest(dt**2 * K + damping, M)[1]))
         if dt >= last * (1 - 1e-9):
             break
     return dt
@@ -229,11 +230,6 @@ def _free_operators(system: System, state: State):
         part = LinearOperator(K.shape, lambda y, w=w: w * np.vdot(w, y), dtype=float)
         K = aslinearoperator(K) + part
     return K, D, free(system.mass)
-
-
-def _sum(K, D):
-    """K + D, where K may have dense parts."""
-    return K + D if issparse(K) else K + aslinearoperator(D)
 
 
 def _largest(A, M) -> tuple[float, np.ndarray]:
