@@ -9,10 +9,9 @@ import numpy as np
 
 from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
-from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.context import PRICES, SolverContext
-from fecloth.nonlinear.linearised import FIRST, INNER, Map, NoDerivative, correct
+from fecloth.nonlinear.linearised import FIRST, Map, NoDerivative, correct, inverse
 from fecloth.system.system import System
 from fecloth.terms.records import shift
 
@@ -57,16 +56,12 @@ class StepTangents:
             self.solution, self.number = solution, self.number + 1
             self.usual, self.known = {**self.usual, **self.known}, {}
         both = {"held": lambda: self._held(solution), "exact": lambda: self._exact(solution)}
-        saves = self._saves_solves() and self.number % AGAIN
+        held, exact = (self._solves(self.usual.get(name, FIRST)) for name in both)
+        price = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
+        saves = self.count * (held - exact) > price and self.number % AGAIN
         if self.exact is solution or saves or not has_matrix:
             del both["held"]
         return both
-
-    def _saves_solves(self) -> bool:
-        """Whether the exact factor costs less than what it saves, in solves."""
-        held, exact = (self._solves(self.usual.get(name, FIRST)) for name in ("held", "exact"))
-        price = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
-        return self.count * (held - exact) > price
 
     def _solves(self, contraction: float) -> float:
         return max(1.0, math.log(self.tolerance) / math.log(contraction))
@@ -85,11 +80,7 @@ class StepTangents:
 
 def _solve_with(linear: Any, solution: Solution) -> Map:
     equation = getattr(solution.opening, "equation", None)
-    updates = equation.updates(solution.q) if equation else []
-    if not updates:
-        return lambda b: linear.solve(b, INNER)[0]
-    update = LowRankUpdate.prepare(linear, updates, INNER)
-    return lambda b: update.apply(linear.solve(b, INNER)[0])
+    return inverse(linear, equation.updates(solution.q) if equation else [])
 
 
 def derive_step(

@@ -1,5 +1,6 @@
 """Numerical dissipation of a step, and the forces that it depends on."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -154,16 +155,17 @@ def column_forces(system: System, state: State) -> np.ndarray:
 
 def load_forces(system: System, state: State) -> np.ndarray:
     """(n, 3) forces [N] of the loads whose work along a displacement the ledger has."""
-    f = np.zeros_like(state.x)
-    for term in filter(has_work_column, system.bound):
-        term.add_force(state.x, state.v, state.t, f)
-    return f
+    return _sum(filter(has_work_column, system.bound), state, state.v)
 
 
 def conservative(system: System, state: State) -> np.ndarray:
     """(n, 3) force of the terms that have an energy, without the damping that they may have."""
-    f, still = np.zeros_like(state.x), np.zeros_like(state.v)
-    for term in system.bound:
-        if term.has_energy:
-            term.add_force(state.x, still, state.t, f)
+    terms = (term for term in system.bound if term.has_energy)
+    return _sum(terms, state, np.zeros_like(state.v))
+
+
+def _sum(terms: Iterable[BoundTerm], at: State, v: np.ndarray) -> np.ndarray:
+    f = np.zeros_like(at.x)
+    for term in terms:
+        term.add_force(at.x, v, at.t, f)
     return f

@@ -18,6 +18,11 @@ def size(a: np.ndarray) -> float:
     return math.sqrt(squared_norm(a))
 
 
+def longest(way: np.ndarray) -> float:
+    """The length of the longest of vectors (n, 3)."""
+    return math.sqrt(float(np.einsum("ni,ni->n", way, way).max()))
+
+
 def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Σ w_i y_i / Σ w_i, (3,), of (n, 3)."""
     average: np.ndarray = weighted_sum(weights, y, np.zeros(3)) / weights.sum()

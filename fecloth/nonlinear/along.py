@@ -1,11 +1,11 @@
 """Derivatives by a parameter of all that a step, or an increment of the loads, begins with."""
 
-import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from fecloth.linalg.reductions import longest
 from fecloth.nonlinear.linearised import NoDerivative
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -40,11 +40,7 @@ class Along:
 
     def longest(self, dt: float = 0.0) -> float:
         """The largest displacement of a node for a change of p by 1, also within a step dt [m]."""
-        return max(_longest(self.x), dt * _longest(self.v))
-
-
-def _longest(u: np.ndarray) -> float:
-    return math.sqrt(float(np.einsum("ij,ij->i", u, u).max()))
+        return max(longest(self.x), dt * longest(self.v))
 
 
 class Sides(NamedTuple):

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from fecloth.linalg.reductions import longest
 from fecloth.system.system import System
 
 ALLOWED = 0.1  # of a step's error in time: the error that Newton's iteration may leave
@@ -120,11 +121,11 @@ class ErrorInPlace(ErrorLeft):
             self.error = math.inf
 
     def measure(self, system: System, correction: np.ndarray) -> float:
-        return _longest(correction)
+        return longest(correction)
 
     def move(self, y: np.ndarray, norm: float, scale: float) -> None:
         """Record positions (n, 3) [m], the residual and the sum of all forces [N]."""
-        self.moved, self.residual = _longest(y - self.start), norm / scale if scale else 0.0
+        self.moved, self.residual = longest(y - self.start), norm / scale if scale else 0.0
 
     @property
     def is_small(self) -> bool:
@@ -144,9 +145,5 @@ class ErrorInPlace(ErrorLeft):
         """The error [m] at the end; what round-off leaves where that is more; NaN if not known."""
         if self.stands:
             return max(self.length, self.before)
-        rounded = float(np.finfo(float).eps) * _longest(self.start)
+        rounded = float(np.finfo(float).eps) * longest(self.start)
         return max(self.error, rounded) if math.isfinite(self.error) else math.nan
-
-
-def _longest(way: np.ndarray) -> float:
-    return float(np.sqrt(np.einsum("ni,ni->n", way, way).max()))

@@ -7,11 +7,10 @@ import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg import select
-from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
-from fecloth.nonlinear.linearised import INNER, Map, correct
+from fecloth.nonlinear.linearised import Map, correct, inverse
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import shift
@@ -50,11 +49,7 @@ class StaticTangent:
         except IndefiniteMatrix:  # of an unstable equilibrium
             linear = select.direct(symmetric=False)
             linear.prepare(coupled)
-        updates = equation.updates(x)
-        if not updates:
-            return cls(lambda b: linear.solve(b, INNER)[0])
-        update = LowRankUpdate.prepare(linear, updates, INNER)
-        return cls(lambda b: update.apply(linear.solve(b, INNER)[0]))
+        return cls(inverse(linear, equation.updates(x)))
 
 
 def derive_increment(

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from fecloth.errors import FeclothError, SolveFailed
+from fecloth.linalg.low_rank_update import LowRankUpdate
 
 SWEEPS = 12  # corrections with a matrix
 SLOW = 0.5  # contraction of the corrections above which it is
@@ -25,6 +26,14 @@ class NoDerivative(FeclothError):
 
     def __str__(self) -> str:
         return f"no derivative here: {super().__str__()}"
+
+
+def inverse(linear: Any, updates: list[tuple[float, np.ndarray]]) -> Map:
+    """b ↦ (J + Σ c u uᵀ)⁻¹ b, by a linear solver that has the factor of J; `updates` are (c, u)."""
+    if not updates:
+        return lambda b: linear.solve(b, INNER)[0]
+    update = LowRankUpdate.prepare(linear, updates, INNER)
+    return lambda b: update.apply(linear.solve(b, INNER)[0])
 
 
 class Corrected(NamedTuple):

@@ -64,6 +64,7 @@ class DiscreteGradient(BoundTerm):
     symmetric, dense = taken_from("acting.symmetric"), taken_from("acting.dense")
     dissipates_over_step = taken_from("acting.dissipates_over_step")
     dissipation, commit = taken_from("acting.dissipation"), taken_from("acting.commit")
+    add_tangent = taken_from("acting.add_tangent")
 
     @cached_property
     def energy_before(self) -> float:
@@ -90,11 +91,6 @@ class DiscreteGradient(BoundTerm):
         if along <= SHORT * dot(momentum, d):
             return np.zeros_like(f)
         return -change / along * u
-
-    def add_tangent(
-        self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
-    ) -> None:
-        self.acting.add_tangent(x, v, t, wx, wv, J, definite)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone."""

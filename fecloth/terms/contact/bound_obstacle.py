@@ -72,9 +72,8 @@ class BoundObstacle(BoundContact):
             return Approach(s, np.zeros(len(s)))
         speeds = self.moved.speeds[kind][which] if self.moved.speeds else np.zeros(len(s))
         before = self.distances(self.moved.start, self.moved.begin, kind, which)
-        return Approach(
-            before / self.gap, rates(self.restitution, speeds) * self.gap / self.moved.dt
-        )
+        c = rates(self.restitution, speeds)
+        return Approach(before / self.gap, c * self.gap / self.moved.dt)
 
     def distances(self, x: np.ndarray, t: float, kind: int, which: np.ndarray) -> np.ndarray:
         """(p,) distances [m] of some of the points of a kind."""
@@ -91,16 +90,13 @@ class BoundObstacle(BoundContact):
 
     def normal_force(self, at: Contacts) -> np.ndarray:
         """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
-        force = self.stiffness * at.points.areas[at.which] * barrier.pressure(at.s)
+        force = self.stiffness * at.areas * barrier.pressure(at.s)
         return force * at.approach.factor(at.s)
 
     def energy(self, x, t) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
-        density = self.stiffness * self.gap
-        return density * sum(
-            float((at.points.areas[at.which] * at.approach.value(at.s)).sum())
-            for at in self.touching(x, t)
-        )
+        values = (float((at.areas * at.approach.value(at.s)).sum()) for at in self.touching(x, t))
+        return self.stiffness * self.gap * sum(values)
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside."""
@@ -126,7 +122,7 @@ class BoundObstacle(BoundContact):
     def push_tangent(self, at: Contacts, t: float, definite: bool) -> np.ndarray:
         """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
         gradient, hessian = self.slopes(at, t)
-        steep = self.stiffness / self.gap * at.points.areas[at.which]
+        steep = self.stiffness / self.gap * at.areas
         steep *= at.approach.curvature(at.s)
         K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
@@ -170,10 +166,8 @@ class BoundObstacle(BoundContact):
 
     def lost(self, x: np.ndarray, t: float) -> float:
         """Σ κ gap A p (w − 1)(s₀ − s) [J]."""
-        density = self.stiffness * self.gap
-        return density * sum(
-            float(at.points.areas[at.which] @ at.approach.lost(at.s)) for at in self.touching(x, t)
-        )
+        values = (float(at.areas @ at.approach.lost(at.s)) for at in self.touching(x, t))
+        return self.stiffness * self.gap * sum(values)
 
     def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
         if not 0.0 < self.restitution < 1.0:
@@ -269,7 +263,6 @@ class BoundObstacle(BoundContact):
         return moved
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] of its points from the obstacle."""
         pose = self.shape.pose(t)
         at_nodes = self.shape.distance(pose.to_body(x), t)
         least = float(at_nodes.min())
@@ -289,13 +282,11 @@ class BoundObstacle(BoundContact):
         return float(moment / force) if force else math.nan
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) force on the nodes without friction [N]."""
         f = np.zeros_like(x)
         self.add_push(x, t, f)
         return f
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) velocity [m/s] along the surface and relative to it, of nodes in the gap."""
         slip, pose = np.zeros_like(x), self.shape.pose(t)
         y = pose.to_body(x)
         touching = np.flatnonzero(self.shape.distance(y, t) < self.gap)
@@ -305,9 +296,7 @@ class BoundObstacle(BoundContact):
         return slip
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
-        """The surface of its shape; of an endless one the part within `reach` [m] of a place."""
         return surface_of(self.shape, t, place, reach)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
-        """Raise `InputError` for a cloth that starts inside the obstacle; it names the nodes."""
         refuse_inside(self.shape, self.points, self.gap, x, t, where)

@@ -98,9 +98,8 @@ class SlidingPoints:
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
-        return (
-            weight * self.limit[:, None, None] * (self._across @ slope(w, self.eps) @ self._across)
-        )
+        along = self._across @ slope(w, self.eps) @ self._across
+        return weight * self.limit[:, None, None] * along
 
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.

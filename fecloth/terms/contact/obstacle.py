@@ -33,7 +33,6 @@ class BoundSkeleton(BoundTriangleContact):
     body: Shape
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] from the surface; infinite beyond the gap."""
         return self.sets.least_distance(self.place(x, t)) - self.sets.thickness
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
@@ -43,7 +42,6 @@ class BoundSkeleton(BoundTriangleContact):
         return self.body.distance(self.place(x, t), t)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
-        """Raise `InputError` for a cloth of which a part starts inside the shape."""
         if not self.allows(x, t):
             depth = -self.room(x, t)
             nodes = np.flatnonzero(depth >= 0.0)
@@ -279,7 +277,6 @@ class BoundMeshObstacle(BoundTriangleContact):
     """`MeshObstacle` on a cloth."""
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] from the mesh; infinite beyond the gap."""
         return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:

@@ -71,11 +71,9 @@ class TrianglePoints:
 
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
         """The points of triangles with a node nearer than `reach` and twice the longest edge."""
-        near = np.empty(len(self.triangles), np.int64)
-        reaches = np.atleast_1d(np.asarray(reach, float))
-        count = find_near(
-            self.triangles, self.stencil, FARTHEST * self.size, at_nodes, reaches, near
-        )
+        near, reaches = np.empty(len(self.triangles), np.int64), np.array(reach, float, ndmin=1)
+        data = self.triangles, self.stencil, FARTHEST * self.size
+        count = find_near(*data, at_nodes, reaches, near)
         return near[:count].copy()
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -112,6 +110,10 @@ class Contacts(NamedTuple):
     y: np.ndarray  # (p, 3) their places in the frame of the shape
     s: np.ndarray  # (p,) their distances over the gap
     approach: Approach  # their distances over the step
+
+    @property
+    def areas(self) -> np.ndarray:
+        return self.points.areas[self.which]
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
@@ -190,8 +192,7 @@ def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return first, same.ravel()
 
 
-# --- compiled loops: values of points from values of nodes, and what goes back to them
-# -------------
+# --- compiled loops: values of points from values of nodes, and what goes back to them ------------
 
 
 @kernel

@@ -69,9 +69,41 @@ class Plane(Shape):
         return np.tile(self._normal, (len(y), 1)), np.zeros((len(y), 3, 3))
 
 
+class Round(Shape):
+    """All points within `radius` of a point or a line: d = |q| − radius with q from there to y."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.positive("radius", self.radius, "m", type(self).__name__)
+
+    @property
+    def radius_of_curvature(self) -> float:
+        return self.radius
+
+    @property
+    def width(self) -> float:
+        return 2 * self.radius
+
+    def offset(self, y: np.ndarray) -> np.ndarray:
+        """q (m, 3) of points y (m, 3)."""
+        raise NotImplementedError
+
+    def projector(self, y: np.ndarray) -> np.ndarray:
+        """∂q/∂y, (3, 3) or (m, 3, 3)."""
+        return np.eye(3)
+
+    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
+        return _length(self.offset(y)) - self.radius
+
+    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return _around(self.offset(y), self.projector(y))
+
+
 @checks_arguments
 @dataclass(frozen=True)
-class Sphere(Shape):
+class Sphere(Round):
     """A ball: d = |x − center| − radius.
 
     Parameters
@@ -84,31 +116,19 @@ class Sphere(Shape):
     radius: Length
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         point("center", self.center, "Sphere")
-        validation.positive("radius", self.radius, "m", "Sphere")
-
-    @property
-    def radius_of_curvature(self) -> float:
-        return self.radius
-
-    @property
-    def width(self) -> float:
-        return 2 * self.radius
+        super().__post_init__()
 
     def skeleton(self, extent: float) -> Skeleton:
         return Skeleton(np.array([self.center], float), NO_EDGES, NO_TRIANGLES, self.radius)
 
-    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
-        return _length(y - np.array(self.center, float)) - self.radius
-
-    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        return _around(y - np.array(self.center, float), np.eye(3))
+    def offset(self, y: np.ndarray) -> np.ndarray:
+        return y - np.array(self.center, float)
 
 
 @checks_arguments
 @dataclass(frozen=True)
-class Cylinder(Shape):
+class Cylinder(Round):
     """A round cylinder without ends: d = |q| − radius.
 
     q is the part of x − point across the axis.
@@ -128,9 +148,8 @@ class Cylinder(Shape):
     radius: Length
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         point("point", self.point, "Cylinder")
-        validation.positive("radius", self.radius, "m", "Cylinder")
+        super().__post_init__()
         _ = self._across
 
     @cached_property
@@ -139,29 +158,21 @@ class Cylinder(Shape):
         axis = direction("axis", self.axis, "Cylinder")
         return np.eye(3) - np.outer(axis, axis)
 
-    @property
-    def radius_of_curvature(self) -> float:
-        return self.radius
-
-    @property
-    def width(self) -> float:
-        return 2 * self.radius
-
     def skeleton(self, extent: float) -> Skeleton:
         axis = direction("axis", self.axis, "Cylinder")
         ends = np.array(self.point, float) + FAR * extent * np.array([[-1.0], [1.0]]) * axis
         return Skeleton(ends, ROD, NO_TRIANGLES, self.radius)
 
-    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
-        return _length((y - np.array(self.point, float)) @ self._across) - self.radius
+    def offset(self, y: np.ndarray) -> np.ndarray:
+        return (y - np.array(self.point, float)) @ self._across
 
-    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        return _around((y - np.array(self.point, float)) @ self._across, self._across)
+    def projector(self, y: np.ndarray) -> np.ndarray:
+        return self._across
 
 
 @checks_arguments
 @dataclass(frozen=True)
-class Capsule(Shape):
+class Capsule(Round):
     """All points within `radius` of the segment from a to b: a rod with round ends.
 
     Parameters
@@ -177,43 +188,30 @@ class Capsule(Shape):
     radius: Length
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         a, b = point("a", self.a, "Capsule"), point("b", self.b, "Capsule")
-        validation.positive("radius", self.radius, "m", "Capsule")
+        super().__post_init__()
         if (a == b).all():
             remedy = "Write a Sphere(center, radius)."
             raise InputError(f"a = b = {self.a!r}", "must differ", "Capsule", remedy)
 
-    @property
-    def radius_of_curvature(self) -> float:
-        return self.radius
-
-    @cached_property
-    def _segment(self) -> tuple[np.ndarray, np.ndarray]:
-        a = np.array(self.a, float)
-        return a, np.array(self.b, float) - a
-
-    def _from_segment(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """y less the nearest point of the segment (m, 3), and whether that is an end."""
-        a, way = self._segment
-        part = (y - a) @ way / (way @ way)
-        return y - a - np.clip(part, 0, 1)[:, None] * way, (part <= 0) | (part >= 1)
-
-    @property
-    def width(self) -> float:
-        return 2 * self.radius
-
     def skeleton(self, extent: float) -> Skeleton:
         return Skeleton(np.array([self.a, self.b], float), ROD, NO_TRIANGLES, self.radius)
 
-    def distance(self, y: np.ndarray, t: float) -> np.ndarray:
-        return _length(self._from_segment(y)[0]) - self.radius
+    def _parts(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """y − a, where each point is between a (0) and b (1), and b − a."""
+        a = np.array(self.a, float)
+        way = np.array(self.b, float) - a
+        return y - a, (y - a) @ way / (way @ way), way
 
-    def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        q, at_end = self._from_segment(y)
-        way = self._segment[1]
+    def offset(self, y: np.ndarray) -> np.ndarray:
+        q, part, way = self._parts(y)
+        return q - np.clip(part, 0, 1)[:, None] * way
+
+    def projector(self, y: np.ndarray) -> np.ndarray:
+        _, part, way = self._parts(y)
+        at_end = (part <= 0) | (part >= 1)
         along = np.outer(way, way) / (way @ way)
-        return _around(q, np.eye(3) - np.where(at_end, 0.0, 1.0)[:, None, None] * along)
+        return np.eye(3) - np.where(at_end, 0.0, 1.0)[:, None, None] * along
 
 
 @checks_arguments

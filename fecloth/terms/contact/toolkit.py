@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.errors import InputError
+from fecloth.linalg.reductions import longest
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.surface import Surface
 from fecloth.terms.contact.pairs import nodes_of, square_away_from
@@ -117,7 +118,7 @@ class ContactSets:
             pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
             way = self.nodes(x), self.nodes(y)
             pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
-            if self._are_far(pairs, x, _longest(self._without_mean(y - x))):
+            if self._are_far(pairs, x, longest(self._without_mean(y - x))):
                 pairs.clear()
             if len(pairs) > CROWDED * len(x):
                 self._crowded = end is None
@@ -139,10 +140,8 @@ class ContactSets:
         if self._crowded or self._pairs is None:
             return False
         start, way, _ = self._pairs
-        return bool(
-            square_away_from(np.ascontiguousarray(x), start, way, not len(self.fixed))
-            < (AROUND * self.gap) ** 2
-        )
+        away = square_away_from(np.ascontiguousarray(x), start, way, not len(self.fixed))
+        return bool(away < (AROUND * self.gap) ** 2)
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:
         """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
@@ -230,15 +229,11 @@ class ContactSets:
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
         room = min(self.least_distance(x) - self.thickness, self.gap)
-        if 2 * _longest(self._without_mean(y - x)) < RESERVE * room:
+        if 2 * longest(self._without_mean(y - x)) < RESERVE * room:
             return 1.0
-        pairs, ends = (
-            self.candidates(x, y),
-            (self.mesh, self.nodes(x), self.nodes(y), self.thickness),
-        )
-        search = self.toolkit if pairs is None else pairs
-        find = search.compute_collision_free_stepsize
-        part = float(find(*ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
+        pairs, ends = self.candidates(x, y), (self.nodes(x), self.nodes(y), self.thickness)
+        find = (self.toolkit if pairs is None else pairs).compute_collision_free_stepsize
+        part = float(find(self.mesh, *ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part
 
     def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -269,8 +264,3 @@ class ContactSets:
         if not len(contacts):
             return math.inf
         return math.sqrt(contacts.compute_minimum_distance(self.mesh, self.nodes(x)))
-
-
-def _longest(way: np.ndarray) -> float:
-    """The longest way [m] of a node, of ways (n, 3)."""
-    return math.sqrt(np.einsum("ni,ni->n", way, way).max())

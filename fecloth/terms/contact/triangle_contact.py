@@ -80,7 +80,6 @@ class BoundTriangleContact(BoundContact):
         return self.sets.energy(y) + (self.retreat.energy(y) if self.retreat else 0.0)
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n, 3) force on the nodes without friction [N]."""
         y = self.place(x, t)
         f = self.sets.force(y)
         return turn(f + self.retreat.force(y) if self.retreat else f, self.rotation(t))
@@ -133,7 +132,6 @@ class BoundTriangleContact(BoundContact):
         return self.sets.free_part(self.place(x, t), self.place(x + s, t))
 
     def over_step(self, step: StepDifference) -> BoundTerm:
-        """The contact over a step: it knows where the step began."""
         self.sets.forget()  # so that a step depends on its begin only
         return super().over_step(step)
 

@@ -18,7 +18,7 @@ from fecloth.terms.loops.membrane_loops import Kernels
 from fecloth.terms.loops.regge_strain import ReggeStrain, check_strain
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.membranes import stvk
-from fecloth.terms.protocol import BoundTerm, element_nodes
+from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import DAMPING
 
@@ -191,9 +191,11 @@ class StrainRateOverStep(BoundTerm):
 
     name = "StrainRateDamping"
     symmetric = True
-    has_energy = True  # the potential over the step
+    has_energy = True  # the potential over the step, h/2 Σ w Ė : τℂ₀ : Ė [J]
     dissipative = False  # `dissipation` is its account
     velocity_dependent = False
+    energy, add_force = taken_from("membrane.energy"), taken_from("membrane.add_force")
+    add_tangent = taken_from("membrane.add_tangent")
 
     @cached_property
     def membrane(self) -> BoundMembrane:
@@ -207,19 +209,7 @@ class StrainRateOverStep(BoundTerm):
         data = damping.panel, moduli, strain, damping.loop
         return BoundMembrane(self.name, kernels, *data).less(past)
 
-    def energy(self, x: np.ndarray, t: float) -> float:
-        """h/2 Σ w Ė : τℂ₀ : Ė [J], the potential over the step."""
-        return self.membrane.energy(x, t)
-
     def dissipation(self, x: np.ndarray) -> float:
         """Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt [J], dissipated in the step."""
         step = self.step
         return 2.0 * self._membrane(step.dt, ((1.0, step.start),)).energy(x, 0.0)
-
-    def add_force(self, x, v, t, f) -> None:
-        """f −= Σ w S_v : ∂E/∂x [N]."""
-        self.membrane.add_force(x, v, t, f)
-
-    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K; `definite` clamps the stresses of the geometric part at zero."""
-        self.membrane.add_tangent(x, v, t, wx, wv, J, definite)
