@@ -8,20 +8,11 @@ import numpy as np
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import (
-    UNCOUNTED,
-    Opening,
-    Step,
-    ending,
-    newton_step,
-    prescribed_end,
-    set_prescribed,
-)
+from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
-from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
@@ -86,64 +77,48 @@ class BDF2(WithMemory):
         e, h = _coefficients(dt, last)
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
-    def step(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        solver: SolverContext,
-        memory: Change | None = None,
-        history: History | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s].
+    def _take(self, begin: Begin, solver: SolverContext) -> Step:
+        """One step.
 
         A step in which the force of contact jumps, as in an impact, is taken again by backward
         Euler: the memory of the motion before would throw the cloth off.
         """
-        step = newton_step(self, system, state, dt, solver, memory, history)
+        step, last = super()._take(begin, solver), begin.memory
         after = cast(Change, step.memory)
-        if memory is None or memory.jumped or not after.jumped:
+        if last is None or last.jumped or not after.jumped:
             return step
-        again = newton_step(self, system, state, dt, solver, replace(memory, jumped=True), history)
+        again = super()._take(begin._replace(memory=replace(last, jumped=True)), solver)
         return replace(again, counts=step.counts.plus(again.counts))
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: Change | None = None,
-        history: History | None = None,
-        solver: SolverContext | None = None,
-    ) -> Opening:
-        """Open a step from `state` over `dt` [s] after the one that left this memory; q = v₁ − v₀.
+    def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
+        """Open a step after the one that left this memory; q = v₁ − v₀.
 
         The first step is a step of another method. With contact it is of first order, which leaves
         this method of second order: the friction and the push at its begin are not to be relied
         on, as a cloth that stands still may be held by any friction below the limit. So is the step
         after a step in which the force of contact jumped.
         """
+        system, state, dt, memory, history = begin
         contact = any(term.needs_end for term in system.bound)
         if contact and (memory is None or memory.jumped):
-            opening = BackwardEuler().open(system, state, dt, None, history)
+            opening = BackwardEuler()._open(begin._replace(memory=None), solver)
             return replace(opening, memory=memory)
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
-            return Newmark().open(system, state, dt, None, history, solver, over)
-        end, stage = prescribed_end(system, state, dt), self.stage(state, dt, memory)
+            return Newmark()._open(begin, solver, over)
+        end, stage = begin.end, self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         before = system.with_history(history)
         return Opening(self, before, over, stage, state, end, dt, memory, memory.dv, history)
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + q."""
-        begin, end, stage = opening.begin, opening.end, opening.stage
+        stage = opening.stage
         if opening.method is not self:
             return self._close_first(opening, q, counts)
         _, v, a = stage.at(q)
-        new = State(end.t, stage.x_end + stage.w_end * q, v)
-        new = set_prescribed(opening.system, new, end)
-        forces = ending(opening, new) | {"ends": (opening.system, begin), "a": a, "share": 1.0}
+        new, ending = arrive(opening, opening.end.t, stage.x_end + stage.w_end * q, v)
+        forces = ending | {"ends": (opening.system, opening.begin), "a": a, "share": 1.0}
         return Step(new, new, _memory(opening, new), counts, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:

@@ -3,12 +3,10 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from fecloth import validation
 from fecloth.integrators.one_stage import ImplicitMidpoint, StageMethod
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.integrators.step import Step
+from fecloth.integrators.step import Begin, Step
 from fecloth.linalg import select
 from fecloth.nonlinear.context import FactorReuse, SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
@@ -60,37 +58,25 @@ class EnergyMomentum(StageMethod):
     @cached_property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
-        symmetric = self.tangent != "exact"
-        drift = 2, 1 / 12
-        constants = MethodTraits(
-            order=2, error_constant=1 / 12, drift=drift, studied=("stability",)
-        )
-        return replace(constants, symmetric=symmetric)
+        midpoint, symmetric = ImplicitMidpoint.traits, self.tangent != "exact"
+        return replace(midpoint, symmetric=symmetric, gains=False, studied=("stability",))
 
     stage = ImplicitMidpoint.stage
 
-    def step(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        solver: SolverContext,
-        memory: np.ndarray | None = None,
-        history: History | None = None,
-    ) -> Step:
-        """One step from `state` over `dt` [s]; with "auto" by the exact tangent where it must."""
+    def _take(self, begin: Begin, solver: SolverContext) -> Step:
+        """One step; with "auto" by the exact tangent where it must."""
         solver = replace(solver, step_error=None)  # its balance of energy needs a small residual
-        options, start = solver.options, (system, state, dt)
+        options = solver.options
         if self.tangent != "auto" or options.definiteness == "clamp":  # all clamped are symmetric
-            return super().step(*start, solver, memory, history)
+            return super()._take(begin, solver)
         if solver.matrix_solver()[0].symmetric:
             few = replace(options, max_iterations=min(FEW, options.max_iterations))
             try:
-                return super().step(*start, replace(solver, options=few), memory, history)
+                return super()._take(begin, replace(solver, options=few))
             except NewtonFailed:
                 linear = select.direct(symmetric=False)
                 solver = replace(solver, linear=linear, factor_reuse=FactorReuse())
-        return replace(self, tangent="exact").step(*start, solver, memory, history)
+        return replace(self, tangent="exact")._take(begin, solver)
 
     def difference(self, state: State, dt: float) -> StepDifference:
         """The mean rate, (y(x) − y(x₀))/(dt/2) at the mean x of both ends."""

@@ -8,7 +8,7 @@ step; moved pins are exactly at their prescribed positions.
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import Solution, Step, ending, prescribed_end
+from fecloth.integrators.step import Begin, OpensSteps, Solution, Step, ending
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
@@ -62,7 +62,7 @@ class ExplicitOpening(NamedTuple):
         return Counts(seconds={"force": time.perf_counter() - self.opened})
 
 
-class Explicit:
+class Explicit(OpensSteps):
     """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends."""
 
     constants: MethodTraits
@@ -84,37 +84,19 @@ class Explicit:
             remedy = 'Write mass = "lumped", or take an implicit method.'
             raise InputError(what, allowed, type(self).__name__, remedy)
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: Any = None,
-        history: History | None = None,
-    ) -> ExplicitOpening:
-        """Open a step from `state` over `dt` [s]; it needs the acceleration at its begin."""
-        opened, end = time.perf_counter(), prescribed_end(system, state, dt)
-        over = over_explicit_step(system, state, dt, history)
-        return ExplicitOpening(system, over, state, state, end, dt, None, history, opened)
-
-    def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
-        """The step to the acceleration a (n, 3)."""
-        raise NotImplementedError
+    def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
+        """It needs the acceleration at its begin."""
+        opened, (system, state, dt, _, history) = time.perf_counter(), begin
+        over = over_explicit_step(begin)
+        return ExplicitOpening(system, over, state, state, begin.end, dt, None, history, opened)
 
     @quiet
-    def step(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        solver: object = None,
-        memory: Any = None,
-        history: History | None = None,
-    ) -> Step:
-        self.check(system)
-        opening = self.open(system, state, dt, memory, history)
+    def _take(self, begin: Begin, solver: object) -> Step:
+        self.check(begin.system)
+        opening = self.open(*begin)
         a = opening.acceleration()
-        return replace(self.close(opening, a), solution=Solution(self, opening, memory, a))
+        step: Step = self.close(opening, a)
+        return replace(step, solution=Solution(self, opening, begin.memory, a))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         return explicit_dissipation(system, old, step, self.forces_at)
@@ -215,25 +197,15 @@ class CentralDifference(Explicit):
     forces_at = 0.5
     beyond_limit: bool = False
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: LastForce | None = None,
-        history: History | None = None,
-    ) -> ExplicitOpening:
-        """Open a step from `state` over `dt` [s] after the one that left this memory.
-
-        It needs the acceleration at x₁ and v₀ + dt a₀. Without a memory a₀ is evaluated.
-        """
-        opened, end = time.perf_counter(), prescribed_end(system, state, dt)
-        before = system.with_history(history)
-        last = memory or LastForce(acceleration(before, state), state)
+    def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
+        """It needs the acceleration at x₁ and v₀ + dt a₀. Without a memory a₀ is evaluated."""
+        opened, (system, state, dt, memory, history) = time.perf_counter(), begin
+        last = memory or LastForce(acceleration(system.with_history(history), state), state)
+        end = begin.end
         x, ahead = np.empty((2, *state.x.shape))
         move(state.x, state.v, last.a, dt, 0.5, x, ahead)
         at = set_held(system, State(state.t + dt, x, ahead), end)
-        over = over_explicit_step(system, state, dt, history)
+        over = over_explicit_step(begin)
         return ExplicitOpening(system, over, at, state, end, dt, last, history, opened)
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
@@ -247,12 +219,12 @@ class CentralDifference(Explicit):
         return Step(new, at, memory, counts, accelerations=forces, **ending(opening, new))
 
 
-def over_explicit_step(system: System, state: State, dt: float, history: History | None) -> System:
+def over_explicit_step(begin: Begin) -> System:
     """The system over a step, for terms with a record in the history."""
-    if history is None:
-        return system
-    difference = StepDifference.between(state.x, dt, state.t)
-    return system.over_step(difference, history, rates=False)
+    if begin.history is None:
+        return begin.system
+    difference = StepDifference.between(begin.state.x, begin.dt, begin.state.t)
+    return begin.system.over_step(difference, begin.history, rates=False)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

@@ -7,14 +7,7 @@ import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
 from fecloth.integrators.one_stage import BackwardEuler, StageMethod
-from fecloth.integrators.step import (
-    UNCOUNTED,
-    Solution,
-    Step,
-    ending,
-    prescribed_end,
-    set_prescribed,
-)
+from fecloth.integrators.step import UNCOUNTED, Begin, OpensSteps, Solution, Step, arrive
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.low_rank_update import solve_updated
 from fecloth.nonlinear.context import SolverContext
@@ -68,7 +61,7 @@ class LinearOpening:
 
 
 @dataclass(frozen=True)
-class LinearlyImplicitEuler:
+class LinearlyImplicitEuler(OpensSteps):
     """(M + dt D + dt² K) Δv = dt f(x₀, v₀) − dt² K v₀, x₁ = x₀ + dt (v₀ + Δv).
 
     One linear solve a step: the first Newton iterate of backward Euler. First order; on linear
@@ -86,17 +79,10 @@ class LinearlyImplicitEuler:
         studied=("stability", "tune"),
     )
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: np.ndarray | None = None,
-        history: History | None = None,
-        solver: SolverContext | None = None,
-    ) -> LinearOpening:
-        """Open a step from `state` over `dt` [s]; its unknown q is Δv of the free directions."""
-        end, constraints = prescribed_end(system, state, dt), system.constraints
+    def _open(self, begin: Begin, solver: object) -> LinearOpening:
+        """Its unknown q is Δv of the free directions."""
+        system, state, dt, memory, history = begin
+        end, constraints = begin.end, system.constraints
         difference = StepDifference.between(state.x, dt, state.t)
         over = system.over_step(difference, history, rates=False)
         held = np.zeros_like(state.v)
@@ -105,25 +91,16 @@ class LinearlyImplicitEuler:
 
     def close(self, opening: LinearOpening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
-        begin, end, dt = opening.begin, opening.end, opening.dt
-        dv = q + opening.held
+        begin, dt, dv = opening.begin, opening.dt, q + opening.held
         v = begin.v + dv
-        new = set_prescribed(opening.system, State(begin.t + dt, begin.x + dt * v, v), end)
+        new, ending = arrive(opening, begin.t + dt, begin.x + dt * v, v)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
-        return Step(new, at_stage, dv, counts, **ending(opening, new))
+        return Step(new, at_stage, dv, counts, **ending)
 
-    def step(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        solver: SolverContext,
-        memory: np.ndarray | None = None,
-        history: History | None = None,
-    ) -> Step:
-        """One step over `dt` [s], with the clamped tangent if the exact one is indefinite."""
+    def _take(self, begin: Begin, solver: SolverContext) -> Step:
+        """One step, with the clamped tangent if the exact one is indefinite."""
         definite = solver.options.definiteness == "clamp"
-        opening = replace(self.open(system, state, dt, memory, history), definite=definite)
+        opening = replace(self.open(*begin), definite=definite)
         try:
             dv, counts = _velocity_change(opening, solver)
         except IndefiniteMatrix:
@@ -132,7 +109,7 @@ class LinearlyImplicitEuler:
             opening = replace(opening, definite=True)
             dv, counts = _velocity_change(opening, solver)
         step = self.close(opening, dv, counts)
-        return replace(step, solution=Solution(self, opening, memory, dv))
+        return replace(step, solution=Solution(self, opening, begin.memory, dv))
 
     numerical = StageMethod.numerical
 

@@ -1,7 +1,7 @@
 """Implicit methods with a memory: the base of all, and the family of Newmark with generalised α."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -9,26 +9,17 @@ import numpy as np
 from fecloth.errors import InputError, flag, is_number
 from fecloth.integrators.numerical_dissipation import memory_dissipation
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import (
-    UNCOUNTED,
-    Opening,
-    Step,
-    blend,
-    ending,
-    newton_step,
-    prescribed_end,
-    set_prescribed,
-)
+from fecloth.integrators.step import UNCOUNTED, Begin, Opening, OpensSteps, Step, arrive, blend
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.stage import Stage, hold_stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 
-class WithMemory:
+class WithMemory(OpensSteps):
     """Base class of methods with a memory; it supplies `step` and their numerical dissipation.
 
     The memory is a frozen record, `Step.memory`, that `march` hands to the next step; without it a
@@ -38,8 +29,6 @@ class WithMemory:
     """
 
     traits: MethodTraits
-
-    step = newton_step
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         return memory_dissipation(system, old, step)
@@ -76,23 +65,17 @@ class AccelerationMethod(WithMemory):
         weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
         return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: Acceleration | None = None,
-        history: History | None = None,
-        solver: SolverContext | None = None,
-        over: System | None = None,
+    def _open(
+        self, begin: Begin, solver: SolverContext | None, over: System | None = None
     ) -> Opening:
-        """Open a step from `state` over `dt` [s] after the one that left this memory; q = a₁.
+        """Open a step after the one that left this memory; q = a₁.
 
         Without a memory the first acceleration is solved for, by the `solver` or a direct one.
         `over` is the system over the step, if the rates over it are not the rates of this method.
         """
+        system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
-        end, before = prescribed_end(system, state, dt), system.with_history(history)
+        end, before = begin.end, system.with_history(history)
         memory = memory or Acceleration(starting_acceleration(before, state, end, dt, solver))
         stage = self.stage(state, dt, memory.a)
         if over is None:
@@ -108,13 +91,13 @@ class AccelerationMethod(WithMemory):
         """The step to the acceleration q (n, 3) at its end."""
         stage, begin, end, dt = opening.stage, opening.begin, opening.end, opening.dt
         gamma, a = self.parameters[3], opening.memory.a
-        new = State(end.t, stage.x_end + stage.w_end * q, begin.v + dt * ((1 - gamma) * a))
-        new = set_prescribed(opening.system, replace(new, v=new.v + dt * gamma * q), end)
+        v = begin.v + dt * ((1 - gamma) * a) + dt * gamma * q
+        new, ending = arrive(opening, end.t, stage.x_end + stage.w_end * q, v)
         a_new = opening.system.constraints.hold(q, self._moved(begin, end, dt, a))
         x, v, a_stage = stage.at(q)
         a_mean = a_stage if self.share is None else (new.v - begin.v) / dt
         own = {"ends": (opening.system, begin), "a": a_mean, "share": self.share}
-        forces = ending(opening, new) | own
+        forces = ending | own
         return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **forces)
 
     def _moved(self, begin: State, end: State, dt: float, a: np.ndarray) -> np.ndarray:
@@ -232,9 +215,8 @@ class GeneralizedAlpha(AccelerationMethod):
 
     def __post_init__(self) -> None:
         if not (is_number(self.rho_inf) and 0 <= self.rho_inf <= 1):
-            raise InputError(
-                f"rho_inf = {self.rho_inf!r}", "must lie in [0, 1]", "GeneralizedAlpha"
-            )
+            what = f"rho_inf = {self.rho_inf!r}"
+            raise InputError(what, "must lie in [0, 1]", "GeneralizedAlpha")
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:

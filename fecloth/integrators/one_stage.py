@@ -10,16 +10,7 @@ from fecloth.integrators.numerical_dissipation import (
     work_beyond_dissipation,
 )
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
-from fecloth.integrators.step import (
-    UNCOUNTED,
-    Opening,
-    Step,
-    ending,
-    newton_step,
-    prescribed_end,
-    set_prescribed,
-)
-from fecloth.nonlinear.context import SolverContext
+from fecloth.integrators.step import UNCOUNTED, Begin, Opening, OpensSteps, Step, arrive
 from fecloth.nonlinear.stage import Stage, prescribed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
@@ -27,7 +18,7 @@ from fecloth.system.system import History, System
 from fecloth.terms.step_difference import StepDifference
 
 
-class StageMethod:
+class StageMethod(OpensSteps):
     """Base class of a method with one stage; a subclass supplies `traits` and `stage`.
 
     The memory is the unknown of the last step, the first guess of the next one.
@@ -56,17 +47,10 @@ class StageMethod:
             return system
         return system.over_step(self.difference(state, dt), history, rates)
 
-    def open(
-        self,
-        system: System,
-        state: State,
-        dt: float,
-        memory: np.ndarray | None = None,
-        history: History | None = None,
-        solver: SolverContext | None = None,
-    ) -> Opening:
-        """Open a step from `state` over `dt` [s]; its unknown q is the unknown of `stage`."""
-        end = prescribed_end(system, state, dt)
+    def _open(self, begin: Begin, solver: object) -> Opening:
+        """Its unknown q is the unknown of `stage`."""
+        system, state, dt, memory, history = begin
+        end = begin.end
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
         records = () if history is None else (history,)  # which an older class may not take
         over = self.over_step(system, state, dt, *records)
@@ -76,11 +60,9 @@ class StageMethod:
         """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + dt a."""
         stage, begin, dt = opening.stage, opening.begin, opening.dt
         x, v, a = stage.at(q)
-        new = State(begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a)
-        new = set_prescribed(opening.system, new, opening.end)
-        return Step(new, State(stage.t, x, v), q, counts, **ending(opening, new))
-
-    step = newton_step
+        at = begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a
+        new, ending = arrive(opening, *at)
+        return Step(new, State(stage.t, x, v), q, counts, **ending)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).

@@ -181,24 +181,65 @@ class Opening:
         return self.equation.couple(q, exact, J)
 
 
+def arrive(opening: Any, t: float, x: np.ndarray, v: np.ndarray) -> tuple[State, dict[str, Any]]:
+    """The state at the end of a step, held where pins prescribe, and the `ending` of the step."""
+    new = set_prescribed(opening.system, State(t, x, v), opening.end)
+    return new, ending(opening, new)
+
+
 def ending(opening: Any, new: State) -> dict[str, Any]:
     """The fields that the `Step` to the state `new` has of its opening, of any kind."""
     history = opening.over.commit(new, opening.history)
     return {"over": opening.over, "history": history, "earlier": opening.history}
 
 
-def newton_step(
-    self: Any,
-    system: System,
-    state: State,
-    dt: float,
-    solver: SolverContext,
-    memory: Any = None,
-    history: History | None = None,
-) -> Step:
-    """One step from `state` over `dt` [s]: opened, solved by Newton's iteration, and closed."""
-    # It is the `step` of every method that has `open` and `close`.
-    opening = self.open(system, state, dt, memory, history, solver)
-    q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, dt)
-    step: Step = self.close(opening, q, counts)
-    return replace(step, solution=Solution(self, opening, memory, q))
+class Begin(NamedTuple):
+    """What a step begins with."""
+
+    system: System
+    state: State
+    dt: float  # size of the step [s]
+    memory: Any = None  # what the method remembers of the step before; None in the first step
+    history: History | None = None  # the records that terms keep; None without any
+
+    @property
+    def end(self) -> State:
+        return prescribed_end(self.system, self.state, self.dt)
+
+
+class OpensSteps:
+    """Base of methods whose step is opened, solved and closed; a subclass has the first two."""
+
+    _open: Any  # of a `Begin` and the solver: the step, open
+    close: Any  # of that and the unknown: the `Step`
+
+    def open(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        memory: Any = None,
+        history: History | None = None,
+        solver: SolverContext | None = None,
+    ) -> Any:
+        """Open a step from `state` over `dt` [s] after the step that left this memory."""
+        return self._open(Begin(system, state, dt, memory, history), solver)
+
+    def step(
+        self,
+        system: System,
+        state: State,
+        dt: float,
+        solver: Any = None,
+        memory: Any = None,
+        history: History | None = None,
+    ) -> Step:
+        """One step from `state` over `dt` [s]."""
+        return self._take(Begin(system, state, dt, memory, history), solver)
+
+    def _take(self, begin: Begin, solver: SolverContext) -> Step:
+        """Open a step, solve it by Newton's iteration, and close it."""
+        opening = self.open(*begin, solver)
+        q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, begin.dt)
+        step: Step = self.close(opening, q, counts)
+        return replace(step, solution=Solution(self, opening, begin.memory, q))

@@ -28,10 +28,9 @@ class Along:
         try:
             slopes = [records.slope(*pair, width) for pair in pairs]
         except ValueError as error:
-            reason = (
-                f"at t = {plus.t:.6g} s what is remembered of the steps before changes its form"
-            )
-            raise NoDerivative(f"{reason}, as where a contact begins: {error}") from None
+            reason = "what is remembered of the steps before changes its form"
+            where = f"at t = {plus.t:.6g} s {reason}, as where a contact begins"
+            raise NoDerivative(f"{where}: {error}") from None
         return cls((plus.x - minus.x) / width, (plus.v - minus.v) / width, *slopes)
 
     def shift(self, state: State, size: float) -> State:

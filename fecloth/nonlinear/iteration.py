@@ -183,6 +183,8 @@ class _Work:
         self.context.factor_reuse.end_step(self.reused_solves, self.linear_solver)
         left, met = self.left, self.goal(point) >= point.norm
         by_estimate = left.is_small and not met
+        # Round-off does no harm where the forces are little more, and moved no node.
+        harmless = floor >= point.scale or (floor >= NO_FORCE * point.scale and not self.moves)
         return Counts(
             estimated=int(by_estimate),
             newton_error=left.error if by_estimate else 0.0,
@@ -193,12 +195,8 @@ class _Work:
             residual=self.relative(point) if point.scale > floor else 0.0,
             seconds=self.seconds,
             factorisations=self.factorisations,
-            limited=int(not (met or by_estimate or self.is_harmless(floor, point))),
+            limited=int(not (met or by_estimate or harmless)),
         )
-
-    def is_harmless(self, floor: float, point: Point) -> bool:
-        """Whether the forces are little more than their round-off, which moves no node."""
-        return floor >= point.scale or (floor >= NO_FORCE * point.scale and not self.moves)
 
     def advance(self, point: Point, least_norm: float) -> tuple[Point, float]:
         """Return the next point, and α of its step; α = 0 for failure."""
@@ -272,8 +270,7 @@ class _Work:
         except SolveFailed:  # a factor too poor for refinement
             reuse.drop()
             return None
-        self.reused_solves += 1
-        self.cut_short = False
+        self.reused_solves, self.cut_short = self.reused_solves + 1, False
         if self.equation.largest_step(point.y, step) < 1.0:  # it leads into an obstacle
             return None
         there = self.at(point.y + step, point.scale)
@@ -286,9 +283,8 @@ class _Work:
         if not point.norm:
             return 1.0
         length = self.left.measure(self.system, point.y - before.y)
-        return max(
-            self.goal(point) / point.norm, self.left.to_go(length * point.norm / before.norm)
-        )
+        to_go = self.left.to_go(length * point.norm / before.norm)
+        return max(self.goal(point) / point.norm, to_go)
 
     def direction(self, point: Point, remedy: Remedy) -> np.ndarray:
         """s = −J⁻¹ R with a remedy, or what conjugate gradients had of it, if the equation allows.

@@ -75,19 +75,16 @@ class StageEquation:
         return self.incremental_potential if has_one else None
 
     def incremental_potential(self, q: np.ndarray) -> float:
-        """Φ(q)."""
         stage, (x, _, _) = self.stage, self.stage.at(q)
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
         energy = sum(term.energy(x, stage.t) for term in self.system.bound)
         return self.system.sums.dot(q, inertia) + energy / stage.wx
 
     def state(self, q: np.ndarray) -> State:
-        """Time, position and velocity at q."""
         x, v, _ = self.stage.at(q)
         return State(self.stage.t, x, v)
 
     def largest_step(self, q: np.ndarray, step: np.ndarray) -> float:
-        """The largest α for which the terms allow q + α step."""
         return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
 
     def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -95,9 +92,8 @@ class StageEquation:
         (x, v, a), system = self.stage.at(q), self.system
         inertia = system.scalar_mass @ a
         if scale:
-            return system.constraints.project(
-                inertia - system.force(State(self.stage.t, x, v))
-            ), scale
+            R = inertia - system.force(State(self.stage.t, x, v))
+            return system.constraints.project(R), scale
         R, scale = inertia.copy(), system.force_size(inertia)
         for term in system.bound:
             f = np.zeros_like(x)
@@ -126,7 +122,6 @@ class StageEquation:
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
 
     def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
-        """J plus what terms couple outside its pattern."""
         _, wx, wv, _, definite = self.key(remedy)
         return self.system.couple(J, self.state(q), wx, wv, definite)
 
@@ -187,17 +182,13 @@ def solve(
 
 def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
     """The unknowns near q and zero that all contacts allow, or one twice; else `NewtonFailed`."""
-    guesses = [there for each in (q, zero) if (there := _admitted(system, stage, each)) is not None]
+    guesses = []
+    for each in (q, zero):
+        x = stage.at(each)[0]
+        if (there := admit(system, x, stage.t)) is not None:
+            change = 0.0 if there is x else system.constraints.project((there - x) / stage.wx)
+            guesses.append(each + change)
     if not guesses:
         reason = "no positions were found for the start of its iteration that all contacts allow"
         raise NewtonFailed(reason, math.nan, "Take a smaller dt.")
     return guesses[0], guesses[-1]
-
-
-def _admitted(system: System, stage: Stage, q: np.ndarray) -> np.ndarray | None:
-    """The unknown (n, 3) near q that all contacts allow; None where there is none."""
-    x, _, _ = stage.at(q)
-    there = admit(system, x, stage.t)
-    if there is None or there is x:
-        return None if there is None else q
-    return q + system.constraints.project((there - x) / stage.wx)

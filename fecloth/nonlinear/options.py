@@ -67,11 +67,10 @@ class Newton:
     reuse: bool = True
 
     def __post_init__(self):
-        if self.tolerance != "auto" and not (
-            is_number(self.tolerance) and 1e-13 <= self.tolerance < 1
-        ):
+        tolerance = self.tolerance
+        if tolerance != "auto" and not (is_number(tolerance) and 1e-13 <= tolerance < 1):
             allowed = 'must lie in [1e-13, 1), or be "auto"'
-            raise InputError(f"tolerance = {self.tolerance!r}", allowed, "Newton")
+            raise InputError(f"tolerance = {tolerance!r}", allowed, "Newton")
         if not (is_number(self.forcing) and 0 < self.forcing < 1):
             raise InputError(f"forcing = {self.forcing!r}", "must lie in (0, 1)", "Newton")
         most = self.max_iterations

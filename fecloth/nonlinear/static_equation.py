@@ -67,10 +67,8 @@ class StaticEquation:
     @cached_property
     def potential(self) -> Callable[[np.ndarray], float] | None:
         """Σ of the energies. At v = 0 a purely dissipative term has no force and needs none."""
-        has_one = all(
-            term.has_energy or (term.dissipative and not term.supplies)
-            for term in self.system.bound
-        )
+        bound = self.system.bound
+        has_one = all(b.has_energy or (b.dissipative and not b.supplies) for b in bound)
         return self.energy if has_one else None
 
     def energy(self, x: np.ndarray) -> float:
@@ -96,7 +94,6 @@ class StaticEquation:
         return self.system.constraints.project(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
-        """The largest α for which the terms allow x + α step."""
         return largest_step(self.system, x, step, self.t)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -105,7 +102,6 @@ class StaticEquation:
         return -f, scale
 
     def round_off(self, x: np.ndarray) -> float:
-        """How much the forces change by round-off."""
         change = measure_round_off(lambda state: self.forces(state)[0], self.at(x))
         return self.system.sums.norm(change)
 

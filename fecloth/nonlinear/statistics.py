@@ -20,9 +20,8 @@ class Counts:
     seconds: dict = field(default_factory=dict)  # of assembly, factorisation and solution
     factorisations: int = 0  # or preconditioners; fewer than `newton` where a factor was reused
     rejected: int = 0  # steps rejected before because they were too long
-    limited: int = (
-        0  # steps whose residual stayed above Newton's tolerance because it was round-off
-    )
+    # steps whose residual stayed above Newton's tolerance because it was round-off
+    limited: int = 0
     # steps that ended because Newton's error was small against their error in time
     estimated: int = 0
     newton_error: float = 0.0  # of these steps: estimate of what Newton's iteration left [m]

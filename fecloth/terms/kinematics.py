@@ -65,7 +65,7 @@ def fill_extreme_stretches(K, Q, nodes, G, x, out):
     out[0], out[1] = _extreme_stretches(K, Q, nodes, G, x)
 
 
-VOIGT = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
+VOIGT = ((0, 3, 4), (3, 1, 5), (4, 5, 2))  # ℂ as a matrix on (E11, E22, 2 E12)
 
 
 def green_strains(F: np.ndarray) -> np.ndarray:

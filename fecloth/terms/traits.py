@@ -77,14 +77,12 @@ class TermTraits:
             raise InputError(f"elements = {self.elements!r}", allowed, "TermTraits")
 
 
-MEMBRANE = TermTraits(
-    "membrane", BOTH, exclusive=True, shared=True, cheaper=("Springs",)
-)  # any law
+# any law
+MEMBRANE = TermTraits("membrane", BOTH, exclusive=True, shared=True, cheaper=("Springs",))
 OF_FABRIC = replace(MEMBRANE, as_fabric=True)
 BENDING = TermTraits("bending", exclusive=True, shared=True)
-HINGES = replace(
-    BENDING, by_pattern=True, space_error="bends with a rigidity that depends on the mesh"
-)
+OF_MESH = "bends with a rigidity that depends on the mesh"
+HINGES = replace(BENDING, by_pattern=True, space_error=OF_MESH)
 DRAG = TermTraits("drag", exclusive=True, shared=True, damps="air")
 DAMPING = TermTraits("damping", BOTH, several_places=False, shared=True)
 LOAD = TermTraits("load", BOTH, shared=True)

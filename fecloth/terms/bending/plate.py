@@ -16,10 +16,8 @@ from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles
 from fecloth.terms.bending.plate_stiffness import panel_curvatures
 from fecloth.terms.kinematics import plate_error
 from fecloth.terms.loops.array_updates import subtract
-from fecloth.terms.protocol import BoundTerm, taken_from
+from fecloth.terms.protocol import At, BoundTerm, taken_from
 from fecloth.terms.traits import BENDING, BOTH
-
-At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,6 @@ class BoundPlate(BoundTerm):
         return not len(self.plate.held)  # the normals of clamps do not turn with the cloth
 
     def energy(self, x: np.ndarray, t: float) -> float:
-        """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J]."""
         return self.plate.energy(x, t, self.rest)
 
     def add_force(self, x, v, t, f) -> None:
@@ -165,7 +162,6 @@ class BoundPlate(BoundTerm):
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m,) energy [J] of what recovery changes of the curvature in each triangle."""
         return plate_error(self.panel, *self.curvatures(x, t))
 
     def curvatures(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -176,10 +172,8 @@ class BoundPlate(BoundTerm):
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
-        p are the points that stand for the normals. `old` and `new` are the positions (n, 3) and
-        times of the ends, and `stages` the times at which the forces act in this step. In a
-        translation the work cancels with the work of the pinned nodes, which take the opposite
-        forces.
+        p are the points that stand for the normals. In a translation the work cancels with the
+        work of the pinned nodes, which take the opposite forces.
         """
         if self.plate.moved is None:
             return 0.0

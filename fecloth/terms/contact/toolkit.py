@@ -178,10 +178,8 @@ class ContactSets:
         contacts, nodes = self.at(x), self.nodes(x)
         ids = nodes_of(contacts, self.mesh)
         places, lines = nodes[ids].reshape(len(ids), 12), []
-        for number, (place, size) in enumerate(
-            zip(places, 3 * (ids >= 0).sum(axis=1), strict=True)
-        ):
-            pair, own = contacts[number], place[:size]
+        for number, size in enumerate(3 * (ids >= 0).sum(axis=1)):
+            pair, own = contacts[number], places[number, :size]
             way, parts = pair.compute_distance_vector_with_coefficients(own)
             lines.append((*way, *parts, *(4 - len(parts)) * (0.0,), self.potential(pair, own)))
         numbers = np.array(lines).reshape(-1, 8)

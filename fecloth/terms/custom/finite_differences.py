@@ -71,24 +71,19 @@ class Derivatives:
     def check(self, rest: np.ndarray) -> None:
         """Compare the user's derivatives with differences, in a state near rest."""
         y = self.beside(rest)
-        for name, function, below in (
-            ("gradient", self.dC, self.C),
-            ("hessian", self.ddC, self.dC),
-        ):
+        pairs = ("gradient", self.dC, self.C), ("hessian", self.ddC, self.dC)
+        for name, function, below in pairs:
             if getattr(self, name) is None:
                 continue
             values, expected = function(y), self.differentiate(below, y)
             wrong = np.abs(values - expected) - TOLERANCE * np.abs(expected).max()
             at = np.unravel_index(int(np.argmax(np.nan_to_num(wrong, nan=np.inf))), wrong.shape)
             if not wrong[at] <= 0:
-                place = ", ".join(str(int(i)) for i in at)
-                raise InputError(
-                    f"{name}[{place}] = {values[at]:.9g}",
-                    f"differences of {'value' if name == 'gradient' else 'the gradient'} give "
-                    f"{expected[at]:.9g}",
-                    self.name,
-                    "Correct it, or leave it out to have it computed.",
-                )
+                what = f"{name}[{', '.join(str(int(i)) for i in at)}] = {values[at]:.9g}"
+                of = "value" if name == "gradient" else "the gradient"
+                allowed = f"differences of {of} give {expected[at]:.9g}"
+                remedy = "Correct it, or leave it out to have it computed."
+                raise InputError(what, allowed, self.name, remedy)
 
     def _check_shape(self, name, values, y, order):
         """Check the shape, and insert the axis of the components where C has none."""

@@ -84,10 +84,9 @@ class UserForce:
             "mass": lambda: panel.nodal_mass,
             "node": lambda: np.ones(len(cloth.X)),
         }[self.per]()
-        if callable(self.force):
-            function = self.force
-        else:
-            function = FormulaForce(_validated_parts(self.force), cloth.X)
+        function = self.force
+        if not callable(function):
+            function = FormulaForce(_validated_parts(function), cloth.X)
         symmetric = self.tangent == "symmetric"
         return BoundUserForce(function, self.derivatives, amount, cloth.X, symmetric)
 

@@ -19,6 +19,7 @@ from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.custom.finite_differences import WEIGHTS
+from fecloth.terms.kinematics import VOIGT
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
@@ -138,7 +139,6 @@ def _kernels(law: Callable) -> membrane_loops.Kernels:
     return membrane_loops.kernels(exact, inner(insert(definite, law=exact)))
 
 
-VOIGT = ((0, 3, 4), (3, 1, 5), (4, 5, 2))  # ℂ as a matrix on (E11, E22, 2 E12)
 NAMES = ("11", "22", "66", "12", "16", "26")  # of ℂ; the first two, and 12, of S
 NEAR = (0.011, -0.007, 0.005)  # the strain at which S and ℂ are compared with differences
 STEP = 1e-5

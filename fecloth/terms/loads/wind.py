@@ -89,10 +89,8 @@ class Wind:
         validation.positive("gust_length", self.gust_length, "m", "Wind")
         if not (is_number(self.seed) and 0 <= self.seed < 2**32):
             raise InputError(f"seed = {self.seed!r}", "must be in 0 … 2³² − 1", "Wind")
-        is_steady = not callable(self.velocity) and not any(
-            isinstance(u, str) for u in self.velocity
-        )
-        if self.gusts and not is_steady:
+        u = self.velocity
+        if self.gusts and (callable(u) or any(isinstance(part, str) for part in u)):
             allowed = "velocity must be three numbers"
             remedy = "Add fecloth.terms.loads.air_velocity.Gusts to your own function."
             raise InputError("gusts of a wind that is not uniform", allowed, "Wind", remedy)

@@ -89,18 +89,11 @@ class BaraffWitkin:
     def __post_init__(self):
         where, p = "BaraffWitkin", self.area_exponent
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
-        for name, values in (
-            ("stretch", self.stretch),
-            ("shear", self.shear),
-            ("rest", self.rest),
-            ("area_exponent", p),
-            ("damping", self.damping),
-        ):
+        for name in ("stretch", "shear", "rest", "area_exponent", "damping"):
+            values = getattr(self, name)
             size = 2 if name in ("stretch", "rest") else 1
             numbers = floats(name, np.ravel(values), where) if values is not None else np.ones(size)
-            if numbers.shape != (size,) or not (
-                np.isfinite(numbers).all() and (numbers >= 0).all()
-            ):
+            if numbers.shape != (size,) or not (np.isfinite(numbers) & (numbers >= 0)).all():
                 allowed = f"must be {'two numbers' if size == 2 else 'a number'} >= 0"
                 raise InputError(f"{name} = {values!r}", allowed, where)
         if p != 0.5 and (self.stretch is None or self.shear is None):

@@ -18,8 +18,7 @@ from fecloth.terms.loops.bound_condition import LengthCondition
 
 def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
-    cloth = panel.cloth
-    corners = cloth.X[cloth.stencil]
+    cloth, corners = panel.cloth, panel.cloth.X[panel.cloth.stencil]
     sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
     square = np.sum(sides**2, axis=2)
     area = cloth.weights.sum(axis=1)
@@ -56,9 +55,8 @@ def _lame(fabric: Fabric) -> np.ndarray:
     warp, weft = fabric.tensile
     nu = fabric.poisson_ratio
     if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):
-        raise InputError(
-            "an orthotropic fabric", "must be isotropic", 'Springs(kind="biquadratic")', "Use StVK."
-        )
+        where = 'Springs(kind="biquadratic")'
+        raise InputError("an orthotropic fabric", "must be isotropic", where, "Use StVK.")
     return np.array([warp * nu / (1 - nu**2), warp / (1 + nu)])
 
 

@@ -26,10 +26,8 @@ class Net:
 
     def van_gelder_stiffness(self, panel: Panel) -> np.ndarray:
         """Stiffness k = Y Σ A / l² (s,) [N/m], with the Y of each triangle."""
-        area = panel.cloth.weights.sum(axis=1)
-        return self.sum_over_sides(panel.each(_isotropic)[:, 0] * area) / np.sum(
-            self.vectors**2, axis=1
-        )
+        Y = panel.each(_isotropic)[:, 0] * panel.cloth.weights.sum(axis=1)
+        return self.sum_over_sides(Y) / np.sum(self.vectors**2, axis=1)
 
     def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
         """Stiffness k (s,) [N/m] of a structural network."""
@@ -124,13 +122,8 @@ def _directions(vectors):
 
 def _is_grid(vectors, across, up, oblique) -> bool:
     """Return whether there is one vector along X, one along Y, and one or two oblique ones."""
-    groups = [vectors[of_group] for of_group in (across, up, oblique)]
-    if not all(len(group) for group in groups):
-        return False
-    counts = [
-        len(np.unique(np.round(np.abs(g) / np.abs(vectors).max() * 1e6), axis=0)) for g in groups
-    ]
-    return counts == [1, 1, 1]
+    rounded = np.round(np.abs(vectors) / np.abs(vectors).max() * 1e6)
+    return all(len(np.unique(rounded[group], axis=0)) == 1 for group in (across, up, oblique))
 
 
 def _opposite_nodes(cloth, pairs, sides):
@@ -142,9 +135,8 @@ def _opposite_nodes(cloth, pairs, sides):
 
 def _next_but_one(coordinate, pairs):
     """Join the ends (b, 2) of two edges in a row, by a `coordinate` (n,) along them."""
-    forward = np.where(
-        (coordinate[pairs[:, 0]] < coordinate[pairs[:, 1]])[:, None], pairs, pairs[:, ::-1]
-    )
+    is_forward = coordinate[pairs[:, 0]] < coordinate[pairs[:, 1]]
+    forward = np.where(is_forward[:, None], pairs, pairs[:, ::-1])
     following = np.full(len(coordinate) + 1, -1)
     following[forward[:, 0]] = forward[:, 1]
     second = following[forward[:, 1]]

@@ -38,9 +38,8 @@ class KnownSprings:
 
     def bind(self, panel: Panel, slots) -> LengthCondition:
         data = self.nodes, self.length[:, None], self.k, self.damping * self.k
-        return BoundSprings.bind(
-            "Springs", KERNELS, (1,), panel, slots, *data, tangent=self.tangent
-        )
+        own = "Springs", KERNELS, (1,), panel, slots
+        return BoundSprings.bind(*own, *data, tangent=self.tangent)
 
 
 class BoundSprings(LengthCondition):
