@@ -7,7 +7,6 @@ import numpy as np
 
 from fecloth.integrators.newmark import Newmark, WithMemory
 from fecloth.integrators.one_stage import BackwardEuler
-from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
 from fecloth.integrators.step import UNCOUNTED, Begin, Opening, Step, arrive
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.stage import Stage, hold_stage
@@ -48,13 +47,8 @@ class BDF2(WithMemory):
     """
 
     # the error constant of constant steps
-    traits = MethodTraits(
-        order=2,
-        error_constant=2 / 9,
-        drift=(2, 1 / 3),
-        has_difference=True,
-        at_infinity=0.0,
-        studied=ALL_STUDIES,
+    traits = replace(
+        BackwardEuler.traits, order=2, theta=0.5, error_constant=2 / 9, drift=(2, 1 / 3)
     )
 
     def stage(self, state: State, dt: float, last: Change) -> Stage:

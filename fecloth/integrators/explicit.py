@@ -143,13 +143,9 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(
-        order=1,
-        explicit=True,
-        error_constant=1 / 2,
-        drift=(2, 1 / 24),  # as of central differences, started half a step off
-        stability=(1 / 4, 1 / 2),
-        studied=("stability",),
+    # the drift is as of central differences, started half a step off
+    constants = replace(
+        ForwardEuler.constants, drift=(2, 1 / 24), stability=(1 / 4, 1 / 2), studied=("stability",)
     )
     forces_at = 0.0
     beyond_limit: bool = False
@@ -186,14 +182,8 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = MethodTraits(
-        order=2,
-        explicit=True,
-        error_constant=1 / 6,
-        drift=(2, 1 / 24),
-        stability=(1 / 4, 1.0),
-        studied=ALL_STUDIES,
-    )
+    order_2 = replace(SymplecticEuler.constants, order=2, error_constant=1 / 6)
+    constants = replace(order_2, stability=(1 / 4, 1.0), studied=ALL_STUDIES)
     forces_at = 0.5
     beyond_limit: bool = False
 

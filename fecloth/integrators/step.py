@@ -44,9 +44,7 @@ class Step:
 
     state: State
     balanced_at: State  # time, position and velocity at which the method balanced the forces
-    # input of the next step: the solved unknown as a first guess, or a record of past values
-    # (see `remembered`)
-    memory: object
+    memory: object  # input of the next step: a first guess, or a `remembered` record
     counts: Counts  # Newton and linear iterations, residual, seconds
     # the system over the step, where terms act over it: its force moved the cloth
     over: System | None = None
@@ -57,11 +55,9 @@ class Step:
     ends: tuple[System, State] | None = None
     # (n, 3) [m/s²] with `ends`: along free directions the method solved M a = f(balanced_at)
     a: np.ndarray | None = None
-    # with `ends`: M a is instead the mean of the forces at both ends, with this weight of the
-    # new one
+    # with `ends`: M a is instead the mean of both ends' forces, with this weight of the new one
     share: float | None = None
-    # the records that terms keep, after and before the step (`System.start_history`); None
-    # without any
+    # the records that terms keep, after and before the step (`System.start_history`)
     history: History | None = None
     earlier: History | None = None
     # the size [s] that a choice of steps asked of the method, if it was another than in `march`

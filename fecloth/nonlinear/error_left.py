@@ -124,7 +124,6 @@ class ErrorInPlace(ErrorLeft):
         return longest(correction)
 
     def move(self, y: np.ndarray, norm: float, scale: float) -> None:
-        """Record positions (n, 3) [m], the residual and the sum of all forces [N]."""
         self.moved, self.residual = longest(y - self.start), norm / scale if scale else 0.0
 
     @property

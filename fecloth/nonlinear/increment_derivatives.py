@@ -124,5 +124,4 @@ class _Side:
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         at = self.place(x)
-        r: np.ndarray = self.equation(at).residual(at, 0.0)[0]
-        return r
+        return self.equation(at).residual(at, 0.0)[0]

@@ -85,10 +85,10 @@ class Solved(NamedTuple):
             met = f"is below the tolerance {tolerance:g}"
             return f"its residual, {residual:.1e} of the forces, {met}"
         if math.isnan(self.error):
-            return (
-                f"its residual, {residual:.1e} of the forces, is small; the error of its positions "
-                "is not known, as the tangent is not definite there"
+            unknown = (
+                "the error of its positions is not known, as the tangent is not definite there"
             )
+            return f"its residual, {residual:.1e} of the forces, is small; {unknown}"
         part = f"{self.error / self.moved:.1e} of the largest displacement"
         error = f"about {self.error:.1e} m, {part}"
         if self.error <= PLACE * self.moved:
@@ -138,15 +138,11 @@ def describe_path(system: System, load_steps: int | None) -> str:
     """A sentence on what the equilibrium depends on, with friction; else ""."""
     if not any(term.needs_path for term in system.bound):
         return ""
+    what = f"and on the number of load steps, here {load_steps}"
     if load_steps in (None, 1):
-        return (
-            "friction: the place of rest depends on the way there, which was one increment from "
-            "the start; more load_steps follow the way more closely"
-        )
-    return (
-        "friction: the place of rest depends on the way there, and on the number of load steps, "
-        f"here {load_steps}"
-    )
+        follow = "more load_steps follow the way more closely"
+        what = f"which was one increment from the start; {follow}"
+    return f"friction: the place of rest depends on the way there, {what}"
 
 
 class Increase(NamedTuple):
@@ -281,7 +277,6 @@ def solve_static(
     report: Report = lambda iteration: None,
 ) -> Solved:
     """Return x in equilibrium with the loads of the equation, the counts and the error left."""
-
     is_definite, guess = False, x
 
     def tell(progress: Progress):

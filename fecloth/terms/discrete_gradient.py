@@ -135,5 +135,4 @@ def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
     moment = np.einsum("a,ai->i", mass, np.cross(p, r))
     inertia = np.trace(products) * np.eye(3) - products
     omega = np.linalg.lstsq(inertia, moment, rcond=None)[0]  # no ω along a straight line of nodes
-    u: np.ndarray = mass[:, None] * (r - np.cross(omega, p))
-    return u
+    return mass[:, None] * (r - np.cross(omega, p))

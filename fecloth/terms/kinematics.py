@@ -98,8 +98,7 @@ def plate_error(panel: Panel, curvature: np.ndarray, rigidity: np.ndarray) -> np
 
 def voigt_matrix(moduli: np.ndarray) -> np.ndarray:
     """(m, 3, 3) the moduli (m, 6), in the order of `membrane`, as matrices on (E11, E22, 2E12)."""
-    matrix: np.ndarray = moduli[:, VOIGT]
-    return matrix
+    return moduli[:, VOIGT]
 
 
 def energy_of_gap(
@@ -107,5 +106,4 @@ def energy_of_gap(
 ) -> np.ndarray:
     """(m,) ∫ ½ gap · stiffness gap dA [J] of gaps (m, r, 3) at the rule's points."""
     density = np.einsum("tri,tij,trj,r->t", gap, stiffness, gap, samples.weights, optimize=True)
-    energy: np.ndarray = 0.5 * area * density
-    return energy
+    return 0.5 * area * density

@@ -106,12 +106,10 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
     def roots(fabric):
         if fabric.bending is None:
             presets = [name for name in Fabric.presets() if Fabric.preset(name).bending]
-            remedy = (
-                "Give it in the fabric, one number or (warp, weft); these presets have it: "
-                f"{', '.join(presets)}."
-            )
+            remedy = "Give it in the fabric, one number or (warp, weft); these presets have it:"
             what = "the fabric has no bending_rigidity"
-            raise InputError(what, f"{where} needs it, > 0 [N m]", where, remedy)
+            allowed = f"{where} needs it, > 0 [N m]"
+            raise InputError(what, allowed, where, f"{remedy} {', '.join(presets)}.")
         return np.sqrt(fabric.bending)
 
     hinges = panel.cloth.hinges
@@ -179,9 +177,7 @@ class QuadraticBending:
     """
 
     traits = HINGES
-
-    def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.hinges.nodes
+    stencil = HingeBending.stencil
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         hinges, n = panel.cloth.hinges, len(panel.cloth.X)

@@ -49,8 +49,7 @@ def _approach(shape: Shape, at: np.ndarray, way: np.ndarray, t: float) -> np.nda
     if shape.convex:
         return np.maximum(-np.einsum("mi,mi->m", gradient, way), 0.0)
     slope = RESERVE * np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-    speed: np.ndarray = slope * np.sqrt(np.einsum("mi,mi->m", way, way))
-    return speed
+    return slope * np.sqrt(np.einsum("mi,mi->m", way, way))
 
 
 def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.ndarray:

@@ -17,7 +17,6 @@ import scipy.sparse as sparse
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.contact.friction import Sliding
 from fecloth.terms.contact.guess import Way
-from fecloth.terms.contact.shape import Shape
 from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
@@ -47,16 +46,12 @@ class BoundContact(BoundTerm):
 
     friction: float  # μ
     gap: float  # [m]
+    body: Any  # the `Shape` with which it moves and turns; None where it does not move
     restitution: Any = 1.0  # part of the speed that an impact leaves
 
     has_energy = True
     stores_strain = False
     needs_end = "the barrier must hold at the end of a step"
-
-    @property
-    def body(self) -> Shape | None:
-        """The shape with which it moves and turns; None where it does not move."""
-        raise NotImplementedError
 
     @property
     def velocity_dependent(self) -> bool:
@@ -137,10 +132,6 @@ class BoundContact(BoundTerm):
         """The largest part ≤ 1 of the way of all nodes on which no triangle meets anything."""
         raise NotImplementedError
 
-    def allows(self, x: np.ndarray, t: float) -> bool:
-        """Whether nothing is inside or crossed at the positions x (n, 3) in space."""
-        raise NotImplementedError
-
     def room(self, x: np.ndarray, t: float) -> np.ndarray:
         """(n,) distances [m] of nodes at x (n, 3) in space from a shape; infinite without one."""
         return np.full(len(x), np.inf)
@@ -189,7 +180,6 @@ class BoundContact(BoundTerm):
         return Touched(x, x, t, 1.0, self.speeds(x, t)) if self.keeps_history else None
 
     def over_step(self, step: StepDifference) -> BoundTerm:
-        """The contact over a step: it knows where the step began."""
         return ContactOverStep(self, step)
 
 

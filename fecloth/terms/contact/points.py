@@ -131,8 +131,7 @@ def longest_edges(cloth: Cloth) -> np.ndarray:
     """(m,) longest edge of each triangle [m]."""
     corners = cloth.X[cloth.triangles]
     edges = corners - np.roll(corners, 1, axis=1)
-    longest: np.ndarray = np.linalg.norm(edges, axis=2).max(axis=1)
-    return longest
+    return np.linalg.norm(edges, axis=2).max(axis=1)
 
 
 def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]:

@@ -47,8 +47,7 @@ def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:
     """c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST`."""
     y = damping(restitution)
     with np.errstate(divide="ignore", invalid="ignore"):
-        c: np.ndarray = np.where(speeds > 0, np.minimum(y / speeds, MOST), MOST if y else 0.0)
-    return c
+        return np.where(speeds > 0, np.minimum(y / speeds, MOST), MOST if y else 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +59,7 @@ class Approach:
 
     def factor(self, s: np.ndarray) -> np.ndarray:
         """w (p,) at the distances s (p,) over the gap."""
-        w: np.ndarray = np.maximum(0.0, 1 - self.a * (s - self.s0))
-        return w
+        return np.maximum(0.0, 1 - self.a * (s - self.s0))
 
     def value(self, s: np.ndarray) -> np.ndarray:
         """The potential ∫ p w dσ (p,); +∞ for s ≤ 0."""

@@ -56,8 +56,7 @@ class Retreat:
 
     def apart(self, y: np.ndarray) -> np.ndarray:
         """z (m,) > 0 at positions y (n, 3), else 0 [m]."""
-        z: np.ndarray = np.maximum(self.normals @ (y - self.start).ravel(), 0.0)
-        return z
+        return np.maximum(self.normals @ (y - self.start).ravel(), 0.0)
 
     def energy(self, y: np.ndarray) -> float:
         """Σ E(d₀ + r) − E(d₀ + z) [J]."""

@@ -162,8 +162,7 @@ class Shape:
             return self.velocity(x, t)
         if dt == 0.0:
             return np.zeros_like(x)
-        mean: np.ndarray = (self.pose(t + dt).to_space(y) - x) / dt
-        return mean
+        return (self.pose(t + dt).to_space(y) - x) / dt
 
 
 AT_REST = AtRest()

@@ -24,7 +24,6 @@ class Uniform:
         return self.value(t)[None]
 
     def gradient(self, x: np.ndarray, t: float) -> np.ndarray:
-        """Gradient (1, 3, 3), which is zero."""
         return np.zeros((1, 3, 3))
 
 

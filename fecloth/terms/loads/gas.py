@@ -63,8 +63,7 @@ class Gas:
 
     def __post_init__(self):
         for name, unit in (("pressure", "Pa"), ("volume", "m³"), ("exponent", "-")):
-            value = getattr(self, name)
-            validation.positive(name, value, unit, "Gas")
+            validation.positive(name, getattr(self, name), unit, "Gas")
         validation.positive("ambient", self.ambient, "Pa", "Gas", or_zero=True)
         validation.point("origin", self.origin, "Gas")
 

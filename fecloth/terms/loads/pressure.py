@@ -70,11 +70,9 @@ class Pressure:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
-        cloth = panel.cloth
         p = scalar(self.pressure, "pressure", "Pressure")
-        symmetric = self.tangent == "symmetric"
-        loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
-        return BoundPressure(p, loop, symmetric, panel)
+        loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
+        return BoundPressure(p, loop, self.tangent == "symmetric", panel)
 
 
 def orientation_signs(cloth: Cloth) -> np.ndarray:

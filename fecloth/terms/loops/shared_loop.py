@@ -228,15 +228,9 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
         spans = slice(begin, inner_begin), slice(inner_begin, inner_end), slice(inner_end, end)
         for number, span in enumerate(spans):
             if span.start < span.stop:
-                pieces.append(Piece(span, None if number == 1 else _own(nodes[span], owner, p)))
+                touched = np.unique(nodes[span])
+                pieces.append(Piece(span, None if number == 1 else touched[owner[touched] == p]))
     return pieces
-
-
-def _own(nodes: np.ndarray, owner: np.ndarray, p: int) -> np.ndarray:
-    """The nodes (of these) that belong to thread p."""
-    touched = np.unique(nodes)
-    own: np.ndarray = touched[owner[touched] == p]
-    return own
 
 
 @kernel
