@@ -182,8 +182,8 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    order_2 = replace(SymplecticEuler.constants, order=2, error_constant=1 / 6)
-    constants = replace(order_2, stability=(1 / 4, 1.0), studied=ALL_STUDIES)
+    constants = replace(SymplecticEuler.constants, order=2, error_constant=1 / 6)
+    constants = replace(constants, stability=(1 / 4, 1.0), studied=ALL_STUDIES)
     forces_at = 0.5
     beyond_limit: bool = False
 
