@@ -185,10 +185,8 @@ def brief(value: object) -> str:
 
 
 def closest(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
-    """Return the name that is most like `name`; empty if none is alike.
-
-    Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
-    """
+    """Return the name that is most like `name`; empty if none is alike."""
+    # Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
     plain = {_plain(each): each for each in names}
     word = _plain(name)
     begins = sorted((key for key in plain if len(key) > 2 and word.startswith(key)), key=len)

@@ -58,12 +58,10 @@ event.register("numba:compile", _RareCollection())
 
 
 def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile a function over arrays and keep the machine code on disk (an entry point).
-
-    Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
-    and infinity survive and the result does not depend on the thread count. A kernel from outside
-    the package is compiled anew when its bytecode, its constants or its callees change.
-    """
+    """Compile a function over arrays and keep the machine code on disk (an entry point)."""
+    # Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
+    # and infinity survive and the result does not depend on the thread count. A kernel from outside
+    # the package is compiled anew when its bytecode, its constants or its callees change.
     is_own = str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
     return _compile(function) if is_own else _compile_by_content(function)
 
@@ -135,13 +133,11 @@ class _UnknownContent(Exception):
 
 
 def fingerprint(function: Callable) -> str | None:
-    """Hash of a function's bytecode, its constants and all compiled functions that it calls.
-
-    These are found through globals, modules and closures. It is None where that is not enough to
-    tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
-    tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
-    machine code must not be kept on disk.
-    """
+    """Hash of a function's bytecode, its constants and all compiled functions that it calls."""
+    # These are found through globals, modules and closures. It is None where that is not enough to
+    # tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
+    # tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
+    # machine code must not be kept on disk.
     try:
         content = repr(_function_content(function, {}))
     except _UnknownContent:

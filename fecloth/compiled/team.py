@@ -160,11 +160,9 @@ class Team:
         together: Callable[[], Result],
         count: Callable[[Result], float] = lambda result: 1.0,
     ) -> Result:
-        """Return alone(), or together(), which calls `run`; both must have the same result.
-
-        The times of a loop are compared by its `name`, and by its units of work, which `count`
-        takes from the result.
-        """
+        """Return alone(), or together(), which calls `run`; both must have the same result."""
+        # The times of a loop are compared by its `name`, and by its units of work, which `count`
+        # takes from the result.
         if self.count == 1:
             return alone()
         if self.threads != "auto":
@@ -185,11 +183,9 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Make call(part), the kernel and its arguments for a range of `size` elements.
-
-        It writes only what belongs to its elements, of which each `unit` must stay together. `name`
-        is as for `do`.
-        """
+        """Make call(part), the kernel and its arguments for a range of `size` elements."""
+        # It writes only what belongs to its elements, of which each `unit` must stay together.
+        # `name` is as for `do`.
         function, arguments = call(slice(0, size))
         if not self.shares(size):
             function(*arguments)

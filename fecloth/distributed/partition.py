@@ -74,11 +74,10 @@ class Part:
 
 
 def find_owners(cloth: Cloth, count: int) -> np.ndarray:
-    """(n,) process of each node, of `count`.
-
-    To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band; beyond
-    pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser end.
-    """
+    """(n,) process of each node, of `count`."""
+    # To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band;
+    # beyond pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser
+    # end.
     corners = int(cloth.triangles.max()) + 1
     if count > corners:
         what, allowed = f"{count} processes", f"must be at most one for each of {corners} nodes"

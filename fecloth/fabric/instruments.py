@@ -80,12 +80,10 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
 
 
 def fast(fields: Mapping, load: int) -> dict:
-    """Constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`.
-
-    Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
-    With F = 4.903 N/m this gives G = 1.23/EB5. Bending: a strip with the overhang 2 C bends down to
-    41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as a Measurable Quantity, 1930).
-    """
+    """Constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`."""
+    # Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
+    # With F = 4.903 N/m this gives G = 1.23/EB5. Bending: a strip with the overhang 2 C bends down
+    # to 41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as a Measurable Quantity, 1930).
     where = "Fabric.from_fast"
     if load not in (5, 20, 100):
         raise InputError(f"load = {load!r}", "must be 5, 20 or 100 [gf/cm]", where)

@@ -72,11 +72,9 @@ class BDF2(WithMemory):
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step.
-
-        A step in which the force of contact jumps, as in an impact, is taken again by backward
-        Euler: the memory of the motion before would throw the cloth off.
-        """
+        """One step."""
+        # A step in which the force of contact jumps, as in an impact, is taken again by backward
+        # Euler: the memory of the motion before would throw the cloth off.
         step, last = super()._take(begin, solver), begin.memory
         after = cast(Change, step.memory)
         if last is None or last.jumped or not after.jumped:
@@ -85,13 +83,11 @@ class BDF2(WithMemory):
         return replace(again, counts=step.counts.plus(again.counts))
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
-        """Open a step after the one that left this memory; q = v₁ − v₀.
-
-        The first step is a step of another method. With contact it is of first order, which leaves
-        this method of second order: the friction and the push at its begin are not to be relied
-        on, as a cloth that stands still may be held by any friction below the limit. So is the step
-        after a step in which the force of contact jumped.
-        """
+        """Open a step after the one that left this memory; q = v₁ − v₀."""
+        # The first step is a step of another method. With contact it is of first order, which
+        # leaves this method of second order: the friction and the push at its begin are not to be
+        # relied on, as a cloth that stands still may be held by any friction below the limit. So is
+        # the step after a step in which the force of contact jumped.
         system, state, dt, memory, history = begin
         contact = any(term.needs_end for term in system.bound)
         if contact and (memory is None or memory.jumped):

@@ -72,11 +72,9 @@ class FusedSteps:
 
     @classmethod
     def bind(cls, system: System, ledger: bool = True, team: Team | None = None) -> Self | None:
-        """Return the fused steps of a system, or None where a term or a pin needs Python.
-
-        With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
-        The threads are the threads of the system, unless a `team` is given.
-        """
+        """Return the fused steps of a system, or None where a term or a pin needs Python."""
+        # With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
+        # The threads are the threads of the system, unless a `team` is given.
         if system.mass_kind != "lumped" or not MotionRows.can_evaluate(system.constraints):
             return None
         shape, mass = (len(system.cloth.X), 3), system.nodal_mass
@@ -107,14 +105,12 @@ class FusedSteps:
         least: float,
         largest: float,
     ) -> Taken | None:
-        """Take steps of the given sizes, the last one so that its `Step` is known.
-
-        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but for
-        round-off. With `look` = (phase, period) the stretches are looked at after step s, from 0
-        on, if (s + phase) % period = period − 1, but not after the last one. Beyond the stretches
-        `least` and `largest` no further step is taken. The result is None if a value is not finite:
-        then nothing is known of these steps.
-        """
+        """Take steps of the given sizes, the last one so that its `Step` is known."""
+        # `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but
+        # for round-off. With `look` = (phase, period) the stretches are looked at after step s,
+        # from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond the
+        # stretches `least` and `largest` no further step is taken. The result is None if a value is
+        # not finite: then nothing is known of these steps.
         rows = MotionRows.evaluate(self.system.constraints, times, sizes)
         held, dt, most = self._held(rows), float(sizes[0]), len(sizes) - 1
         self._begin_at(state, memory)

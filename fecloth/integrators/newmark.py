@@ -68,11 +68,9 @@ class AccelerationMethod(WithMemory):
     def _open(
         self, begin: Begin, solver: SolverContext | None, over: System | None = None
     ) -> Opening:
-        """Open a step after the one that left this memory; q = a₁.
-
-        Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        `over` is the system over the step, if the rates over it are not the rates of this method.
-        """
+        """Open a step after the one that left this memory; q = a₁."""
+        # Without a memory the first acceleration is solved for, by the `solver` or a direct one.
+        # `over` is the system over the step, if the rates over it are not the rates of this method.
         system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
         end, before = begin.end, system.with_history(history)

@@ -12,20 +12,18 @@ from fecloth.terms.protocol import BoundTerm
 
 
 def explicit_dissipation(system: System, old: State, step: Step, theta: float) -> float:
-    """Numerical dissipation [J] of a step of an explicit method; negative for a gain.
-
-    With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
-    stages of the step,
-
-        M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
-
-    where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
-    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
-    as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
-    energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
-    It need not grow in every step. Where pins are moved it holds what the damping does between
-    dt v and Δx.
-    """
+    """Numerical dissipation [J] of a step of an explicit method; negative for a gain."""
+    # With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
+    # stages of the step,
+    #
+    #     M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
+    #
+    # where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
+    # old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
+    # as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
+    # energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
+    # It need not grow in every step. Where pins are moved it holds what the damping does between
+    # dt v and Δx.
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
         energy += (theta - 0.5) * stiffness_product(system, old, step)
@@ -33,15 +31,13 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
 
 
 def memory_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of a method that satisfies M a = f at one stage.
-
-    With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
-
-        M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
-
-    The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
-    stays in the ledger's remainder. Added is `work_beyond_dissipation`.
-    """
+    """Numerical dissipation [J] of a method that satisfies M a = f at one stage."""
+    # With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
+    #
+    #     M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
+    #
+    # The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
+    # stays in the ledger's remainder. Added is `work_beyond_dissipation`.
     dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
     beyond = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))

@@ -302,10 +302,9 @@ def take_step(
 
 
 def refuse_crossed(system: System, state: State, old: State | None = None) -> None:
-    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact.
-
-    With the state `old` at the begin of the step also where the way through an obstacle is shorter.
-    """
+    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact."""
+    # With the state `old` at the begin of the step also where the way through an obstacle is
+    # shorter.
     for name, term in zip(system.names, system.bound, strict=True):
         reason = ""
         if not term.allows(state.x, state.t):
@@ -333,11 +332,9 @@ def check_history(system: System, method: Any, history: History | None) -> None:
 
 
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
-    """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
-
-    Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
-    method for them.
-    """
+    """Raise `InputError` for a term that needs a difference over the step, if `method` has none."""
+    # Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
+    # method for them.
     if method.traits.has_difference:
         return
     chosen = method_of(method)

@@ -20,16 +20,14 @@ def conjugate_gradients(
     indptr: Array, indices: Array, values: Array, inverse: Array, x: Array, r: Array, z: Array,
     p: Array, q: Array, sums: Array, carry: Array, threshold: float, limit: int, member: Member,
 ) -> tuple[int, int]:  # fmt: skip
-    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
-
-    Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n, 6)
-    is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A x, both
-    overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p, and A p;
-    `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z, rᵀ r and β
-    where an earlier call ended at its limit; or rᵀ z < 0.
-
-    Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
-    """
+    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations."""
+    # Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n,
+    # 6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A x,
+    # both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p, and A
+    # p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z, rᵀ r and β
+    # where an earlier call ended at its limit; or rᵀ z < 0.
+    #
+    # Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
     begin, end = part_of(member, 0, sums.shape[1])
     rz, rr, beta = carry[0], carry[1], carry[2]
     if rz < 0.0:

@@ -42,12 +42,10 @@ class Direct:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used.
-
-        x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
-        the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
-        a residual of this size, up to 1e-6, is accepted in place of `rtol`.
-        """
+        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
+        # x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
+        # the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
+        # a residual of this size, up to 1e-6, is accepted in place of `rtol`.
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
         x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)

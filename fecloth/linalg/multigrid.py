@@ -110,12 +110,10 @@ def make_grids(pattern: BlockPattern) -> list[Grid]:
 def make_levels(
     grids: list[Grid], A: BlockMatrix, inverse: np.ndarray, motions: np.ndarray, kind: type
 ) -> list[Level]:
-    """Compute the prolongators and the coarse matrices of A.
-
-    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (n, 3, 6) the motions
-    with little energy that all levels can represent, which are overwritten, and `kind` is the
-    precision of the finest level.
-    """
+    """Compute the prolongators and the coarse matrices of A."""
+    # `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (n, 3, 6) the motions
+    # with little energy that all levels can represent, which are overwritten, and `kind` is the
+    # precision of the finest level.
     grid, *coarser = grids
     if grid.transfer is None:
         return [Level.allocate(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]

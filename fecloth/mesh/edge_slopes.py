@@ -39,12 +39,10 @@ class EdgeSlopes:
 
     @cached_property
     def patches(self) -> sparse.csr_matrix:
-        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
-
-        They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
-        the four nodes take part; where the angles hardly tell one of the curvatures, all triangles
-        at the two nodes of the edge.
-        """
+        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge."""
+        # They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
+        # the four nodes take part; where the angles hardly tell one of the curvatures, all
+        # triangles at the two nodes of the edge.
         plate, edges = self._plain, self.edges
         patches = plate.in_triangle.T.tocsr()
         patch = (patches @ plate.in_triangle).tocsr()
@@ -70,12 +68,10 @@ class EdgeSlopes:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
-
-        They are the same for any plate on this mesh. On regular meshes many weights are zero. The
-        weights of the edges in `_changing` are not zero in every plate: they have all hinges of
-        their patches.
-        """
+        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple."""
+        # They are the same for any plate on this mesh. On regular meshes many weights are zero. The
+        # weights of the edges in `_changing` are not zero in every plate: they have all hinges of
+        # their patches.
         m, h = len(self.edges.triangles), len(self.edges.of_hinge)
         if not h:  # a triangle alone, whose clamps have angles to its corners
             return np.sort(self.edges.triangles)[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
@@ -110,13 +106,11 @@ class EdgeSlopes:
     def of_plate(
         self, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
     ) -> tuple[sparse.csr_matrix, np.ndarray]:
-        """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
-
-        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
-        `material` (m,) is equal where two triangles have the same D; across a seam between two
-        materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
-        whose slope is held, are the hinges h … h + c − 1.
-        """
+        """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free."""
+        # The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
+        # `material` (m,) is equal where two triangles have the same D; across a seam between two
+        # materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
+        # whose slope is held, are the hinges h … h + c − 1.
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():
             return self.plain, plate.hinge
@@ -238,11 +232,9 @@ def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
 
 
 def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂).
-
-    With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
-    through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
-    """
+    """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂)."""
+    # With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
+    # through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
     normal = np.arctan2(-seam[:, 0], seam[:, 1])
     there, back = turn_curvature(normal), turn_curvature(-normal)
     moment_a, moment_b = (

@@ -117,12 +117,10 @@ def skfem_mesh(X: np.ndarray, triangles: np.ndarray) -> skfem.MeshTri:
 
 
 def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh:
-    """The mesh with one more node at the midpoint of each edge; these follow the corners.
-
-    Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
-    edges of the region of that name, else of the edges with both ends in the set. The sets named in
-    `corner_sets` get none.
-    """
+    """The mesh with one more node at the midpoint of each edge; these follow the corners."""
+    # Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
+    # edges of the region of that name, else of the edges with both ends in the set. The sets named
+    # in `corner_sets` get none.
     n, edges = len(mesh.X), skfem_mesh(mesh.X, mesh.triangles).facets.T
     X = np.concatenate([mesh.X, mesh.X[edges].mean(axis=1)])
 

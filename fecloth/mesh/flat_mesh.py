@@ -37,24 +37,23 @@ class FlatMesh:
         triangle_ids=None,
         triangle_sets=None,
     ) -> Self:
-        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise.
-
-        Errors in the arrays are reported and not repaired. Exception: if all triangles are
-        clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
-        triangle) are added unless sets of this name exist. An edge set without a node set of the
-        same name gets one.
-
-        Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
-        range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
-        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
-        sets with pairs that are no edge.
-
-        Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz those
-        two coordinates are used. Any other plane gets an orthonormal frame, whose first axis is the
-        projection of the global x axis, or of the y axis if the plane is normal to x. Sets map
-        names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name the file or
-        function `where`, and the numbers `node_ids` and `triangle_ids` in place of the indices.
-        """
+        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise."""
+        # Errors in the arrays are reported and not repaired. Exception: if all triangles are
+        # clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
+        # triangle) are added unless sets of this name exist. An edge set without a node set of the
+        # same name gets one.
+        #
+        # Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
+        # range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
+        # triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
+        # sets with pairs that are no edge.
+        #
+        # Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz
+        # those two coordinates are used. Any other plane gets an orthonormal frame, whose first
+        # axis is the projection of the global x axis, or of the y axis if the plane is normal to x.
+        # Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name
+        # the file or function `where`, and the numbers `node_ids` and `triangle_ids` in place of
+        # the indices.
         X, triangles = _arrays(X, triangles, where)
         n, m = len(X), len(triangles)
         source = _Source(

@@ -24,16 +24,14 @@ def rectangle(
     pattern: str = "unstructured",
     grading: Sequence[Grading] = (),
 ) -> FlatMesh:
-    """Mesh the rectangle [0, width] × [0, height].
-
-    The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
-    cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
-    length near that of equilateral triangles, so that both divide the sides: the angles are 60°
-    only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
-
-    `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
-    ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
-    """
+    """Mesh the rectangle [0, width] × [0, height]."""
+    # The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
+    # cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
+    # length near that of equilateral triangles, so that both divide the sides: the angles are 60°
+    # only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
+    #
+    # `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
+    # ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
     validation.mesh_size(h, max(width, height), width * height, "rectangle")

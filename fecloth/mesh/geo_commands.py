@@ -73,12 +73,10 @@ class Token(NamedTuple):
 
 
 def check_geo(text: str, where: str) -> str:
-    """Return a .geo file without its comments, if it holds known commands only.
-
-    Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields without
-    files or processes, SetFactory, DefineConstant, arithmetic, If, and For with bounds that are
-    numbers.
-    """
+    """Return a .geo file without its comments, if it holds known commands only."""
+    # Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
+    # without files or processes, SetFactory, DefineConstant, arithmetic, If, and For with bounds
+    # that are numbers.
     tokens = list(_tokens(text, where))
     _Checker(tokens, where).check()
     lines: list[list[str]] = [[] for _ in range(tokens[-1].line if tokens else 0)]

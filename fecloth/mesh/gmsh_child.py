@@ -32,14 +32,12 @@ _PLAIN = ("xyz", "triangles", "node_ids", "triangle_ids", "geometric")
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Mesh or read a file in a child process, which ends with this function, however it ends.
-
-    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
-    path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes": its
-    arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`. Unless
-    `confined` is false, the process writes no file. It is killed after `time_limit` seconds;
-    `where` is the file, for messages.
-    """
+    """Mesh or read a file in a child process, which ends with this function, however it ends."""
+    # The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
+    # path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes":
+    # its arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`.
+    # Unless `confined` is false, the process writes no file. It is killed after `time_limit`
+    # seconds; `where` is the file, for messages.
     validation.positive("time_limit", time_limit, "s", where)
     package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported
     path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))

@@ -59,12 +59,10 @@ class Hinges:
 
     @cached_property
     def flat_gradient(self) -> np.ndarray:
-        """(h, 4) g with θ = Σ g_a z_a to first order in the deflections z of the nodes [1/m].
-
-        A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height of
-        the triangle above the edge. The entries of the edge's nodes follow from the lever rule.
-        Σ g_a X_a = 0: an affine deflection does not bend the cloth.
-        """
+        """(h, 4) g with θ = Σ g_a z_a to first order in the deflections z of the nodes [1/m]."""
+        # A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height of
+        # the triangle above the edge. The entries of the edge's nodes follow from the lever rule.
+        # Σ g_a X_a = 0: an affine deflection does not bend the cloth.
         g2, g3 = (0.5 * self.length[:, None] / self.areas).T
         s2, s3 = self.feet.T
         return np.stack([-(1 - s2) * g2 - (1 - s3) * g3, -s2 * g2 - s3 * g3, g2, g3], axis=1)

@@ -23,12 +23,10 @@ def nodal_values(cloth, values) -> np.ndarray:
 
 
 def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
-    """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
-
-    At a point outside the mesh by less than an edge length, as between two polygons of one disk,
-    the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
-    outside.
-    """
+    """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m]."""
+    # At a point outside the mesh by less than an edge length, as between two polygons of one disk,
+    # the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
+    # outside.
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = locate(cloth.X, cloth.triangles, points)
     basis = cloth.basis(1)
@@ -103,11 +101,9 @@ def l2_norm(cloth, values: np.ndarray) -> float:
 
 
 def l2_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
-    """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
-
-    The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if every
-    edge of the coarser mesh is made of edges of the finer mesh.
-    """
+    """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`."""
+    # The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if
+    # every edge of the coarser mesh is made of edges of the finer mesh.
     weights, (value_a, *_), (value_b, *_) = _on_common_points(cloth, a, other, b)
     return float(np.sqrt(np.sum(weights[:, None] * (value_a - value_b) ** 2)))
 
@@ -153,11 +149,9 @@ def _value_and_gradient(cloth, values, points, is_own_points):
 
 
 def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> float:
-    """√∫ |u − exact|² dA of a nodal field (n,) or (n, d).
-
-    `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
-    the polynomial degree to which the square of the difference is integrated exactly.
-    """
+    """√∫ |u − exact|² dA of a nodal field (n,) or (n, d)."""
+    # `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
+    # the polynomial degree to which the square of the difference is integrated exactly.
     basis, values = cloth.basis(order), nodal_values(cloth, values)
     u = np.stack([np.asarray(basis.interpolate(c)) for c in _columns(values)], axis=-1)
     reference = at_points(exact, basis, values.shape[1:], "l2_error")
@@ -165,10 +159,8 @@ def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> floa
 
 
 def h1_error(cloth, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
-    """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d).
-
-    `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or (p, d, 2).
-    """
+    """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d)."""
+    # `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or (p, d, 2).
     basis, values = cloth.basis(order), nodal_values(cloth, values)
     slopes = [basis.interpolate(c).grad.transpose(1, 2, 0) for c in _columns(values)]
     u = np.stack(slopes, axis=-2)  # (m, q, d, 2)

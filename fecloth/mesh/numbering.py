@@ -11,11 +11,9 @@ from fecloth.mesh.flat_mesh import FlatMesh, sorted_pairs
 
 
 def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
-    """Renumber nodes and triangles so that neighbours lie close together in memory.
-
-    Each triangle keeps the order of its vertices. The result is the mesh with the old index of
-    each new node (n,), ``new.X == mesh.X[old_nodes]``, and of each new triangle (m,).
-    """
+    """Renumber nodes and triangles so that neighbours lie close together in memory."""
+    # Each triangle keeps the order of its vertices. The result is the mesh with the old index of
+    # each new node (n,), ``new.X == mesh.X[old_nodes]``, and of each new triangle (m,).
     # Measured against a Hilbert curve: reverse Cuthill–McKee makes gathers 5-10 % faster and the
     # bandwidth 90-180 times smaller.
     n = len(mesh.X)

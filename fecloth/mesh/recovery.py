@@ -46,12 +46,10 @@ QUADRATIC = Samples(2, SIX, SIX, 2 * _SIX[1], np.eye(6))
 def recovery_gap(
     X: np.ndarray, triangles: np.ndarray, group: np.ndarray, values: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle.
-
-    X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given field
-    at the points of `samples`. The `group` (m,) is equal where the field is smooth across edges; a
-    fit takes triangles of one group.
-    """
+    """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle."""
+    # X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given
+    # field at the points of `samples`. The `group` (m,) is equal where the field is smooth across
+    # edges; a fit takes triangles of one group.
     # the node of each pair of a node and a group (s,), and the pair of each corner (m, 3)
     groups = int(group.max()) + 1
     pairs, corner = np.unique(triangles * np.int64(groups) + group[:, None], return_inverse=True)

@@ -22,15 +22,14 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
 
 
 def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
-    """Find the pairs (p, 2) of triangles that pass through each other.
-
-    A pair intersects if an edge of one crosses the inside of the other: five volumes of tetrahedra
-    must exceed the round-off of the coordinates, so triangles that touch, or overlap in a plane, do
-    not count, nor do pairs with a common node. The time is proportional to the triangles (s, 3).
-
-    Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
-    it on the average, as in a cloth that has collapsed.
-    """
+    """Find the pairs (p, 2) of triangles that pass through each other."""
+    # A pair intersects if an edge of one crosses the inside of the other: five volumes of
+    # tetrahedra must exceed the round-off of the coordinates, so triangles that touch, or overlap
+    # in a plane, do not count, nor do pairs with a common node. The time is proportional to the
+    # triangles (s, 3).
+    #
+    # Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
+    # it on the average, as in a cloth that has collapsed.
     x = np.ascontiguousarray(x, dtype=float)
     corners = x[triangles]
     if not np.isfinite(corners).all():
@@ -127,11 +126,9 @@ class Surface:
         return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(X))
 
     def count_inverted(self, x: np.ndarray) -> int:
-        """Count the triangles that are turned over against all their neighbours, at least two.
-
-        x (n, 3) are positions [m]. At a fold one neighbour lies on the other side; a triangle with
-        all of them there has been pushed through the cloth.
-        """
+        """Count the triangles that are turned over against all their neighbours, at least two."""
+        # x (n, 3) are positions [m]. At a fold one neighbour lies on the other side; a triangle
+        # with all of them there has been pushed through the cloth.
         a, b, c = x[self.triangles].transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         first, second = self.sides.T

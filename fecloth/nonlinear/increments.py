@@ -167,15 +167,13 @@ def increase_loads(
     history: History | None = None,
     report: Report = lambda iteration: None,
 ) -> Increase:
-    """Increase the factor on the loads from the first to the second of `loads`.
-
-    `start` is the state at the first factor: in equilibrium, or the start of all where the factor
-    is 0. No increment of the factor is larger than `largest`, but where none of these is solved and
-    the path does not count: a small load may hold a cloth less than the whole. `rate` is
-    ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known, and
-    `history` what the terms remember there. They remember each increment that is solved; an
-    increment that is repeated in smaller ones begins with what they remembered before it.
-    """
+    """Increase the factor on the loads from the first to the second of `loads`."""
+    # `start` is the state at the first factor: in equilibrium, or the start of all where the factor
+    # is 0. No increment of the factor is larger than `largest`, but where none of these is solved
+    # and the path does not count: a small load may hold a cloth less than the whole. `rate` is
+    # ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known,
+    # and `history` what the terms remember there. They remember each increment that is solved; an
+    # increment that is repeated in smaller ones begins with what they remembered before it.
     x, (reached, end), size, total = start.x, loads, largest, Counts()
     over, path, tries_all = system, list[SolvedIncrement](), False
     may_try_all = largest < end - reached and not any(term.needs_path for term in system.bound)
@@ -211,14 +209,12 @@ def solve_increment(
     context: SolverContext,
     report: Report = lambda iteration: None,
 ) -> tuple[Solved, System]:
-    """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads.
-
-    Also return the system over the increment. Friction has a potential while its normal forces
-    stay as they are. So the increment is solved with the normal forces at its begin, then with
-    those at this solution, and so on, until the forces with those at the solution itself balance
-    to LAGGED, or to the tolerance that was given. The first normal forces may be far off, as where
-    nothing touches at the begin, so the first passes are short.
-    """
+    """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads."""
+    # Also return the system over the increment. Friction has a potential while its normal forces
+    # stay as they are. So the increment is solved with the normal forces at its begin, then with
+    # those at this solution, and so on, until the forces with those at the solution itself balance
+    # to LAGGED, or to the tolerance that was given. The first normal forces may be far off, as
+    # where nothing touches at the begin, so the first passes are short.
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)
     if not any(term.needs_path for term in equation.system.bound):

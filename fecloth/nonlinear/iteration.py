@@ -48,25 +48,24 @@ def iterate(
     instead: np.ndarray | None = None,
     left: ErrorLeft | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
-
-    With `left` the iteration ends also where the error left is small against the error in time.
-
-    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
-    or takes too long, the error is `Equation.failure`.
-
-    Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
-    or s is no improvement of any length (`line_search.find_step`), with the first remedy for which
-    it is. With a potential the iteration always ends: the steps that are taken for their residual
-    alone halve the least one so far, so they are few, and all others lower the potential.
-
-    The iteration also ends where the residual is round-off. That is measured at the start if no
-    iteration is asked for, after an iteration that hardly moved the cloth and left more than a
-    quarter of the residual, and before a failure.
-    Then `Counts.limited` is 1, unless the forces are below a million times their round-off, as in a
-    cloth at rest, and the last iteration moved no node by 1e-7 of the extent of the cloth. If no
-    force exceeds its round-off, the residual counts as 0.
-    """
+    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times."""
+    # With `left` the iteration ends also where the error left is small against the error in time.
+    #
+    # If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
+    # or takes too long, the error is `Equation.failure`.
+    #
+    # Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
+    # or s is no improvement of any length (`line_search.find_step`), with the first remedy for
+    # which it is. With a potential the iteration always ends: the steps that are taken for their
+    # residual alone halve the least one so far, so they are few, and all others lower the
+    # potential.
+    #
+    # The iteration also ends where the residual is round-off. That is measured at the start if no
+    # iteration is asked for, after an iteration that hardly moved the cloth and left more than a
+    # quarter of the residual, and before a failure. Then `Counts.limited` is 1, unless the forces
+    # are below a million times their round-off, as in a cloth at rest, and the last iteration moved
+    # no node by 1e-7 of the extent of the cloth. If no force exceeds its round-off, the residual
+    # counts as 0.
     work, most = _Work(equation, context, left), context.options.max_iterations
     point = work.at(y, 0.0)
     if instead is not None and not np.isfinite(point.norm):
@@ -105,12 +104,10 @@ class RemedySearch:
         self.clamps = 0  # iterations that took the remedy `clamped`
 
     def to_try(self) -> Iterator[tuple[int, Remedy]]:
-        """Numbers and remedies in order.
-
-        After the first remedy, and after one that clamps, the first is tried again, then in the
-        first CLAMPED such iterations `clamped`, and then the remedies from `next` on. After any
-        other, the remedies from the next weaker one on are tried.
-        """
+        """Numbers and remedies in order."""
+        # After the first remedy, and after one that clamps, the first is tried again, then in the
+        # first CLAMPED such iterations `clamped`, and then the remedies from `next` on. After any
+        # other, the remedies from the next weaker one on are tried.
         numbers = list(range(len(self.order)))
         if self.last and not self.order[self.last].definite:
             tried = numbers[self.last - 1 :]
@@ -228,13 +225,11 @@ class _Work:
         return find_step(self.system.sums, at, point, step, *rules)
 
     def explore(self, point: Point, step: np.ndarray, searched: tuple[Point, float]):
-        """Return the end of a few whole Newton steps where that is lower than `searched`.
-
-        A sheet that is stiff in its plane stretches where a step turns it, so that a line search
-        allows only short steps. The next steps take this stretch back (the watchdog technique of
-        Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
-        alone goes on for 1, 2, 4, … iterations.
-        """
+        """Return the end of a few whole Newton steps where that is lower than `searched`."""
+        # A sheet that is stiff in its plane stretches where a step turns it, so that a line search
+        # allows only short steps. The next steps take this stretch back (the watchdog technique of
+        # Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
+        # alone goes on for 1, 2, 4, … iterations.
         potential, alpha = self.equation.potential, searched[1]
         if alpha >= 1.0 or not potential or not self.equation.explores:
             return searched
@@ -314,11 +309,9 @@ class _Work:
         return self.refine(point, step) if remedy.shift and self.slow_steps >= PATIENCE else step
 
     def refine(self, point: Point, step: np.ndarray) -> np.ndarray:
-        """The step of the exact matrix, by conjugate gradients with the factor that made `step`.
-
-        A direction without positive curvature ends them and is the result (Nocedal and Wright
-        2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
-        """
+        """The step of the exact matrix, by conjugate gradients with the factor that made `step`."""
+        # A direction without positive curvature ends them and is the result (Nocedal and Wright
+        # 2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
         first, equation = self.remedies.order[0], self.equation
         K = BlockMatrix.zeros(self.J.pattern, self.system.team)
         equation.assemble(point.y, first, K)

@@ -55,11 +55,9 @@ class StageEquation:
 
     @property
     def remedies(self) -> Remedies:
-        """The remedies of the option `definiteness`; their shift σ is a multiple of wa.
-
-        With a potential, tangents are clamped before mass is added. Without one nothing would keep
-        the iteration from a valley in which it then creeps.
-        """
+        """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
+        # With a potential, tangents are clamped before mass is added. Without one nothing would
+        # keep the iteration from a valley in which it then creeps.
         clamps = self.definiteness == "on_failure" and self.potential
         return Remedies(REMEDIES[self.definiteness], clamped=len(MULTIPLES) if clamps else None)
 
@@ -150,17 +148,16 @@ def solve(
     guess: np.ndarray | None = None,
     dt: float | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Return the unknown q (n, 3) of a stage, and the `Counts`.
-
-    It starts from the `guess`, or from zero where the potential is less there, without a guess, or
-    where the forces there are not finite. With contact both begin where `find_guess` leads. With
-    `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in time of
-    the step; without it, by the residual. If the solver holds a factor for the same weights, its
-    direction is tried first. The full step is taken if the residual falls; otherwise a new factor
-    is computed. `iteration.iterate` says how the length of a step is chosen, and what happens where
-    the matrix is not definite. The norm of the residual alone would not do to choose the length:
-    good steps that turn a cloth stretch it a little, and so increase the residual.
-    """
+    """Return the unknown q (n, 3) of a stage, and the `Counts`."""
+    # It starts from the `guess`, or from zero where the potential is less there, without a guess,
+    # or where the forces there are not finite. With contact both begin where `find_guess` leads.
+    # With `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in
+    # time of the step; without it, by the residual. If the solver holds a factor for the same
+    # weights, its direction is tried first. The full step is taken if the residual falls; otherwise
+    # a new factor is computed. `iteration.iterate` says how the length of a step is chosen, and
+    # what happens where the matrix is not definite. The norm of the residual alone would not do to
+    # choose the length: good steps that turn a cloth stretch it a little, and so increase the
+    # residual.
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())

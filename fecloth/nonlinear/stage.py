@@ -53,11 +53,9 @@ def hold_stage(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
 
 
 def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:
-    """Return the stage with its held directions at the prescribed `end` of the step.
-
-    There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held acceleration
-    is the change of the prescribed velocity over the step.
-    """
+    """Return the stage with its held directions at the prescribed `end` of the step."""
+    # There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held
+    # acceleration is the change of the prescribed velocity over the step.
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:

@@ -34,12 +34,10 @@ def by_new_names(owner: str, named: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checks_arguments(target: Target) -> Target:
-    """Let a class or function take texts with units, and refuse arguments that do not fit it.
-
-    A number may be a text with a unit where the type has a dimension, as
-    ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
-    `InputError` that has all arguments.
-    """
+    """Let a class or function take texts with units, and refuse arguments that do not fit it."""
+    # A number may be a text with a unit where the type has a dimension, as
+    # ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
+    # `InputError` that has all arguments.
     create: Any = vars(target)["__init__"] if isinstance(target, type) else target
 
     @functools.wraps(create)

@@ -68,11 +68,9 @@ class Formula:
         return self._value.at(numbers)
 
     def derivative(self, variable: str) -> "Formula":
-        """The exact derivative by a variable, to be called as the formula itself.
-
-        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value that
-        is not finite is refused.
-        """
+        """The exact derivative by a variable, to be called as the formula itself."""
+        # On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value
+        # that is not finite is refused.
         return replace(self, by=(*self.by, variable))
 
 

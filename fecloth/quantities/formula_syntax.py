@@ -174,14 +174,13 @@ _SlopeOf = Callable[[ast.expr], ast.expr | None]
 
 
 def derivative(node: ast.expr, variable: str) -> ast.expr:
-    """Return the syntax tree of the derivative of a formula with respect to `variable`.
-
-    `node` is the tree of a checked formula whose value is a number, not a condition. At a kink or
-    a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the derivative of
-    the second argument for min and max, and the derivative of the chosen part for where. For mod(a,
-    b) it is the derivative between the jumps. Parts that the formula and its derivative share are
-    the same nodes, so that the number of different nodes grows with the formula, not faster.
-    """
+    """Return the syntax tree of the derivative of a formula with respect to `variable`."""
+    # `node` is the tree of a checked formula whose value is a number, not a condition. At a kink or
+    # a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the derivative of
+    # the second argument for min and max, and the derivative of the chosen part for where. For
+    # mod(a, b) it is the derivative between the jumps. Parts that the formula and its derivative
+    # share are the same nodes, so that the number of different nodes grows with the formula, not
+    # faster.
     slopes: dict[int, ast.expr | None] = {}
 
     def slope_of(part: ast.expr) -> ast.expr | None:

@@ -60,11 +60,9 @@ class TimeFunction:
 def difference_quotient(
     function: Callable[[float], Any], t: float, since: float = -math.inf
 ) -> np.ndarray:
-    """The derivative of a function of time by differences of second order, over 2e-5 s.
-
-    It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
-    t − h is before `since`.
-    """
+    """The derivative of a function of time by differences of second order, over 2e-5 s."""
+    # It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
+    # t − h is before `since`.
     u, h = function, DIFFERENCE_STEP
     difference = u(t + h) - u(t - h) if t - h >= since else 4 * u(t + h) - 3 * u(t) - u(t + 2 * h)
     rate: np.ndarray = difference / (2 * h)

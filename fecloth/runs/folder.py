@@ -115,11 +115,9 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> "RunFolder":
-        """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
-
-        Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
-        tables, summary, resolved scene and log.
-        """
+        """Make an empty folder, or with `overwrite` clear an earlier run's files out of one."""
+        # Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
+        # tables, summary, resolved scene and log.
         path = Path(path)
         cls.refuse(path, overwrite)
         with writing(path):

@@ -98,10 +98,8 @@ def with_key(key: str, error: InputError, value: Any = None) -> str:
 
 @contextmanager
 def errors_at(key: str, where: str, data: Any = None, text: str = "") -> Iterator[None]:
-    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key.
-
-    `data` and `text`, of the scene and its file, add the type and the line of the table.
-    """
+    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key."""
+    # `data` and `text`, of the scene and its file, add the type and the line of the table.
     try:
         yield
     except SceneError:

@@ -104,13 +104,11 @@ _NAMED = (  # where a name may replace a table, and the key of the table for tha
 
 
 def override(data: dict, overrides: Iterable[str]) -> dict:
-    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
-
-    Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
-    plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
-    ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
-    an override of one key leaves the other keys to the name.
-    """
+    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``."""
+    # Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
+    # plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
+    # ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
+    # an override of one key leaves the other keys to the name.
     data = copy.deepcopy(data)
     for text in overrides:
         keys, value = _override(text)

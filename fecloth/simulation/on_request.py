@@ -60,12 +60,10 @@ def _two_probes(name: str, probes: list[str]) -> tuple[str, str]:
 
 
 def grip_width(system: System, pin: str) -> float:
-    """Return the length, in the flat cloth, of the line where held and free cloth meet [m].
-
-    It is the sum of the edges between two nodes of the pin that belong to a triangle with a free
-    node: of a held edge its length, of a held strip the length of its inner edge. `InputError` for
-    a pin that does not exist, or holds no edge.
-    """
+    """Return the length, in the flat cloth, of the line where held and free cloth meet [m]."""
+    # It is the sum of the edges between two nodes of the pin that belong to a triangle with a free
+    # node: of a held edge its length, of a held strip the length of its inner edge. `InputError`
+    # for a pin that does not exist, or holds no edge.
     groups = system.constraints.groups
     if pin not in groups:
         allowed = f"must be the force of one of the pins {', '.join(groups) or '(none)'}"
@@ -82,11 +80,9 @@ def grip_width(system: System, pin: str) -> float:
 
 
 def support_area(system: System) -> float:
-    """Return the area of what a drape lies on, as far as the cloth covers it [m²].
-
-    The top of an obstacle that is a round plate (`shapes.Disk`) or an upright `shapes.Cylinder`,
-    π R²; without such an obstacle the flat area of the triangles all of whose nodes pins hold.
-    """
+    """Return the area of what a drape lies on, as far as the cloth covers it [m²]."""
+    # The top of an obstacle that is a round plate (`shapes.Disk`) or an upright `shapes.Cylinder`,
+    # π R²; without such an obstacle the flat area of the triangles all of whose nodes pins hold.
     for term in system.terms:
         shape = parameters_of(term).get("shape")
         if isinstance(shape, shapes.Disk | shapes.Cylinder):
@@ -99,11 +95,9 @@ def support_area(system: System) -> float:
 
 
 def _bind_drape(system: System) -> Measure:
-    """Return the measure of a drape: (shadow − support)/(cloth − support).
-
-    A ring may stand for a disc: what its pins hold is then a hole, whose edge and middle are
-    triangles of the shadow, of the cloth and of the support.
-    """
+    """Return the measure of a drape: (shadow − support)/(cloth − support)."""
+    # A ring may stand for a disc: what its pins hold is then a hole, whose edge and middle are
+    # triangles of the shadow, of the cloth and of the support.
     cloth, support = system.cloth, support_area(system)
     triangles, middles = [Surface.from_cloth(cloth).triangles], list[np.ndarray]()
     for _, nodes in () if support else system.constraints.groups.values():
@@ -127,13 +121,11 @@ def _bind_drape(system: System) -> Measure:
 
 
 def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
-    """Return the area [m²] of the union of the triangles (m, 3), seen from above.
-
-    Lines y = constant, at equal distances, cross the shadow. On each line the intervals of the
-    triangles are exact, and parts that several triangles cover count once. Between the lines it is
-    the midpoint rule: the error is of order 2 in their distance, and below a thousandth of the area
-    also where edges are parallel to the lines.
-    """
+    """Return the area [m²] of the union of the triangles (m, 3), seen from above."""
+    # Lines y = constant, at equal distances, cross the shadow. On each line the intervals of the
+    # triangles are exact, and parts that several triangles cover count once. Between the lines it
+    # is the midpoint rule: the error is of order 2 in their distance, and below a thousandth of the
+    # area also where edges are parallel to the lines.
     corners = x[triangles, :2]
     order = np.argsort(corners[:, :, 1], axis=1)[:, :, None]
     (xa, ya), (xb, yb), (xc, yc) = np.take_along_axis(corners, order, 1).transpose(1, 2, 0)

@@ -28,12 +28,10 @@ PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
-    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
-
-    f is the mean force over the step. If the step has its own acceleration `a` and the force that
-    it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
-    constrained directions count: a slide has no reaction along its line or plane.
-    """
+    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed."""
+    # f is the mean force over the step. If the step has its own acceleration `a` and the force that
+    # it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
+    # constrained directions count: a slide has no reaction along its line or plane.
     if not system.constraints.groups:
         return {}
     if step.a is None:
@@ -51,12 +49,10 @@ def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
-    """Reaction [N] and least distance [m] of each obstacle at a state.
-
-    The reaction is the force with which the obstacle holds the cloth, friction included, as the
-    reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
-    system.
-    """
+    """Reaction [N] and least distance [m] of each obstacle at a state."""
+    # The reaction is the force with which the obstacle holds the cloth, friction included, as the
+    # reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
+    # system.
     row: dict[str, float] = {}
     terms = zip(system.names, system.bound, (acting or system).bound, strict=True)
     for name, term, over in terms:

@@ -86,12 +86,10 @@ def size_of(quantity: Quantity, record: RunRecord) -> float:
 
 
 def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
-    """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
-
-    Of probes it is the size of their displacements. Of paths it is the root mean square
-    √(∫ |b − a|² dt / T) over the steps of the run with fewer steps; each step counts with its end,
-    because reactions have no value at the start.
-    """
+    """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields."""
+    # Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b −
+    # a|² dt / T) over the steps of the run with fewer steps; each step counts with its end, because
+    # reactions have no value at the start.
     if quantity.is_field:
         return _norm(quantity, a, b, 1.0)
     if quantity.how == "path":
@@ -151,13 +149,11 @@ LEAST_SAMPLES = 4  # a cubic spline needs them
 
 
 def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal") -> float:
-    """Return the period of a signal that swings about a constant level [unit of times].
-
-    The times at which a cubic spline through the samples passes the level are
-    t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
-    level, needs three passages; with only two, T is twice the time between them. The level is
-    midway between the extremes or, with three passages, the mean over whole periods.
-    """
+    """Return the period of a signal that swings about a constant level [unit of times]."""
+    # The times at which a cubic spline through the samples passes the level are
+    # t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
+    # level, needs three passages; with only two, T is twice the time between them. The level is
+    # midway between the extremes or, with three passages, the mean over whole periods.
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:
         raise InputError(amount(len(times), "sample"), f"must be at least {LEAST_SAMPLES}", where)

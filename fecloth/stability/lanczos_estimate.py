@@ -53,11 +53,9 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
 
 
 def largest_rates(system: System, state: State) -> tuple[float, float]:
-    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth.
-
-    Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
-    quarter for P1, and that part counts in its place. Raises as `estimate` does.
-    """
+    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth."""
+    # Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
+    # quarter for P1, and that part counts in its place. Raises as `estimate` does.
     products, weights = _Products(system, state, 1.0, 1.0), ((1.0, 0.0), (0.0, 1.0))
     noise, rates = products.noise(), [0.0, 0.0]
     for i in range(1 + products.damped):

@@ -176,11 +176,9 @@ def derive_run(
     tolerance: float,
     report: Callable[..., None] = lambda *_: None,
 ) -> Derivation:
-    """Run a setup, and follow the derivatives by the parameters.
-
-    `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error of
-    a derivative over a step.
-    """
+    """Run a setup, and follow the derivatives by the parameters."""
+    # `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error
+    # of a derivative over a step.
     observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
     if recorded.only_start:

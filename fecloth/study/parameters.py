@@ -46,11 +46,9 @@ class Parameter:
 def choose_parameters(
     problem: Problem, asked: Asked | None, scale: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
-    """The parameters that are asked for, or all numbers of fabric and terms that are not 0.
-
-    It raises `InputError` for a name that is no number of the problem, for a number that changes
-    the mesh, the steps or the solver, and for a value of 0 without a scale.
-    """
+    """The parameters that are asked for, or all numbers of fabric and terms that are not 0."""
+    # It raises `InputError` for a name that is no number of the problem, for a number that changes
+    # the mesh, the steps or the solver, and for a value of 0 without a scale.
     if not isinstance(asked, str | Sequence | Mapping | None):
         raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
     known = dict(_numbers(problem))
@@ -137,10 +135,8 @@ def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
 
 
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
-    """The setup of the problem with other values, on nodes that belong to those of `base`.
-
-    It raises `InputError` if the values are refused, or change the triangles or the held nodes.
-    """
+    """The setup of the problem with other values, on nodes that belong to those of `base`."""
+    # It raises `InputError` if the values are refused, or change the triangles or the held nodes.
     try:
         changed = problem.changed(Change(values=_grouped(problem, values)))
         setup = changed.setup(base.cloth)

@@ -106,13 +106,11 @@ def _largest(values: np.ndarray) -> float:
 def slope_of_frequency(
     shapes: Modes, mode: int, sides: Sides, states: tuple[State, State]
 ) -> float:
-    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1.
-
-    It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
-    with the states there.
-    Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
-    It raises `InputError` for an unstable mode, or a mode without stiffness.
-    """
+    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1."""
+    # It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
+    # with the states there.
+    # Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
+    # It raises `InputError` for an unstable mode, or a mode without stiffness.
     omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
     if not omega2 > 0:
         what = f"frequency({mode}) = {f:.3g} Hz"

@@ -176,11 +176,9 @@ def _lost(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
 def describe_weak_terms(
     opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
 ) -> str:
-    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or "".
-
-    Hardly means: a number that doubles, or falls to zero, would change no quantity by more than the
-    tolerance, by its derivative.
-    """
+    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or ""."""
+    # Hardly means: a number that doubles, or falls to zero, would change no quantity by more than
+    # the tolerance, by its derivative.
     listed = choose_parameters(opened, None, {}) if isinstance(opened, SceneProblem) else ()
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:

@@ -197,11 +197,9 @@ def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
 
 
 def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
-    """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on.
-
-    `before` and `after` are the displacements of its motion at the two times. The velocity is that
-    of the rotation alone.
-    """
+    """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on."""
+    # `before` and `after` are the displacements of its motion at the two times. The velocity is
+    # that of the rotation alone.
     rotation = pin.rotate
     assert rotation is not None
     arm = (points - rotation.point - before) @ rotation.matrix(later, since=t).T

@@ -26,15 +26,12 @@ class Piece:
     outside: np.ndarray  # (h, 3, 3) projectors I − P onto the held directions of each held node
 
     def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
-        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].
-
-        A free piece has the linear and angular momentum of its nodes. A held one follows its pins:
-        Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions in which
-        no pin holds it, u has its linear momentum.
-        x and p (n, 3) are positions [m] and momenta M v [kg m/s], `mass` (n,) and `mass_x` (n, 3)
-        row sums of M [kg] and M x [kg m], `held_v` (n, 3) velocities of the pins, of which only the
-        held directions count.
-        """
+        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s]."""
+        # A free piece has the linear and angular momentum of its nodes. A held one follows its
+        # pins: Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions
+        # in which no pin holds it, u has its linear momentum. x and p (n, 3) are positions [m] and
+        # momenta M v [kg m/s], `mass` (n,) and `mass_x` (n, 3) row sums of M [kg] and M x [kg m],
+        # `held_v` (n, 3) velocities of the pins, of which only the held directions count.
         m, r = mass[self.nodes], x[self.nodes]
         if len(self.held):
             centre = mean_of_nodes(self.held, x, np.zeros(3))

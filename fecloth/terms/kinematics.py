@@ -14,11 +14,9 @@ from fecloth.terms.loops.green_strain import gradient, green_strain
 def deformation_gradient(
     cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None, triangles: slice = slice(None)
 ) -> np.ndarray:
-    """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
-
-    `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
-    Y. With `triangles`, the F of some of the triangles.
-    """
+    """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point."""
+    # `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
+    # Y. With `triangles`, the F of some of the triangles.
     G = cloth.gradients if gradients is None else gradients
     return np.einsum("eai,eqaj->eqij", x[cloth.stencil[triangles]], G[triangles])
 
@@ -77,10 +75,8 @@ def green_strains(F: np.ndarray) -> np.ndarray:
 def membrane_error(
     panel: Panel, strain: np.ndarray, moduli: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle, with ℂ (m, 6) [N/m].
-
-    `strain` (m, q, 3) is E11, E22, E12 along warp and weft at the points of `samples`.
-    """
+    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle, with ℂ (m, 6) [N/m]."""
+    # `strain` (m, q, 3) is E11, E22, E12 along warp and weft at the points of `samples`.
     cloth = panel.cloth
     gap = recovery_gap(cloth.X, cloth.stencil[:, :3], panel.material, strain, samples)
     gap[..., 2] *= 2

@@ -372,10 +372,8 @@ def is_description(value: object) -> bool:
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
-    """The nodes (m, k) that a term couples, or None.
-
-    Raises `InputError` for another shape, other numbers than whole ones, and unknown nodes.
-    """
+    """The nodes (m, k) that a term couples, or None."""
+    # Raises `InputError` for another shape, other numbers than whole ones, and unknown nodes.
     nodes, name = term.stencil(cloth), type(term).__name__
     if nodes is None:
         return None
@@ -391,10 +389,8 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term, checked and complete.
-
-    Raises `InputError` if it lacks an attribute or a function that a `BoundTerm` must have.
-    """
+    """The bound term, checked and complete."""
+    # Raises `InputError` if it lacks an attribute or a function that a `BoundTerm` must have.
     made = term.bind(panel, slots)
     wanted = list(ALWAYS)
     wanted += ["energy"] if getattr(made, "has_energy", False) else []

@@ -55,13 +55,11 @@ def render(
     fps: float | None = None,
     time: float | None = None,
 ) -> Path:
-    """Draw a run and return the path of the file.
-
-    The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time` [s],
-    by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks" for
-    squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per second,
-    is real time by default, within `FPS`.
-    """
+    """Draw a run and return the path of the file."""
+    # The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time`
+    # [s], by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks"
+    # for squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per
+    # second, is real time by default, within `FPS`.
     target = Path(target)
     _check_arguments(target, field, size, fps, time)
     series = frame_reader.Series.open(folder)

@@ -149,12 +149,10 @@ class Goal:
         return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
 
     def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
-        """Return the predicted candidate of each mesh and rule, the best first.
-
-        They are the cheapest within `margin` times the tolerance, or the most accurate within the
-        budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
-        have no noise.
-        """
+        """Return the predicted candidate of each mesh and rule, the best first."""
+        # They are the cheapest within `margin` times the tolerance, or the most accurate within the
+        # budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
+        # have no noise.
 
         def rank(error: Any, seconds: Any) -> Any:
             return error if self.has_budget else seconds

@@ -267,12 +267,10 @@ def answer(
     why: str,
     is_open: bool = False,
 ) -> Proof:
-    """Return the cheapest run that meets the goal; else what can be had, and `why` not more.
-
-    With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
-    come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
-    accurate runs, with a budget the fastest run.
-    """
+    """Return the cheapest run that meets the goal; else what can be had, and `why` not more."""
+    # With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
+    # come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
+    # accurate runs, with a budget the fastest run.
     rows = [run for run in each_once(runs) if run.is_ok and run.records and not run.choice.sharper]
     errors = {run.choice: float(yardstick.error(bench, run).max()) for run in rows}
     proved = proof if proof is not None and not proof.why and proof.meets(goal) else None

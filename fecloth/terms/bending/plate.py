@@ -170,11 +170,9 @@ class BoundPlate(BoundTerm):
         return panel_curvatures(self.panel, change, self.name)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
-        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
-
-        p are the points that stand for the normals. In a translation the work cancels with the
-        work of the pinned nodes, which take the opposite forces.
-        """
+        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp."""
+        # p are the points that stand for the normals. In a translation the work cancels with the
+        # work of the pinned nodes, which take the opposite forces.
         if self.plate.moved is None:
             return 0.0
         path = self.plate.held_at(new[1]) - self.plate.held_at(old[1])

@@ -67,10 +67,8 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
 
 
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Whether each straight way (m,) from a to b (m, 3) enters the shape and leaves it behind.
-
-    Behind means that the normals where it enters and leaves are more than a right angle apart.
-    """
+    """Whether each straight way (m,) from a to b (m, 3) enters the shape and leaves it behind."""
+    # Behind means that the normals where it enters and leaves are more than a right angle apart.
     through, way = np.zeros(len(a), bool), b - a
     length = np.sqrt(np.einsum("mi,mi->m", way, way))
     some = np.arange(len(a))

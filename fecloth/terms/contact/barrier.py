@@ -72,13 +72,11 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """κ [Pa] as it is given, or "auto" from the weight and the stiffness of the fabric.
-
-    That is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 % and
-    p = −b′. With the first one, a cloth that falls by its own extent still keeps about a fifth of
-    the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size rests at
-    nine tenths of the gap.
-    """
+    """κ [Pa] as it is given, or "auto" from the weight and the stiffness of the fabric."""
+    # That is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
+    # and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a
+    # fifth of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size
+    # rests at nine tenths of the gap.
     if stiffness != "auto":
         return float(stiffness)
     extent = panel.cloth.extent

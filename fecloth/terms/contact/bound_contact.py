@@ -89,11 +89,9 @@ class BoundContact(BoundTerm):
         return 0.0
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
-        """What slides at the positions x (n, 3) and the time t.
-
-        The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
-        for None the velocity at t.
-        """
+        """What slides at the positions x (n, 3) and the time t."""
+        # The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
+        # for None the velocity at t.
         raise NotImplementedError
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
@@ -150,11 +148,9 @@ class BoundContact(BoundTerm):
         return [(each, each.slip(each.values(v))) for each in sliding]
 
     def add_force(self, x, v, t, f) -> None:
-        """f += the force of the barrier, and friction [N].
-
-        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
-        cloth at rest is left out.
-        """
+        """f += the force of the barrier, and friction [N]."""
+        # At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
+        # cloth at rest is left out.
         self.add_forces(x, t, self.rubbing(x, v, t) if v.any() else (), f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
@@ -166,10 +162,8 @@ class BoundContact(BoundTerm):
         return sum(each.power(w) for each, w in self.rubbing(x, v, t))
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
-        """Work [J] on the cloth by a shape that deforms from the time `before` to t.
-
-        The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the end.
-        """
+        """Work [J] on the cloth by a shape that deforms from the time `before` to t."""
+        # The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the end.
         return 0.0
 
     @property

@@ -249,11 +249,9 @@ class BoundObstacle(BoundContact):
         return np.unique(np.concatenate(found))
 
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
-        """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
-
-        They get the distance that they had before, or a gap, and more if points inside triangles
-        need it.
-        """
+        """Nodes (n, 3), as the shape sees them, outside of what it has become at t."""
+        # They get the distance that they had before, or a gap, and more if points inside triangles
+        # need it.
         shape, pose = self.shape, self.shape.pose(t)
         wanted = np.minimum(shape.distance(y, before), self.gap)
         for more in MORE:

@@ -48,13 +48,11 @@ class Way:
 def find_guess(
     ways: Sequence[Way], x: np.ndarray, hold: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray | None:
-    """Positions (n, 3) near x that all contacts allow at the end of the step, or None.
-
-    Each node goes towards x until the first obstacle stops it. Then all nodes together go the part
-    of this way on which no triangle meets anything, from the place at the begin of the step, or
-    from where a body that moves has taken the cloth. `hold` puts nodes back where pins hold them.
-    The result does not depend on the order of the contacts.
-    """
+    """Positions (n, 3) near x that all contacts allow at the end of the step, or None."""
+    # Each node goes towards x until the first obstacle stops it. Then all nodes together go the
+    # part of this way on which no triangle meets anything, from the place at the begin of the step,
+    # or from where a body that moves has taken the cloth. `hold` puts nodes back where pins hold
+    # them. The result does not depend on the order of the contacts.
     places, parts = x, np.ones(len(x))
     for way in ways:
         own, there = way.stop(x)

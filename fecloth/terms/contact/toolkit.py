@@ -193,10 +193,8 @@ class ContactSets:
         return sparse.csr_matrix((values[own], where), shape=shape), d, energies
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
-        """The contacts at x with their normal forces and directions of sliding, for μ.
-
-        `parts` (m,) are what the normal forces are multiplied with.
-        """
+        """The contacts at x with their normal forces and directions of sliding, for μ."""
+        # `parts` (m,) are what the normal forces are multiplied with.
         lagged, contacts = self.toolkit.TangentialCollisions(), self.at(x)
         for number, part in enumerate(() if parts is None else parts):
             contacts[number].weight *= part
@@ -235,10 +233,8 @@ class ContactSets:
         return 1.0 if part >= 1.0 else RESERVE * part
 
     def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Those of the nodes `held` of whose edges or triangles one meets another from x to y.
-
-        The other one has held nodes only, too, or belongs to the fixed mesh.
-        """
+        """Those of the nodes `held` of whose edges or triangles one meets another from x to y."""
+        # The other one has held nodes only, too, or belongs to the fixed mesh.
         mesh, pairs = self.mesh, self.toolkit.Candidates()
         begin, end = self.nodes(x), self.nodes(y)
         pairs.build(mesh, begin, end, self.thickness)

@@ -68,13 +68,11 @@ class BoundCondition(BoundTerm):
         tangent: str = "symmetric",
         **own: Any,
     ) -> Self:
-        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel.
-
-        `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
-        everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
-        are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
-        `own` are the fields of a subclass.
-        """
+        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel."""
+        # `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
+        # everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
+        # are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
+        # `own` are the fields of a subclass.
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
         (m, k), r = nodes.shape, len(convex)
         rows = np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), float)
@@ -149,10 +147,8 @@ class RigidCondition(BoundCondition):
     objective = True
 
     def between(self, start: Array, x: Array) -> Self:
-        """The conditions with the values at rest for which C at x is ½ (C₀ + C₁).
-
-        The two ends of the step are at `start` and 2x − start.
-        """
+        """The conditions with the values at rest for which C at x is ½ (C₀ + C₁)."""
+        # The two ends of the step are at `start` and 2x − start.
         raise NotImplementedError
 
     def over_step(self, step: StepDifference) -> BoundTerm:

@@ -124,10 +124,8 @@ def add_tangent(
     per_node: Zeros, convex: Zeros, nodes: Array, slots: Array, c: Array, ks: Array, kd: Array,
     x: Array, v: Array, wx: float, wv: float, part: int, mixed: bool, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
-
-    `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
-    """
+    """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part."""
+    # `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
     k, n = len(per_node), len(convex)
     y, u = np.empty((k, 3)), np.empty((k, 3))
     C, Cdot, tension = np.empty(n), np.empty(n), np.empty(n)
