@@ -41,6 +41,9 @@ from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
+from .study.fitting.experiment import Experiment
+from .study.fitting.fit import fit
+from .study.fitting.result import Fit
 from .study.modes import Modes, modes
 from .study.sensitivities import sensitivity
 from .study.tuning.result import Tuned
@@ -100,9 +103,11 @@ __all__ = [
     "EnergyMomentum",
     "Equilibrium",
     "EquilibriumFailed",
+    "Experiment",
     "Fabric",
     "FeclothError",
     "FeclothWarning",
+    "Fit",
     "ForwardEuler",
     "Frames",
     "Gas",
@@ -161,6 +166,7 @@ __all__ = [
     "critical_dt",
     "equilibrium",
     "fields",
+    "fit",
     "hinge_angles",
     "lay_down",
     "load_scene",

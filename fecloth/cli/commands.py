@@ -160,6 +160,12 @@ COMMANDS = {
         ],
         "how much quantities depend on each number of a scene",
     ),
+    "fit": study(
+        "fecloth.study.fitting.file:fit",
+        [option("--starts", "number of starts (1, or as in the file)", type=int, metavar="N")],
+        "find the constants of a fabric from measurements, and what these do not tell",
+        scene=option("scene", "a FIT.toml file", metavar="fit"),
+    ),
     "simplify": study(
         "fecloth.study.simplification.simplify:simplify",
         [shared.QUANTITIES, shared.SET, shared.tolerance("change")],

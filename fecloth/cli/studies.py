@@ -27,10 +27,14 @@ def run_study(command: Command, options: Namespace) -> int:
         first, second = paths
         print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
         return 0
-    scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
+    arguments = {key: getattr(options, key) for key in own}
+    if SET in command.options:
+        scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
+    else:  # the file names scenes, which the study reads
+        scenes, arguments["trust_geo"] = paths, options.trust_geo
     result = command.load()(
         scenes if len(scenes) > 1 else scenes[0],
-        **{key: getattr(options, key) for key in own},
+        **arguments,
         cache=options.output or "out",  # without -o all commands share the finished cases
         jobs=options.jobs,
         scheduler=options.scheduler,

@@ -5,8 +5,10 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
+
+import numpy as np
 
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.integrators import EXPLICIT, METHODS
@@ -19,7 +21,7 @@ from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
-from fecloth.simulation.quantity_values import value_of
+from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.study import status
 from fecloth.study.derivation import derive_run, find_rest
 from fecloth.study.fingerprint import load_function
@@ -47,16 +49,17 @@ class Sought:
     parameters: tuple[Parameter, ...]
     quantities: tuple[Quantity, ...]
     tolerance: float
+    whole: bool = False  # whether of the quantities, which are columns, all rows are wanted
 
     def settings(self) -> list[object]:
         """What `of` takes, in JSON's types."""
         listed = [[p.name, p.value, p.width] for p in self.parameters]
-        return [listed, [quantity.text for quantity in self.quantities], self.tolerance]
+        return [listed, [quantity.text for quantity in self.quantities], self.tolerance, self.whole]
 
     @classmethod
-    def of(cls, parameters: list, quantities: list, tolerance: float) -> Self:
+    def of(cls, parameters: list, quantities: list, *more: Any) -> Self:
         listed = tuple(Parameter(*each) for each in parameters)
-        return cls(listed, tuple(map(parse_quantity, quantities)), tolerance)
+        return cls(listed, tuple(map(parse_quantity, quantities)), *more)
 
 
 def derive_case(problem: Problem, sought: Sought) -> dict:
@@ -80,7 +83,11 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
     asked = on_request(quantity.column for quantity in sought.quantities)
     setup = replace(setup, probes=(*setup.probes, *asked))
     exactly = sought.tolerance * OF_STEPS, status.check_time_limit
+    if sought.whole:
+        recorded = replace(recorded, whole=True, only_start=False)
     derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
+    if sought.whole:
+        return _derive_columns(Slopes(setup, derivation, problem.probes, _column), sought)
     slopes = Slopes(setup, derivation, problem.probes)
     state = getattr(derivation.result, "state", setup.start)
     shapes = _modes(setup.system, state, sought.quantities)
@@ -103,6 +110,18 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
     steps: dict[str, Any] = {"sizes": list(derivation.sizes), "method": derivation.method}
     steps["why"] = derivation.why
     return {"values": values, "slopes": rows, **steps}
+
+
+def _column(quantity: Quantity, record: RunRecord) -> np.ndarray:
+    return record.column(quantity)[:, 0]
+
+
+def _derive_columns(slopes: Slopes, sought: Sought) -> dict:
+    """The rows of each quantity, and of its derivative by each parameter over its width."""
+    numbers = range(len(sought.parameters))
+    rows = [[slopes.slope(q, i).tolist() for i in numbers] for q in sought.quantities]
+    values = [slopes.value(quantity).tolist() for quantity in sought.quantities]
+    return {"values": values, "slopes": rows, "times": slopes.derivation.times.tolist()}
 
 
 def _modes(system: System, state: State, quantities: Sequence[Quantity]) -> Any:
@@ -182,26 +201,42 @@ TASKS: dict[str, Callable[..., dict]] = {"derive": derive_case, "twin": run_twin
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A case of a sensitivity, in words for the progress lines, and its predicted size."""
+    """A run with derivatives or its twin, in words for the progress lines; its predicted size."""
 
+    problem: Problem
+    sought: Sought
     task: str
     words: str
     size: Workload
-    settings: Mapping[str, object]  # of `run_twin`
+    settings: Mapping[str, object] = field(default_factory=dict)  # of `run_twin`
+
+    @property
+    def runner(self) -> Callable[..., dict] | None:
+        """What runs it in any process; None for a task of this process alone."""
+        functions = any(quantity.function for quantity in self.sought.quantities)
+        if functions or not self.problem.is_importable:
+            return None
+        return run_scene if isinstance(self.problem, SceneProblem) else run_function
+
+    def case(self) -> dict[str, object]:
+        sought = {"task": self.task, "sought": self.sought.settings()}
+        return {**self.problem.case(), **sought, **self.settings}
 
 
-def run_tasks(problem: Problem, sought: Sought, tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """The rows of some tasks, stored where other processes can run the problem."""
-    functions = any(quantity.function for quantity in sought.quantities)
-    if functions or not problem.is_importable:
+def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """The rows of some tasks, stored where other processes can run their problems."""
 
-        def run(task: Task) -> dict:
-            arguments = {"problem": problem, "sought": sought, **task.settings}
-            return status.attempt(TASKS[task.task], arguments, runs.time_limit)
+    def run(task: Task) -> dict:
+        arguments = {"problem": task.problem, "sought": task.sought, **task.settings}
+        return status.attempt(TASKS[task.task], arguments, runs.time_limit)
 
-        return run_here(tasks, run, runs.quiet)
-    runner = run_scene if isinstance(problem, SceneProblem) else run_function
-    cases = [
-        {**problem.case(), "task": t.task, "sought": sought.settings(), **t.settings} for t in tasks
-    ]
-    return run_stored(tasks, cases, runner, runs)
+    rows: dict[int, dict] = {}
+    for runner in dict.fromkeys(task.runner for task in tasks):
+        own = {i: task for i, task in enumerate(tasks) if task.runner is runner}
+        listed = list(own.values())
+        if runner is None:
+            new = run_here(listed, run, runs.quiet)
+        else:
+            new = run_stored(listed, [task.case() for task in listed], runner, runs)
+        rows |= dict(zip(own, new, strict=True))
+    return [rows[i] for i in range(len(tasks))]

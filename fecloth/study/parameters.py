@@ -51,7 +51,7 @@ def choose_parameters(
     # the mesh, the steps or the solver, and for a value of 0 without a scale.
     if not isinstance(asked, str | Sequence | Mapping | None):
         raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
-    known = dict(_numbers(problem))
+    known = dict(numbers_of(problem))
     if asked is None:
         names: Sequence[str] = [name for name in _usual(problem, known) if known[name]]
         if not names:
@@ -71,7 +71,7 @@ def choose_parameters(
 def _parameter(
     problem: Problem, name: str, known: Mapping[str, float], scale: Mapping[str, float]
 ) -> Parameter:
-    _refuse_sizes(problem, name)
+    refuse_sizes(problem, name)
     if name not in known:
         listed = ", ".join(known) or "no number"
         allowed = f"must be a number of the problem: {listed}"
@@ -85,7 +85,7 @@ def _parameter(
     return Parameter(name, value, float(width))
 
 
-def _refuse_sizes(problem: Problem, name: str) -> None:
+def refuse_sizes(problem: Problem, name: str) -> None:
     """Refuse what changes the mesh, the steps or the solver."""
     if isinstance(problem, SceneProblem):
         table = name.partition(".")[0]
@@ -101,7 +101,7 @@ def _refuse_sizes(problem: Problem, name: str) -> None:
         raise InputError(f"parameter {name!r}", "changes the mesh or the steps", WHERE, remedy)
 
 
-def _numbers(problem: Problem) -> Iterator[tuple[str, float]]:
+def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
     """Names and values of all numbers that are not whole numbers."""
     if isinstance(problem, SceneProblem):
         listed = _flatten("", {k: v for k, v in problem.tables.items() if k not in REFUSED})
@@ -138,7 +138,7 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
     """The setup of the problem with other values, on nodes that belong to those of `base`."""
     # It raises `InputError` if the values are refused, or change the triangles or the held nodes.
     try:
-        changed = problem.changed(Change(values=_grouped(problem, values)))
+        changed = problem.changed(Change(values=grouped(problem, values)))
         setup = changed.setup(base.cloth)
     except InputError as error:
         allowed = "needs values on both sides of its own: " + str(error)
@@ -152,7 +152,7 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
     return setup
 
 
-def _grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
+def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
     """Values by the arguments of a function: items of a list together; of a scene as they are."""
     if isinstance(problem, SceneProblem):
         return dict(values)

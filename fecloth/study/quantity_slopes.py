@@ -1,7 +1,7 @@
 """Derivatives of quantities of interest, from the derivatives of what a run recorded."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,15 +42,16 @@ class Slopes:
     setup: Setup
     derivation: Derivation
     probes: tuple[str, ...]
+    read: Callable[[Quantity, RunRecord], Any] = value_of  # a number, or values over the run
 
-    def value(self, quantity: Quantity) -> float:
+    def value(self, quantity: Quantity) -> Any:
         return self._value_at(quantity, 0, 0.0)
 
-    def slope(self, quantity: Quantity, number: int) -> float:
+    def slope(self, quantity: Quantity, number: int) -> Any:
         """The derivative by the parameter of this number, from 0."""
         size = self._size(quantity, number)
         if not size:
-            return 0.0
+            return 0.0 * self.value(quantity)
         plus, minus = (self._value_at(quantity, number, sign * size) for sign in (1.0, -1.0))
         return (plus - minus) / (2 * size)
 
@@ -73,7 +74,7 @@ class Slopes:
         start, end = self.derivation.starts[number], self.derivation.ends[number]
         return Along(end.x - start.x, end.v)
 
-    def _value_at(self, quantity: Quantity, number: int, size: float) -> float:
+    def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
         d = self.derivation
         slopes, moved = d.slopes[number], self._moved(number)
         columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
@@ -86,7 +87,7 @@ class Slopes:
         if quantity.function:
             value = float(quantity.function(self._result_at(number, size, columns)))
             record = replace(record, values={quantity.text: value})
-        return value_of(quantity, record)
+        return self.read(quantity, record)
 
     def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
         result, end = self.derivation.result, self.derivation.ends[number]

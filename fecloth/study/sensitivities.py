@@ -146,8 +146,8 @@ def _answer(
     size, count = opened.workload(FIRST), len(sought.parameters)
     cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
-    task = Task("derive", f"run and {amount(count, 'derivative')}", cost, {})
-    (row,) = run_tasks(opened, sought, [task], runs)
+    task = Task(opened, sought, "derive", f"run and {amount(count, 'derivative')}", cost)
+    (row,) = run_tasks([task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
     shape = len(sought.quantities), count
@@ -210,6 +210,8 @@ def _check(
     signs = np.where(slopes[0] < 0, -1.0, 1.0)
     tasks = [
         Task(
+            opened,
+            sought,
             "twin",
             f"twin run, numbers {'+' if way > 0 else '-'} {100 * step:g} %",
             size,
@@ -217,7 +219,7 @@ def _check(
         )
         for way in (1.0, -1.0)
     ]
-    plus, minus = run_tasks(opened, sought, tasks, runs)
+    plus, minus = run_tasks(tasks, runs)
     if failed := next((each for each in (plus, minus) if each["status"] != OK), None):
         return np.full(len(slopes), np.inf), f"a twin run failed: {failed['cause']}"
     change = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * step)

@@ -1,0 +1,1 @@
+"""`fit`: constants from measurements, and what the measurements do not tell."""

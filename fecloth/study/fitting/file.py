@@ -1,0 +1,79 @@
+"""FIT.toml: the experiments and parameters of a fit in a file."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fecloth.errors import InputError, SceneError, did_you_mean
+from fecloth.scene import toml_text
+from fecloth.scene.scene import load_scene
+from fecloth.study.fitting import fit as by_experiments
+from fecloth.study.fitting.experiment import Experiment
+from fecloth.study.fitting.result import Fit
+
+KEYS = ("title", "parameters", "fabric", "experiments", "starts", "refined")
+OF_EXPERIMENTS = ("scene", "data", "along", "quantity", "sigma", "offset", "fitted", "name")
+NEEDED = ("scene", "data", "quantity")
+
+
+def fit(
+    path: str | Path, *, starts: int | None = None, trust_geo: bool = False, **shared: Any
+) -> Fit:
+    """Do the fit of a TOML file; its paths are relative to its folder.
+
+    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. It raises
+    `SceneError` for keys that are missing or unknown, beside the errors of `fit`.
+    """
+    path = Path(path)
+    tables = toml_text.read(path)
+    _check_keys(tables, KEYS, ("parameters", "experiments"), str(path))
+    listed = tables["experiments"]
+    if not (isinstance(listed, list) and all(isinstance(each, dict) for each in listed)):
+        raise SceneError("experiments", "must be [[experiments]] tables", str(path))
+    experiments = [
+        _experiment(path, number, table, trust_geo) for number, table in enumerate(listed)
+    ]
+    fabric = tables.get("fabric")
+    if isinstance(fabric, dict) and "file" in fabric:
+        fabric = fabric | {"file": str(path.parent.resolve() / fabric["file"])}
+    return by_experiments.fit(
+        experiments,
+        dict(_flatten("", tables["parameters"])),
+        fabric=fabric,
+        starts=tables.get("starts", 1) if starts is None else starts,
+        refined=tables.get("refined", True),
+        title=tables.get("title", path.stem),
+        **shared,
+    )
+
+
+def _experiment(path: Path, number: int, table: Mapping[str, Any], trust_geo: bool) -> Experiment:
+    where = f"{path}: experiments.{number}"
+    _check_keys(table, OF_EXPERIMENTS, NEEDED, where)
+    given = {key: value for key, value in table.items() if key != "scene"}
+    given["data"] = path.parent / table["data"]
+    scene = load_scene(path.parent / table["scene"], trust_geo=trust_geo)
+    try:
+        return Experiment(scene, **given)
+    except InputError as error:
+        raise SceneError(error.what, error.allowed, where, error.remedy) from None
+
+
+def _check_keys(
+    table: Mapping, known: tuple[str, ...], needed: tuple[str, ...], where: str
+) -> None:
+    for key in table:
+        if key not in known:
+            allowed = f"unknown key; must be one of {', '.join(known)}"
+            raise SceneError(key, allowed, where, did_you_mean(key, known))
+    for key in needed:
+        if key not in table:
+            raise SceneError(f"{key} is missing", f"needed are {', '.join(needed)}", where)
+
+
+def _flatten(name: str, value: Any) -> list[tuple[str, Any]]:
+    """Keys with dots, whether they are quoted or tables within tables."""
+    if not isinstance(value, Mapping):
+        return [(name, value)]
+    inner = (_flatten(f"{name}.{k}" if name else k, v) for k, v in value.items())
+    return [pair for pairs in inner for pair in pairs]

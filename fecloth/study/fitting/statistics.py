@@ -1,0 +1,113 @@
+"""What the points of a fit tell: covariance, what is not told, and whether the law can meet them.
+
+With the residuals r in units of their uncertainty and J = ∂r/∂u, the covariance of u is J⁺ Σ J⁺ᵀ,
+J⁺ = (JᵀJ)⁻¹Jᵀ, where Σ is 1 for independent errors and, for the mean of R repeats, their sample
+covariance over R. Singular values s of J are the inverse of the uncertainties of combinations of u.
+Source: Seber and Wild (1989), Nonlinear Regression, sections 2.1 and 3.3.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.sparse.csgraph import connected_components
+
+from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
+
+UNTOLD = 0.5  # standard uncertainty of u above which the data do not tell it: a factor of 1.65
+LEAST_SINGULAR = 1e-2  # below it, a combination is known to no better than exp(100)
+TOGETHER = 0.05  # entry of a projection above which two unknowns are told only together
+LEVEL = 0.005  # probability of the scatter below which the law is wrong
+COVERAGE = 0.95  # of an interval
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """What the points tell of the unknowns."""
+
+    covariance: np.ndarray  # (m, m) of u
+    told: np.ndarray  # (m,) whether the data tell an unknown
+    together: tuple[tuple[int, ...], ...]  # unknowns that are told only in combination
+    misfit: float  # χ² over its degrees of freedom; NaN without any
+    probability: float  # of scatter that gives as much misfit, by the least likely curve
+    quantile: float  # half an interval over the standard uncertainty
+
+    @property
+    def law_fails(self) -> bool:
+        return self.probability < LEVEL
+
+
+def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
+    blocks = fitting.blocks
+    J, r = end.jacobian(blocks), end.residual(blocks)
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    if len(s) < J.shape[1]:  # fewer points than unknowns
+        U, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((J.shape[1] - len(s), J.shape[1]))]))
+    kept = np.maximum(s, LEAST_SINGULAR)
+    spread = np.sqrt(np.sum((Vt.T / kept) ** 2, axis=1))
+    known = 1 / kept <= UNTOLD
+    inverse = (Vt.T / kept) @ U[: len(r), : len(s)].T  # J⁺
+    freedom = len(r) - int(known.sum())
+    misfit = float(r @ r) / freedom if freedom > 0 else np.nan
+    covariance = _covariance(fitting, blocks, inverse) * np.fmax(misfit, 1.0)
+    return Statistics(
+        covariance,
+        spread <= UNTOLD,
+        _groups(Vt[~known], spread > UNTOLD),
+        misfit,
+        _probability(fitting, end, blocks, freedom / len(r)),
+        float(stats.t.ppf(0.5 + COVERAGE / 2, _free_repeats(fitting, blocks, freedom))),
+    )
+
+
+def _covariance(fitting: Fitting, blocks: Sequence[Block], inverse: np.ndarray) -> np.ndarray:
+    """Σ over the blocks of J⁺ Σ J⁺ᵀ."""
+    ends = np.cumsum([fitting.free(block) for block in blocks])[:-1]
+    total = np.zeros((len(inverse), len(inverse)))
+    for block, part in zip(blocks, np.split(inverse, ends, axis=1), strict=True):
+        points = fitting.specimens[block[0]].points[block[1]]
+        if points.scatter is None:
+            total += part @ part.T
+        else:
+            repeats = part @ (points.scatter / points.sigma).T  # (m, R): u of each repeat
+            R = repeats.shape[1]
+            total += repeats @ repeats.T / (R * (R - 1))
+    return total
+
+
+def _free_repeats(fitting: Fitting, blocks: Sequence[Block], freedom: int) -> int:
+    """The least degrees of freedom of an uncertainty."""
+    scatters = [fitting.specimens[i].points[k].scatter for i, k in blocks]
+    return min([max(freedom, 1), *(len(each) - 1 for each in scatters if each is not None)])
+
+
+def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], ...]:
+    """Unknowns that are told only together: connected by the projection on what is not told."""
+    projection = np.abs(untold.T @ untold) > TOGETHER
+    count, labels = connected_components(projection, directed=False)
+    groups = (np.flatnonzero((labels == label) & is_weak) for label in range(count))
+    return tuple(tuple(int(i) for i in group) for group in groups if len(group))
+
+
+def _probability(fitting: Fitting, end: Evaluation, blocks: Sequence[Block], share: float) -> float:
+    """The probability that scatter alone gives such residuals, by the least likely part.
+
+    Independent errors follow χ². The mean of R repeats follows F with R − 1 degrees of freedom
+    below, and above with the number of ways in which the repeats differ, (tr Σ)²/tr Σ².
+    """
+    points = {block: fitting.specimens[block[0]].points[block[1]] for block in blocks}
+    single = [block for block in blocks if points[block].scatter is None]
+    probabilities = [1.0]
+    if single:
+        r = end.residual(single)
+        if (freedom := share * len(r)) > 0:
+            probabilities.append(float(stats.chi2.sf(r @ r, freedom)))
+    for block in blocks:
+        scatter, r = points[block].scatter, end.residuals[block]
+        if scatter is not None and share > 0:
+            values = np.linalg.svd(scatter, compute_uv=False) ** 2
+            ways = values.sum() ** 2 / (values**2).sum()
+            mean = r @ r / len(r) / share
+            probabilities.append(float(stats.f.sf(mean, ways, len(scatter) - 1)))
+    return min(probabilities)

@@ -1,0 +1,133 @@
+"""The answer of a fit in words: constants, what is not told, the law, mesh and step."""
+
+from collections.abc import Iterator, Sequence
+from typing import get_type_hints
+
+import numpy as np
+
+from fecloth.errors import amount
+from fecloth.fabric.fabric import Fabric
+from fecloth.quantities.units import Dimension
+from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
+from fecloth.study.fitting.statistics import Statistics
+from fecloth.study.result import in_percent, with_uncertainty
+
+PARTS = 3  # of a curve, for where the law fails
+SHOWN = 4  # parts of curves, the worst ones
+TELLING = 0.02  # of the largest value of a curve: residuals above it are said
+BENDING = "a strip that hangs over an edge, or a fold,"
+HINTS = (  # words in the names of unknowns, and what would tell them
+    (("shear_stiffness", "poisson_ratio"), "the width of a strip under tension"),
+    (("bending",), BENDING),
+    (("bias_rigidity",), "a strip cut at 45° that hangs over an edge"),
+    (("shear_stiffness",), "a strip cut at 45° under tension"),
+    (("poisson_ratio",), "the width of a strip under tension"),
+    (("tensile_stiffness",), "a strip under tension along that direction"),
+    (("areal_density",), "the weight of the cloth"),
+    (("time", "damping", "drag"), "a motion that dies away"),
+)
+
+
+def unit_of(name: str) -> str:
+    """The SI unit of a constant of the fabric; "" of any other."""
+    key = name.split(".")[1] if name.startswith("fabric.") else ""
+    hint = get_type_hints(Fabric, include_extras=True).get(key)
+    marks = [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Dimension)]
+    return marks[0].si if marks else ""
+
+
+def describe_value(name: str, value: float, interval: tuple[float, float]) -> str:
+    """A constant with half of its interval, as far as it is told."""
+    half = (interval[1] - interval[0]) / 2
+    if np.isfinite(half):
+        return f"{name} = {with_uncertainty(value, half, unit_of(name))} (95 %)"
+    return f"{name} = {value:.4g} {unit_of(name)}".rstrip() + ", no interval"
+
+
+def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
+    """A sentence for each combination that the data do not tell."""
+    for group in facts.together:
+        names = [fitting.unknowns[i].name for i in group]
+        short = [name.removeprefix("fabric.") for name in names]
+        words = short[0] if len(short) == 1 else f"{short[0]} apart from {' and '.join(short[1:])}"
+        hint = next((h for keys, h in HINTS if _all_in(keys, names)), "")
+        yield f"these tests do not tell {words}" + (f": {hint} would" if hint else "")
+
+
+def _all_in(keys: Sequence[str], names: Sequence[str]) -> bool:
+    return all(any(key in name for name in names) for key in keys)
+
+
+def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterator[str]:
+    """That the law is wrong, and what each part of each curve would want."""
+    if not facts.law_fails:
+        return
+    yield (
+        "the law is wrong, not the constants: the residuals are "
+        f"{np.sqrt(facts.misfit):.2g} times the uncertainty of the points"
+    )
+    wants = [want for block in fitting.blocks for want in _wants(fitting, end, block)]
+    for _, sentence in sorted(wants, reverse=True)[:SHOWN]:
+        yield sentence
+
+
+def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[float, str]]:
+    """How far each part of a curve is off, and the value that it wants of what matters most."""
+    specimen = fitting.specimens[block[0]]
+    points = specimen.points[block[1]]
+    places = np.arange(len(points.values)) if points.along is None else points.along
+    order = np.argsort(places, kind="stable")
+    for rows in np.array_split(order, PARTS if len(order) >= PARTS else 1):
+        r, J = end.residuals[block][rows], end.jacobians[block][rows]
+        J = J[:, : len(fitting.constants)]
+        far = float(np.abs((r * points.sigma[rows]).mean()))
+        if far < TELLING * points.largest or not J.any():
+            continue
+        k = int(np.argmax((J**2).sum(axis=0)))
+        change = float(-(J[:, k] @ r) / (J[:, k] @ J[:, k]))
+        each = fitting.constants[k]
+        at = float(end.u[k])
+        wanted = each.at(at + float(np.clip(change, -5.0, 5.0)))
+        span = f" from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
+        where = span.rstrip() if points.along is not None else ""
+        name = specimen.experiment.label
+        sentence = f"{name}{where} wants {each.name} = {wanted:.3g}, not {each.at(at):.3g}"
+        yield far / points.largest, sentence
+
+
+def describe_resolution(
+    numerical: dict[str, float], intervals: dict[str, tuple[float, float]]
+) -> Iterator[str]:
+    """Constants that mesh and step shift by more than half of their interval."""
+    for name, shift in numerical.items():
+        half = (intervals[name][1] - intervals[name][0]) / 2
+        if abs(shift) > half:
+            yield (
+                f"not resolved: half of h and dt shifts {name} by {shift:+.2g}, its interval "
+                f"is ± {half:.2g}; take a finer mesh or shorter steps"
+            )
+
+
+def describe_predictions(fitting: Fitting, end: Evaluation) -> Iterator[str]:
+    """How far the fit is off where an experiment is compared only."""
+    for block in fitting.all_blocks:
+        specimen = fitting.specimens[block[0]]
+        if not specimen.experiment.fitted:
+            points, r = specimen.points[block[1]], end.residuals[block]
+            share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
+            yield (
+                f"not fitted: {specimen.experiment.label}, {points.column}: computed values are off "
+                f"by {in_percent(share)} of the largest (rms), {np.sqrt(np.mean(r**2)):.2g} times "
+                "the uncertainty of the points"
+            )
+
+
+def describe_fit(fitting: Fitting, facts: Statistics) -> str:
+    """How many constants were fitted to how many points, and the misfit."""
+    blocks = fitting.blocks
+    constants = amount(len(fitting.constants), "constant")
+    points = amount(sum(map(fitting.free, blocks)), "point")
+    experiments = amount(len({i for i, _ in blocks}), "experiment")
+    size = f"misfit {facts.misfit:.3g} (1 is the scatter)"
+    misfit = size if np.isfinite(facts.misfit) else "as many unknowns as points: no misfit is known"
+    return f"{constants} fitted to {points} of {experiments}: {misfit}"
