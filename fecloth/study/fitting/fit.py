@@ -143,6 +143,13 @@ def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
 
+def _describe_signs(fitting: Fitting, end: Evaluation) -> Iterator[str]:
+    for block, experiment, points, _ in _blocks(fitting):
+        if block in end.computed and end.computed[block].values @ points.values < 0:
+            column = f"{experiment.label}: {points.column}"
+            yield f"{column} has the sign opposite to {points.quantity}; is its direction right?"
+
+
 def _describe_starts(place: Place) -> Iterator[str]:
     if place.starts > 1:
         yield f"{place.same} of {place.starts} starts end at these constants"
@@ -178,6 +185,7 @@ def _summarise(
     ]
     return Fit(
         title=title,
+        warnings=tuple(_describe_signs(fitting, end)),
         verdict="\n".join(verdict),
         table=_table(fitting, values, intervals, numerical),
         values=values,

@@ -48,7 +48,7 @@ def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
     spread = np.sqrt(np.sum((Vt.T / kept) ** 2, axis=1))
     known = 1 / kept <= UNTOLD
     inverse = (Vt.T / kept) @ U[: len(r), : len(s)].T  # J⁺
-    freedom = len(r) - int(known.sum())
+    freedom = len(r) - int((s > LEAST_SINGULAR).sum())
     misfit = float(r @ r) / freedom if freedom > 0 else np.nan
     covariance = _covariance(fitting, blocks, inverse) * np.fmax(misfit, 1.0)
     return Statistics(

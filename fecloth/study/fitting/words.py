@@ -75,9 +75,10 @@ def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[fl
     """How far each part of a curve is off, and the value that it wants of what matters most."""
     specimen = fitting.specimens[block[0]]
     points = specimen.points[block[1]]
-    places = np.arange(len(points.values)) if points.along is None else points.along
+    is_curve = points.along is not None
+    places = points.along if points.along is not None else np.zeros(len(points.values))
     order = np.argsort(places, kind="stable")
-    for rows in np.array_split(order, PARTS if len(order) >= PARTS else 1):
+    for rows in np.array_split(order, PARTS if is_curve and len(order) >= PARTS else 1):
         r, J = end.residuals[block][rows], end.jacobians[block][rows]
         J = J[:, : len(fitting.constants)]
         far = float(np.abs((r * points.sigma[rows]).mean()))
@@ -89,7 +90,7 @@ def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[fl
         at = float(end.u[k])
         wanted = each.at(at + float(np.clip(change, -5.0, 5.0)))
         span = f" from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
-        where = span.rstrip() if points.along is not None else ""
+        where = span.rstrip() if is_curve else ""
         name = specimen.experiment.label
         sentence = f"{name}{where} wants {each.name} = {wanted:.3g}, not {each.at(at):.3g}"
         yield far / points.largest, sentence
@@ -116,9 +117,9 @@ def describe_predictions(fitting: Fitting, end: Evaluation) -> Iterator[str]:
             points, r = specimen.points[block[1]], end.residuals[block]
             share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
             yield (
-                f"not fitted: {specimen.experiment.label}, {points.column}: computed values are off "
-                f"by {in_percent(share)} of the largest (rms), {np.sqrt(np.mean(r**2)):.2g} times "
-                "the uncertainty of the points"
+                f"not fitted: {specimen.experiment.label}: {points.column} is off by "
+                f"{in_percent(share)} of the largest value (rms), {np.sqrt(np.mean(r**2)):.2g} "
+                "times the uncertainty of the points"
             )
 
 

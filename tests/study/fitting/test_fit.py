@@ -1,0 +1,242 @@
+"""`fit`: closed forms, what is not told, wrong laws, offsets, starts, files and mistakes."""
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.errors import InputError, SceneError
+from fecloth.study.fitting import file as fit_file
+
+WIDTH, LENGTH, DRAWN = 0.5, 1.0, 0.1
+
+
+def strip(h, stiffness=1000.0, B=1e-5, drawn=DRAWN):
+    """A strip between two grips; F = Y W s (s² − 1)/2 with the stretch s = 1 + drawn."""
+    cloth = fc.Cloth.rectangle(LENGTH, WIDTH, h, pattern="right")
+    fabric = fc.Fabric(0.2, stiffness, bending_rigidity=B)
+    system = fc.System(cloth, fabric, [fc.StVK()], ["left", "right"])
+    return cloth, system, None, system.state(system.rest().x * [1.0 + drawn, 1.0, 1.0])
+
+
+def force(stiffness, drawn=DRAWN):
+    s = 1 + drawn
+    return stiffness * WIDTH * s * (s**2 - 1) / 2
+
+
+def drawn_strip(values, **more):
+    data = {"force [N]": values}
+    return fc.Experiment(strip, data, quantity={"force": "reaction.right.x"}, h=0.25, **more)
+
+
+def test_constant_and_interval_by_their_closed_form():
+    """The mean of F counts: ln Y has the uncertainty σ/(F √n)."""
+    values = force(1234.0) * np.array([0.99, 1.01, 1.0, 1.0])
+    answer = fc.fit([drawn_strip(values, sigma=0.02 * force(1234.0))], {"stiffness": 900.0})
+    assert answer.values["stiffness"] == pytest.approx(1234.0, rel=1e-6)
+    half = 3.1824463 * 0.02 / 2  # the 97.5 % point of t with 3 degrees of freedom
+    assert answer.intervals["stiffness"] == pytest.approx(1234.0 * np.exp([-half, half]), rel=1e-3)
+    assert answer.covariance[0, 0] == pytest.approx((1234.0 * 0.01) ** 2, rel=1e-3)
+    assert answer.misfit == pytest.approx(2 * 0.5**2 / 3, rel=1e-3)
+    assert answer.identified == ("stiffness",)
+    assert answer.numerical["stiffness"] == pytest.approx(0.0, abs=1e-3)
+    assert answer.exit_status == 0
+
+
+@pytest.mark.parametrize("start", [100.0, 10000.0])
+def test_a_start_ten_times_off_ends_at_the_same_place(start):
+    answer = fc.fit([drawn_strip([force(1000.0)], sigma="1 %")], {"stiffness": start})
+    assert answer.values["stiffness"] == pytest.approx(1000.0, rel=1e-4)
+
+
+def test_a_constant_that_does_not_act_is_named_and_has_no_interval():
+    experiment = drawn_strip([force(1000.0)], sigma="1 %")
+    answer = fc.fit([experiment], {"stiffness": 900.0, "B": 1e-5}, refined=False)
+    assert answer.identified == ("stiffness",)
+    assert np.isnan(answer.intervals["B"]).all()
+    assert np.isnan(answer.numerical["B"])
+    assert answer.values["B"] == pytest.approx(1e-5)
+    assert "these tests do not tell B" in answer.verdict
+    assert "B = 1e-05, no interval" in answer.verdict
+    assert answer.exit_status == 1
+
+
+def test_two_strips_that_want_two_stiffnesses_show_a_wrong_law():
+    def slack(h, stiffness=1000.0):
+        return strip(h, 1.2 * stiffness)
+
+    first = drawn_strip(3 * [force(1000.0)], sigma="1 %", name="first")
+    data = {"force [N]": 3 * [force(1000.0)]}
+    second = fc.Experiment(
+        slack, data, quantity={"force": "reaction.right.x"}, h=0.25, sigma="1 %", name="second"
+    )
+    answer = fc.fit([first, second], {"stiffness": 900.0}, refined=False)
+    assert answer.law_fails
+    assert "the law is wrong, not the constants" in answer.verdict
+    Y = 1000 * 2.2 / 2.44  # of the least sum (Y − 1000)² + (1.2 Y − 1000)²
+    wanted = Y * np.exp(-(1.2 * Y - 1000) / (1.2 * Y))  # by the derivative
+    assert answer.values["stiffness"] == pytest.approx(Y, rel=1e-4)
+    assert f"second wants stiffness = {wanted:.3g}, not {Y:.3g}" in answer.verdict
+    assert answer.verdict.count("second wants") == 1
+    assert np.isnan(answer.intervals["stiffness"]).all()
+    assert answer.exit_status == 1
+
+
+def test_the_sign_of_a_force():
+    answer = fc.fit([drawn_strip([-force(1000.0)], sigma="1 %")], {"stiffness": 900.0})
+    assert "force has the sign opposite to reaction.right.x" in answer.warnings[0]
+
+
+def test_without_sigma_2_percent_are_assumed_and_said():
+    answer = fc.fit([drawn_strip([force(1000.0)])], {"stiffness": 900.0})
+    assert answer.remarks == ("data: no sigma is given, so 2 % of the largest value is assumed",)
+
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 1000.0
+[[terms]]
+type = "StVK"
+[[pins]]
+where = "left"
+[[pins]]
+name = "grip"
+where = "right"
+motion = ["0.1*t", "0", "0"]
+[[probes]]
+name = "grip"
+where = "right"
+[equilibrium]
+load_steps = 8
+"""
+FIT = """
+[parameters]
+"fabric.tensile_stiffness.0" = 600.0
+"fabric.tensile_stiffness.1" = 600.0
+[fabric]
+areal_density = 0.2
+shear_stiffness = 300.0
+[[experiments]]
+scene = "strip.toml"
+data = "tension.csv"
+along = { extension = "grip.x" }
+quantity = { force = "reaction.grip.x" }
+sigma = "1 %"
+offset = true
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A scene, points that begin 10 mm before the strip is taut, and FIT.toml."""
+    places = np.linspace(0.01, 0.09, 9)
+    rows = [f"{1e3 * (a + 0.01):.9g},{force(800.0, a):.9g}" for a in places]
+    (tmp_path / "tension.csv").write_text("extension [mm],force [N]\n" + "\n".join(rows))
+    (tmp_path / "strip.toml").write_text(SCENE)
+    (tmp_path / "FIT.toml").write_text(FIT)
+    return tmp_path
+
+
+def test_curve_with_an_offset_from_a_file(folder):
+    answer = fit_file.fit(folder / "FIT.toml", cache=folder)
+    warp, weft = (f"fabric.tensile_stiffness.{i}" for i in (0, 1))
+    assert answer.values[warp] == pytest.approx(800.0, rel=1e-5)
+    assert answer.offsets["tension.csv"] == pytest.approx(0.01, rel=1e-4)
+    assert answer.identified == (warp,)
+    assert np.isnan(answer.intervals[weft]).all()
+    assert "do not tell tensile_stiffness.1: a strip under tension along that" in answer.verdict
+    assert answer.fabric["shear_stiffness"] == 300.0
+    assert list(answer.fabric["uncertainty"]) == ["tensile_stiffness.0"]
+
+
+def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):
+    from fecloth.cli.main import main
+
+    command = ["fit", str(folder / "FIT.toml"), "-o", str(folder / "out")]
+    assert main(command) == 1  # the weft is not told
+    first = capsys.readouterr()
+    assert "tensile_stiffness.0 = 800" in first.out
+    assert "[evaluation 1] misfit" in first.err
+    written = {path.name for path in (folder / "out").iterdir()}
+    assert {"fitted.toml", "points.csv", "report.html", "results.csv", "figure.png"} <= written
+    stored = len(list((folder / "out" / "cache").iterdir()))
+    assert main(command) == 1
+    assert capsys.readouterr().out == first.out
+    assert len(list((folder / "out" / "cache").iterdir())) == stored
+
+
+def test_an_experiment_that_is_compared_only(folder):
+    text = FIT + FIT[FIT.index("[[exp") :].replace(
+        'sigma = "1 %"', 'fitted = false\nname = "other"'
+    )
+    (folder / "FIT.toml").write_text("refined = false\n" + text)
+    rows = list(fit_file.fit(folder / "FIT.toml").experiments)
+    assert [row["fitted"] for row in rows] == ["yes", "no"]
+    assert rows[1]["rms %"] < 0.1
+    assert rows[1]["offset"] == pytest.approx(0.01, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('force = "reaction', 'forces = "reaction', "column 'forces': is not in the file"),
+        ("reaction.grip.x", "reaction.grap.x", "unknown quantity"),
+        ('{ extension = "grip.x" }', '{ extension = "grip.q" }', "unknown quantity"),
+        ('"fabric.tensile_stiffness.1" = 600.0', "", "needs both numbers of the pair"),
+        ("[fabric]", '"fabric.tensil" = 1.0\n[fabric]', "unknown key"),
+        ("[fabric]", '"cloth.h" = 1.0\n[fabric]', "changes the mesh"),
+        ("[fabric]", '"terms.0.time" = 1.0\n[fabric]', "is no number of any fitted"),
+        ("offset = true", "ofset = true", "Did you mean 'offset'"),
+        ("[parameters]", "[parameter]", "Did you mean 'parameters'"),
+        ('data = "tension.csv"', "", "data is missing"),
+        ("600.0", '"a"', "must be"),
+        ("offset = true", "fitted = false", "at least one must be fitted"),
+        ("offset = true", "", "is beyond what the run reaches, 0 to 0.1 m"),
+    ],
+)
+def test_a_mistake_has_one_line_before_the_first_run(folder, monkeypatch, old, new, words):
+    from fecloth.study.fitting import evaluation
+
+    monkeypatch.setattr(evaluation, "run_tasks", lambda *_: pytest.fail("a run"))
+    (folder / "FIT.toml").write_text(FIT.replace(old, new))
+    if "beyond" in words:
+        with (folder / "tension.csv").open("a") as stream:
+            stream.write("\n101,50")
+    with pytest.raises(InputError, match=words) as error:
+        fit_file.fit(folder / "FIT.toml")
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_curve_of_one_load_step(folder):
+    (folder / "strip.toml").write_text(SCENE.replace("load_steps = 8", "load_steps = 1"))
+    with pytest.raises(InputError, match="load_steps = 10"):
+        fit_file.fit(folder / "FIT.toml")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"starts": 0}, "from 1 to 100"),
+        ({"fabric": {"areal_density": 0.2}}, "is for scenes"),
+        ({"most_seconds": 1e-9}, "predicted time above"),
+    ],
+)
+def test_refused_arguments(given, words):
+    with pytest.raises(InputError, match=words):
+        fc.fit([drawn_strip([1.0])], {"stiffness": 900.0}, **given)
+
+
+def test_missing_file_of_a_fit(tmp_path):
+    with pytest.raises(SceneError, match="no such file"):
+        fit_file.fit(tmp_path / "FIT.toml")
+
+
+def test_several_starts_say_how_many_agree():
+    answer = fc.fit([drawn_strip([force(1000.0)])], {"stiffness": 900.0}, starts=3, refined=False)
+    assert "3 of 3 starts end at these constants" in answer.remarks

@@ -1,0 +1,95 @@
+"""What points tell of the unknowns: closed forms of linear regression, thresholds, repeats."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fecloth.study.fitting.evaluation import Evaluation, Fitting
+from fecloth.study.fitting.measured import Measured
+from fecloth.study.fitting.statistics import LEVEL, UNTOLD, statistics
+from fecloth.study.fitting.unknowns import Unknown
+from fecloth.study.run_problems import Runs
+
+
+def facts_of(J, r, scatter=None, names=None):
+    """Statistics of residuals r, in units of their uncertainty, with ∂r/∂u = J."""
+    J, r = np.array(J, dtype=float), np.array(r, dtype=float)
+    points = Measured("f", "f", "N", 0 * r, 1 + 0 * r, np.arange(len(r)), scatter)
+    specimen = SimpleNamespace(points=(points,), experiment=SimpleNamespace(fitted=True))
+    unknowns = [Unknown(f"p{i}", 1.0, 0.0) for i in range(J.shape[1])]
+    fitting = Fitting((specimen,), tuple(unknowns), Runs())
+    u = np.zeros(J.shape[1])
+    return statistics(fitting, Evaluation(u, {}, {}, {(0, 0): r}, {(0, 0): J}))
+
+
+X = np.linspace(1.0, 10.0, 10)
+
+
+def test_covariance_of_a_straight_line():
+    """y = a x + b: the inverse of [[Σx², Σx], [Σx, n]], Seber and Wild, section 2.1."""
+    facts = facts_of(np.stack([X, np.ones(10)], axis=1), 0.1 * (-1.0) ** np.arange(10))
+    expected = np.linalg.inv([[X @ X, X.sum()], [X.sum(), 10.0]])
+    assert facts.covariance == pytest.approx(expected, rel=1e-9)
+    assert facts.misfit == pytest.approx(10 * 0.01 / 8)
+    assert facts.quantile == pytest.approx(stats.t.ppf(0.975, 8))
+
+
+def test_residuals_larger_than_sigma_widen_the_covariance():
+    r = 2.0 * (-1.0) ** np.arange(10)
+    facts = facts_of(X[:, None], r)
+    assert facts.misfit == pytest.approx(40 / 9)
+    assert facts.covariance[0, 0] == pytest.approx(40 / 9 / (X @ X), rel=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "told"), [(0.8, True), (1.25, False)])
+def test_threshold_of_what_is_told(factor, told):
+    """A column of length s has the uncertainty 1/s."""
+    J = np.zeros((10, 2))
+    J[:5, 0], J[5:, 1] = 10.0, 1 / (factor * UNTOLD) / np.sqrt(5)
+    facts = facts_of(J, np.zeros(10))
+    assert facts.told.tolist() == [True, told]
+    assert facts.together == (() if told else ((1,),))
+
+
+def test_only_the_sum_of_two_unknowns_is_told():
+    J = np.stack([X, X, X**2, 0 * X], axis=1)
+    facts = facts_of(J, np.zeros(10))
+    assert facts.told.tolist() == [False, False, True, False]
+    assert facts.together == ((0, 1), (3,))
+
+
+def test_fewer_points_than_unknowns():
+    facts = facts_of([[10.0, 10.0]], [0.0])
+    assert facts.together == ((0, 1),)
+    assert np.isnan(facts.misfit)
+    assert not facts.law_fails
+
+
+@pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
+def test_threshold_of_the_law(factor, fails):
+    """Residuals whose probability by χ² is 0.8 and 1.25 times the level."""
+    chi = stats.chi2.isf(factor * LEVEL, 9)
+    r = np.sqrt(chi / 10) * np.ones(10)
+    facts = facts_of(X[:, None], r)
+    assert facts.probability == pytest.approx(factor * LEVEL, rel=1e-6)
+    assert facts.law_fails == fails
+
+
+def test_covariance_from_repeats_is_the_scatter_of_their_fits():
+    """Each repeat is a line of its own: var(a) = Σ(a_r − ā)²/(R (R − 1))."""
+    slopes = np.array([-0.3, 0.1, 0.2])
+    facts = facts_of(X[:, None], np.zeros(10), scatter=np.outer(slopes, X))
+    assert facts.covariance[0, 0] == pytest.approx(slopes @ slopes / (3 * 2), rel=1e-9)
+    assert facts.quantile == pytest.approx(stats.t.ppf(0.975, 2))
+
+
+@pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
+def test_threshold_of_the_law_by_repeats(factor, fails):
+    """Repeats that differ in one way only: F with 1 and R − 1 degrees of freedom."""
+    scatter = np.outer([-0.3, 0.1, 0.2], X)
+    mean = stats.f.isf(factor * LEVEL, 1, 2)
+    facts = facts_of(X[:, None], np.sqrt(mean * 9 / 10) * np.ones(10), scatter=scatter)
+    assert facts.probability == pytest.approx(factor * LEVEL, rel=1e-6)
+    assert facts.law_fails == fails
