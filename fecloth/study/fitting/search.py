@@ -8,10 +8,12 @@ from scipy.stats import qmc
 
 from fecloth.errors import FeclothError, InputError
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
+from fecloth.study.fitting.statistics import statistics
 
-PULL = 0.03  # towards the start, per unit of u: for what the data do not tell, and nothing else
-EXACT = {"xtol": 1e-4, "ftol": 1e-6, "gtol": 1e-9}
-MOST = 60  # evaluations of a start
+PULL = 0.3  # towards the center, per unit of u: it holds what the data do not tell
+EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}
+HOLD = 10.0  # the same for what is known not to be told
+MOST, FEW = 60, 8  # evaluations of a start, and on finer meshes
 SPREAD = np.log(3.0)  # of other starts, in u: between a third and three times the first
 SAME = 0.02  # of u: ends of two starts that are the same place
 
@@ -26,6 +28,8 @@ class Search:
 
     fitting: Fitting
     center: np.ndarray  # (m,) where the pull is to
+    pull: np.ndarray  # (k, m) its rows, beside the residuals
+    most: int = MOST
     known: dict[bytes, Evaluation] = field(default_factory=dict)
 
     def at(self, u: np.ndarray) -> Evaluation:
@@ -36,11 +40,12 @@ class Search:
         return self.known[key]
 
     def residual(self, u: np.ndarray) -> np.ndarray:
-        return np.append(self.at(u).residual(self.fitting.blocks), PULL * (u - self.center))
+        pulled = self.pull @ (u - self.center)
+        return np.append(self.at(u).residual(self.fitting.blocks), pulled)
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
         rows = self.at(u).jacobian(self.fitting.blocks)
-        return np.concatenate([rows, PULL * np.eye(len(u))])
+        return np.concatenate([rows, self.pull])
 
     def run(self, begin: np.ndarray) -> Evaluation:
         """Search from `begin`; a failed run there ends it."""
@@ -50,7 +55,7 @@ class Search:
         limits = np.array([each.bounds for each in self.fitting.unknowns]).T
         bounds = (-np.inf, np.inf) if np.isinf(limits).all() else limits
         solved = least_squares(
-            self.residual, begin, self.jacobian, bounds, x_scale=1.0, max_nfev=MOST, **EXACT
+            self.residual, begin, self.jacobian, bounds, x_scale=1.0, max_nfev=self.most, **EXACT
         )
         return self.at(solved.x)
 
@@ -73,7 +78,7 @@ def search(fitting: Fitting, starts: int) -> Place:
         raise InputError(f"starts = {starts!r}", "must be an integer from 1 to 100", "fit")
     ends = []
     for begin in _begins(fitting, starts):
-        ends.append(Search(fitting, begin).run(begin))
+        ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
     ran = [end for end in ends if not end.cause]
     if not ran:
         remedy = "Begin elsewhere, or give starts = 5."
@@ -84,8 +89,13 @@ def search(fitting: Fitting, starts: int) -> Place:
 
 
 def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
-    """Go on from the end of a search, with finer meshes and shorter steps."""
-    return Search(fitting, np.zeros_like(end.u)).run(end.u)
+    """Go on from the end of a search, with finer meshes and shorter steps.
+
+    Combinations that the data do not tell stay as they are.
+    """
+    untold = statistics(fitting, end).untold
+    pull = np.concatenate([PULL * np.eye(len(end.u)), HOLD * untold])
+    return Search(fitting, end.u, pull, FEW).run(end.u)
 
 
 def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:

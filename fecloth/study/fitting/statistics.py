@@ -28,6 +28,7 @@ class Statistics:
 
     covariance: np.ndarray  # (m, m) of u
     told: np.ndarray  # (m,) whether the data tell an unknown
+    untold: np.ndarray  # (k, m) unit vectors of combinations of u that the data do not tell
     together: tuple[tuple[int, ...], ...]  # unknowns that are told only in combination
     misfit: float  # χ² over its degrees of freedom; NaN without any
     probability: float  # of scatter that gives as much misfit, by the least likely curve
@@ -54,6 +55,7 @@ def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
     return Statistics(
         covariance,
         spread <= UNTOLD,
+        Vt[~known],
         _groups(Vt[~known], spread > UNTOLD),
         misfit,
         _probability(fitting, end, blocks, freedom / len(r)),
