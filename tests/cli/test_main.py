@@ -349,7 +349,7 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     assert stop.value.code == 2
     told = capsys.readouterr().err
     commands = (
-        "run, view, render, check, converge, compare, sweep, chart, stability, sensitivity, "
+        "run, view, render, check, converge, compare, sweep, chart, stability, sensitivity, fit, "
         "simplify, tune, modes, new, mesh, info"
     )
     assert f"{wrong!r}: must be one of {commands}." in told

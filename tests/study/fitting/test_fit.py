@@ -38,7 +38,7 @@ def test_constant_and_interval_by_their_closed_form():
     assert answer.covariance[0, 0] == pytest.approx((1234.0 * 0.01) ** 2, rel=1e-3)
     assert answer.misfit == pytest.approx(2 * 0.5**2 / 3, rel=1e-3)
     assert answer.identified == ("stiffness",)
-    assert answer.numerical["stiffness"] == pytest.approx(0.0, abs=1e-3)
+    assert answer.numerical["stiffness"] == pytest.approx(0.0, abs=0.01)  # of an interval of ± 39
     assert answer.exit_status == 0
 
 
