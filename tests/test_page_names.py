@@ -17,6 +17,7 @@ from fecloth.integrators.step import Opening
 from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
 from fecloth.simulation.march import StepInfo
+from fecloth.study.fitting.file import KEYS, OF_EXPERIMENTS
 
 # what a call or a name in a code span may begin with, beside fecloth's own
 ROOTS = {"system": fc.System, "cloth": fc.Cloth, "fabric": fc.Fabric, "state": fc.State}
@@ -104,7 +105,7 @@ def test_keys_of_scenes_exist():
     for span in SPANS:
         with contextlib.suppress(tomllib.TOMLDecodeError):
             if " = " in span and (given := tomllib.loads(span)):
-                assert last_key(given) in schema_keys(), span
+                assert last_key(given) in {*schema_keys(), *KEYS, *OF_EXPERIMENTS}, span
 
 
 # --- what it says ---------------------------------------------------------------------------------

@@ -247,8 +247,8 @@ def test_one_per_cent_from_the_twin_runs_is_the_limit(part, exists, monkeypatch)
 def test_twin_runs_find_a_wrong_derivative(monkeypatch):
     right = sensitivities.run_tasks
 
-    def wrong(problem, sought, tasks, runs):
-        rows = right(problem, sought, tasks, runs)
+    def wrong(tasks, runs):
+        rows = right(tasks, runs)
         for row in rows:
             if "slopes" in row:
                 row["slopes"] = (1.02 * np.array(row["slopes"])).tolist()
@@ -396,7 +396,7 @@ restitution = 1.0
 def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, monkeypatch):
     """The quantity changes by 1e-5 of its value: its derivative is judged as any other."""
 
-    def rows(problem, sought, tasks, runs):
+    def rows(tasks, runs):
         answer = {"status": "ok", "sizes": [], "method": "", "why": ""}
         if tasks[0].task == "derive":
             return [answer | {"values": [1.0], "slopes": [[1e-5]]}]

@@ -10,6 +10,8 @@ from scipy.optimize import minimize_scalar
 from fecloth.errors import InputError
 from fecloth.study.fitting.measured import Measured
 
+SPARE = 0.05  # of the curve: how far beyond its end it goes on straight
+
 
 @dataclass(frozen=True, eq=False)
 class Computed:
@@ -48,9 +50,9 @@ def computed_curve(
     a, q, da, dq = a[known], q[known], da[known], dq[known]
     if len(a) and a[-1] < a[0]:
         a, q, da, dq = a[::-1], q[::-1], da[::-1], dq[::-1]
-    _check_order(a, points)
     assert points.along is not None
     places = points.along - shift
+    _check_order(a, points, places if shift == 0 else np.zeros(1))
     inside = np.clip(places, a[0], a[-1])
     curve = CubicSpline(a, q)
     slope = curve(inside, 1)
@@ -76,8 +78,8 @@ def _finite(row: Mapping, number: int) -> tuple[np.ndarray, np.ndarray]:
     return values, slopes
 
 
-def _check_order(a: np.ndarray, points: Measured) -> None:
-    """Refuse a run with too few rows, or that goes back along the curve."""
+def _check_order(a: np.ndarray, points: Measured, places: np.ndarray) -> None:
+    """Refuse a run with too few rows, that goes back, or that ends before the last place."""
     if len(a) < 2:
         what = f"the run has {len(a)} rows with a value of {points.quantity}"
         remedy = "Give more steps: [equilibrium] load_steps = 10, or a smaller dt."
@@ -85,3 +87,7 @@ def _check_order(a: np.ndarray, points: Measured) -> None:
     if not (np.diff(a) > 0).all():
         what = "the run goes back, or stands still, along the curve"
         raise InputError(what, "each row must be farther", "Experiment", 'Take along = "t".')
+    if places.max() - a[-1] > SPARE * np.ptp(a):
+        what = f"{points.column} is measured up to {places.max():.6g} {points.along_unit}".rstrip()
+        remedy = "Move the grip farther, run longer, or leave points out."
+        raise InputError(what, f"the run reaches {a[-1]:.6g}", "Experiment", remedy)

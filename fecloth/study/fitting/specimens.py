@@ -11,6 +11,7 @@ import numpy as np
 from fecloth.errors import InputError, did_you_mean
 from fecloth.fabric.fabric import Fabric
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import Change, Level
 from fecloth.study.derived_cases import Sought
@@ -20,6 +21,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Parameter, grouped, numbers_of, refuse_sizes
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.setups import Setup
+from fecloth.system.state import State
 
 FINER = 2.0  # divides h and dt
 SAMPLES = 41  # times at which the motion of grips is looked at
@@ -180,24 +182,26 @@ def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -
 
 
 def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
-    """The range of t, or of the changes of a grip, before the run; None if only the run tells."""
+    """The range of t, or of the changes of a quantity of the grips; None if only the run tells.
+
+    It is a quantity of the grips if it stays the same where all free nodes lie elsewhere.
+    """
     start, end = setup.start, setup.t_end
     if end is None:
         return None
     if quantity is None:
         return start.t, end
-    name, _, component = quantity.name.rpartition(".")
-    probe = next((probe for probe in setup.probes if probe.name == name), None)
-    constraints = setup.system.constraints
-    if probe is None or component not in "xyz" or not len(constraints.nodes):
+    constraints, spread = setup.system.constraints, np.ptp(setup.cloth.X)
+    elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
+    values = []
+    for t in np.linspace(start.t, end, SAMPLES):
+        target = constraints.target(start.t, t - start.t, start.x)[0]
+        for x in (start.x, elsewhere):
+            state = State(float(t), constraints.hold(x, target), np.zeros_like(x))
+            row = Observer.bind(setup.system, state, setup.probes, shape=True).row(None, None)
+            values.append(row.get(quantity.column, np.nan))
+    here, there = np.reshape(values, (SAMPLES, 2)).T
+    if not np.allclose(here, there, rtol=0, atol=1e-9 * spread):
         return None
-    row, axis = probe.weights(setup.cloth), "xyz".index(component)
-    held = np.isin(row.indices, constraints.nodes[constraints.projectors[:, axis, axis] < 0.5])
-    if not held.all():
-        return None
-    times = np.linspace(start.t, end, SAMPLES)
-    changes = [
-        (row @ (constraints.target(start.t, t - start.t, start.x)[0] - start.x))[0, axis]
-        for t in times
-    ]
-    return float(min(changes)), float(max(changes))
+    changes = here - here[0]
+    return float(changes.min()), float(changes.max())

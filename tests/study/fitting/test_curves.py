@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fecloth.errors import InputError
-from fecloth.study.fitting.curves import best_shift, computed_curve, computed_values
+from fecloth.study.fitting.curves import SPARE, best_shift, computed_curve, computed_values
 from fecloth.study.fitting.measured import Measured
 
 PLACES = np.array([0.1, 0.25, 0.4])
@@ -45,8 +45,18 @@ def test_a_shift_moves_the_places():
 
 
 def test_beyond_the_rows_the_curve_goes_on_straight():
-    result = computed_curve(row(), 1, 0, points(np.array([-0.1, 1.6])), 0.0)
-    assert result.values == pytest.approx([0.0, 2 * 1.5**2 + 4 * 1.5 * 0.1], abs=2e-3)
+    result = computed_curve(row(), 1, 0, points(np.array([-0.1, 1.57])), 0.0)
+    assert result.values == pytest.approx([0.0, 2 * 1.5**2 + 4 * 1.5 * 0.07], abs=2e-3)
+
+
+@pytest.mark.parametrize(("beyond", "fits"), [(0.8, True), (1.25, False)])
+def test_points_far_beyond_the_run_are_refused(beyond, fits):
+    measured = points(np.array([0.1, 1.5 * (1 + beyond * SPARE)]))
+    if fits:
+        assert len(computed_curve(row(), 1, 0, measured, 0.0).values) == 2
+    else:
+        with pytest.raises(InputError, match=r"is measured up to 1.59375: the run reaches 1.5"):
+            computed_curve(row(), 1, 0, measured, 0.0)
 
 
 def test_a_curve_that_goes_down_is_read_backwards():

@@ -5,7 +5,9 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError, SceneError
+from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.fitting import file as fit_file
+from fecloth.study.fitting.specimens import known_reach
 
 WIDTH, LENGTH, DRAWN = 0.5, 1.0, 0.1
 
@@ -240,3 +242,17 @@ def test_missing_file_of_a_fit(tmp_path):
 def test_several_starts_say_how_many_agree():
     answer = fc.fit([drawn_strip([force(1000.0)])], {"stiffness": 900.0}, starts=3, refined=False)
     assert "3 of 3 starts end at these constants" in answer.remarks
+
+
+def test_the_reach_of_a_grip_is_known_before_the_run():
+    def swinging(h):
+        cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+        pin = fc.Pin("right", motion=lambda t: (0.03 * t, 0.0, 0.0))
+        system = fc.System(cloth, fc.Fabric(0.2, 1000.0), [fc.StVK()], ["left", pin])
+        return cloth, system, fc.BDF2(), system.rest()
+
+    probes = [fc.Probe("grip", "right"), fc.Probe("middle", point=(0.5, 0.25))]
+    setup = fc.study.of(swinging, h=0.25, dt=0.1, t_end=2.0, probes=probes).problem.first
+    assert known_reach(setup, parse_quantity("grip.x")) == pytest.approx((0.0, 0.06))
+    assert known_reach(setup, parse_quantity("middle.x")) is None
+    assert known_reach(setup, None) == (0.0, 2.0)
