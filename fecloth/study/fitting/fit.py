@@ -2,31 +2,23 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
-
-import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.study.change import FIRST
-from fecloth.study.fitting import words
-from fecloth.study.fitting.evaluation import PRICE, Block, Evaluation, Fitting
+from fecloth.study.fitting.answer import summarise
+from fecloth.study.fitting.evaluation import PRICE, Fitting
 from fecloth.study.fitting.experiment import Experiment
-from fecloth.study.fitting.measured import ASSUMED, Measured
-from fecloth.study.fitting.result import Fit, Interval
+from fecloth.study.fitting.result import Fit
 from fecloth.study.fitting.search import Place, refine, search
-from fecloth.study.fitting.specimens import fabric_with, open_specimens
-from fecloth.study.fitting.statistics import statistics
+from fecloth.study.fitting.specimens import open_specimens
 from fecloth.study.fitting.unknowns import make_unknowns
-from fecloth.study.problems import SceneProblem
-from fecloth.study.result import Cell, Table, in_percent
 from fecloth.study.run_problems import Runs
 from fecloth.study.workload import check_size
 
 EVALUATIONS = 8  # that a start usually takes
 HOW = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
-NO_INTERVAL = (float("nan"), float("nan"))
 
 
 def fit(
@@ -128,7 +120,7 @@ def fit(
     if not all(each.fitted for each in listed):
         end = fitting.evaluate(end.u, only_fitted=False)
         remarks += [f"not compared: {end.cause}"] if end.cause else []
-    return _summarise(fitting, end, coarse, title, remarks)
+    return summarise(fitting, end, coarse, title, remarks)
 
 
 def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
@@ -143,170 +135,6 @@ def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
 
-def _describe_signs(fitting: Fitting, end: Evaluation) -> Iterator[str]:
-    for block, experiment, points, _ in _blocks(fitting):
-        if block in end.computed and end.computed[block].values @ points.values < 0:
-            column = f"{experiment.label}: {points.column}"
-            yield f"{column} has the sign opposite to {points.quantity}; is its direction right?"
-
-
 def _describe_starts(place: Place) -> Iterator[str]:
     if place.starts > 1:
         yield f"{place.same} of {place.starts} starts end at these constants"
-
-
-def _summarise(
-    fitting: Fitting, end: Evaluation, coarse: Evaluation | None, title: str, remarks: list[str]
-) -> Fit:
-    facts = statistics(fitting, end)
-    constants = fitting.constants
-    count = len(constants)
-    at = [float(u) for u in end.u[:count]]
-    values = {each.name: each.at(u) for each, u in zip(constants, at, strict=True)}
-    half = facts.quantile * np.sqrt(np.diag(facts.covariance))
-    told = {each.name: bool(facts.told[i]) for i, each in enumerate(constants)}
-    intervals = {}
-    for i, each in enumerate(constants):
-        known = told[each.name] and not facts.law_fails
-        intervals[each.name] = each.spread(at[i], float(half[i])) if known else NO_INTERVAL
-    numerical = {
-        name: values[name] - coarse.values[name] if told[name] and coarse else np.nan
-        for name in values
-    }
-    slopes = np.array([each.slope(u) for each, u in zip(constants, at, strict=True)])
-    covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
-    verdict = [
-        words.describe_fit(fitting, facts),
-        *(words.describe_value(name, values[name], intervals[name]) for name in values),
-        *words.describe_untold(fitting, facts),
-        *words.describe_resolution(numerical, intervals),
-        *words.describe_law(fitting, end, facts),
-        *words.describe_predictions(fitting, end),
-    ]
-    return Fit(
-        title=title,
-        warnings=tuple(_describe_signs(fitting, end)),
-        verdict="\n".join(verdict),
-        table=_table(fitting, values, intervals, numerical),
-        values=values,
-        intervals=intervals,
-        covariance=covariance,
-        identified=tuple(name for name in values if told[name]),
-        misfit=facts.misfit,
-        numerical=numerical,
-        law_fails=facts.law_fails,
-        offsets={
-            each.experiment.label: end.shift((i, 0))
-            for i, each in enumerate(fitting.specimens)
-            if each.experiment.offset
-        },
-        experiments=_experiments(fitting, end),
-        points=_points(fitting, end),
-        fabric=_fabric(fitting, values, intervals, covariance),
-        remarks=(*remarks, *_describe_assumed(fitting)),
-    )
-
-
-def _describe_assumed(fitting: Fitting) -> Iterator[str]:
-    names = {
-        fitting.specimens[i].experiment.label
-        for i, k in fitting.blocks
-        if fitting.specimens[i].points[k].is_assumed
-    }
-    if names:
-        share = in_percent(ASSUMED)
-        listed = ", ".join(sorted(names))
-        yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
-
-
-def _table(
-    fitting: Fitting,
-    values: Mapping[str, float],
-    intervals: Mapping[str, Interval],
-    numerical: Mapping[str, float],
-) -> Table:
-    rows: list[dict[str, Cell]] = [
-        {
-            "constant": each.name,
-            "unit": words.unit_of(each.name),
-            "value": values[each.name],
-            "from": intervals[each.name][0],
-            "to": intervals[each.name][1],
-            "shift by mesh and step": numerical[each.name],
-            "start": each.start,
-        }
-        for each in fitting.constants
-    ]
-    return Table(tuple(rows))
-
-
-def _blocks(fitting: Fitting) -> Iterator[tuple[Block, Experiment, Measured, str]]:
-    """All measured columns, with the name of what orders their points."""
-    for block in fitting.all_blocks:
-        specimen = fitting.specimens[block[0]]
-        order = specimen.experiment.order
-        yield block, specimen.experiment, specimen.points[block[1]], order[0] if order else "number"
-
-
-def _experiments(fitting: Fitting, end: Evaluation) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for block, experiment, points, along in _blocks(fitting):
-        r, apart = end.residuals[block], end.residuals[block] * points.sigma
-        rows.append(
-            {
-                "experiment": experiment.label,
-                "column": points.column,
-                "unit": points.unit,
-                "along": f"{along} [{points.along_unit}]" if points.along_unit else along,
-                "points": len(points.values),
-                "misfit": float(np.mean(r**2)),
-                "rms %": 100 * float(np.sqrt(np.mean(apart**2))) / points.largest,
-                "largest %": 100 * float(np.abs(apart).max()) / points.largest,
-                "offset": end.shift(block) if experiment.offset else None,
-                "fitted": "yes" if experiment.fitted else "no",
-            }
-        )
-    return Table(tuple(rows))
-
-
-def _points(fitting: Fitting, end: Evaluation) -> Table:
-    rows: list[dict[str, Cell]] = []
-    for block, experiment, points, _ in _blocks(fitting):
-        count = len(points.values)
-        places = np.arange(count) if points.along is None else points.along
-        computed = end.computed[block].values if block in end.computed else np.full(count, np.nan)
-        names = "experiment", "column", "along", "measured", "sigma", "computed", "residual"
-        columns = places, points.values, points.sigma, computed, end.residuals[block]
-        for numbers in zip(*columns, strict=True):
-            cells: list[Cell] = [experiment.label, points.column, *map(float, numbers)]
-            rows.append(dict(zip(names, cells, strict=True)))
-    return Table(tuple(rows))
-
-
-def _fabric(
-    fitting: Fitting,
-    values: Mapping[str, float],
-    intervals: Mapping[str, Interval],
-    covariance: np.ndarray,
-) -> dict[str, Any]:
-    """The table [fabric] of the fitted scenes, with the uncertainty of what has an interval."""
-    scene = next((s for s in fitting.specimens if isinstance(s.problem, SceneProblem)), None)
-    own = {name: value for name, value in values.items() if name.startswith("fabric.")}
-    if not (scene and own):
-        return {}
-    fabric = fabric_with(scene.problem.tables["fabric"], own)
-    names = list(values)
-    known = [i for i, name in enumerate(names) if name in own and np.isfinite(intervals[name][0])]
-    standard = np.sqrt(np.diag(covariance))
-    uncertain: dict[str, Any] = {
-        names[i].removeprefix("fabric."): float(standard[i]) for i in known
-    }
-    pairs = [
-        [
-            *(names[k].removeprefix("fabric.") for k in (i, j)),
-            float(covariance[i, j] / (standard[i] * standard[j])),
-        ]
-        for i, j in combinations(known, 2)
-    ]
-    uncertain |= {"correlation": pairs} if pairs else {}
-    return fabric | ({"uncertainty": uncertain} if uncertain else {})
