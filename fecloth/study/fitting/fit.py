@@ -7,10 +7,9 @@ from typing import Any
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.study.change import FIRST
-from fecloth.study.fitting.answer import summarise
 from fecloth.study.fitting.evaluation import PRICE, Fitting
 from fecloth.study.fitting.experiment import Experiment
-from fecloth.study.fitting.result import Fit
+from fecloth.study.fitting.result import Fit, summarise
 from fecloth.study.fitting.search import Place, refine, search
 from fecloth.study.fitting.specimens import open_specimens
 from fecloth.study.fitting.unknowns import make_unknowns

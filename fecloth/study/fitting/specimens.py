@@ -133,8 +133,9 @@ def _open(
     fabric: Mapping[str, Any] | Fabric | None,
     shared: Mapping[str, Any],
 ) -> Specimen:
-    sizes = {name: getattr(experiment, name) for name in ("h", "dt", "t_end", "probes")}
-    own = {name: value for name, value in sizes.items() if value not in (None, (), [])}
+    sizes = {name: getattr(experiment, name) for name in ("h", "dt", "t_end")}
+    own: dict[str, Any] = {name: value for name, value in sizes.items() if value is not None}
+    own |= {"probes": experiment.probes} if len(experiment.probes) else {}
     given = own if isinstance(experiment.problem, Opened) else {**shared, **own}
     problem = open_study(experiment.problem, given).problem
     if isinstance(problem, SceneProblem):
