@@ -1,6 +1,6 @@
 """The result of a fit: constants with intervals, tables, figure, and the fitted fabric."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -71,28 +71,15 @@ class Fit(StudyResult):
         rows = list(self.experiments)
         columns = min(COLUMNS, len(rows))
         count = -(-len(rows) // columns)
-        drawing, axes = new_figure(
-            2 * count,
-            columns,
-            (4.2 * columns, 4.6 * count),
-            squeeze=False,
-            height_ratios=[3, 1] * count,
-        )
-        for i, row in enumerate(rows):
-            above = axes[2 * (i // columns)][i % columns]
-            below = axes[2 * (i // columns) + 1][i % columns]
-            own = [
-                p
-                for p in self.points
-                if p["experiment"] == row["experiment"] and p["column"] == row["column"]
-            ]
-            _draw(above, below, row, own)
-        for i in range(len(rows), count * columns):
-            for ax in (
-                axes[2 * (i // columns)][i % columns],
-                axes[2 * (i // columns) + 1][i % columns],
-            ):
-                ax.set_axis_off()
+        size, heights = (4.2 * columns, 4.6 * count), [3, 1] * count
+        drawing, axes = new_figure(2 * count, columns, size, squeeze=False, height_ratios=heights)
+        pairs = axes.reshape(count, 2, columns).swapaxes(1, 2).reshape(-1, 2)
+        for ax in pairs[len(rows) :].ravel():
+            ax.set_axis_off()
+        for row, (above, below) in zip(rows, pairs, strict=False):
+            name = row["experiment"], row["column"]
+            own: list[Any] = [p for p in self.points if (p["experiment"], p["column"]) == name]
+            _draw(above, below, row, sorted(own, key=lambda p: p["along"]))
         return drawing
 
     def report(self, folder: str | Path) -> Path:
@@ -113,17 +100,17 @@ class Fit(StudyResult):
         return "\n".join([*head, "", to_toml(tables)])
 
 
-def _draw(above: Any, below: Any, row: Mapping, points: list) -> None:
-    order = sorted(points, key=lambda p: p["along"])
-    x = [p["along"] for p in order]
-    bars = {"yerr": [p["sigma"] for p in order], "fmt": ".", "color": COLOURS[0], "elinewidth": 0.6}
-    above.errorbar(x, [p["measured"] for p in order], label="measured", **bars)
-    above.plot(x, [p["computed"] for p in order], color=COLOURS[1], label="computed")
+def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> None:
+    names = "along", "measured", "sigma", "computed", "residual"
+    x, measured, sigma, computed, residual = ([p[name] for p in points] for name in names)
+    dots = {"fmt": ".", "color": COLOURS[0], "elinewidth": 0.6}
+    above.errorbar(x, measured, yerr=sigma, label="measured", **dots)
+    above.plot(x, computed, color=COLOURS[1], label="computed")
     used = "" if row["fitted"] == "yes" else " (not fitted)"
     above.set(ylabel=f"{row['column']} [{row['unit']}]" if row["unit"] else row["column"])
     above.set_title(f"{row['experiment']}{used}", loc="left")
     above.legend()
-    below.plot(x, [p["residual"] for p in order], ".", color=COLOURS[0])
+    below.plot(x, residual, ".", color=COLOURS[0])
     below.axhline(0.0, color="k", lw=0.8)
     below.set(xlabel=row["along"], ylabel="residual / σ")
 
