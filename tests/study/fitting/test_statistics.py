@@ -93,3 +93,33 @@ def test_threshold_of_the_law_by_repeats(factor, fails):
     facts = facts_of(X[:, None], np.sqrt(mean * 9 / 10) * np.ones(10), scatter=scatter)
     assert facts.probability == pytest.approx(factor * LEVEL, rel=1e-6)
     assert facts.law_fails == fails
+
+
+def coverage(scatter_of):
+    """How often the interval of the slope of a line, fitted to noisy points, has the true one."""
+    random, count, covered = np.random.default_rng(3), 400, 0
+    for _ in range(count):
+        curves = scatter_of(random)  # (R, 10) errors of repeats, or of a single curve
+        mean, R = curves.mean(axis=0), len(curves)
+        sigma = 1.0
+        if R > 1:
+            sigma = np.sqrt(((curves - mean) ** 2).sum() / (10 * (R - 1)) / R)
+        error = (X @ mean) / (X @ X)
+        r, J = (error * X - mean) / sigma, X[:, None] / sigma
+        scatter = None if R == 1 else (curves - mean) / sigma
+        facts = facts_of(J, r, scatter=scatter)
+        covered += abs(error) <= facts.quantile * np.sqrt(facts.covariance[0, 0])
+    return covered / count
+
+
+def test_intervals_of_independent_errors_cover():
+    assert 0.94 <= coverage(lambda random: random.standard_normal((1, 10))) <= 0.99
+
+
+def test_intervals_of_repeats_cover_errors_that_a_repeat_shares():
+    """A repeat that is stiffer is stiffer everywhere: its points are not independent."""
+
+    def shared(random):
+        return 0.3 * np.outer(random.standard_normal(4), X) + 0.1 * random.standard_normal((4, 10))
+
+    assert 0.94 <= coverage(shared) <= 0.99
