@@ -10,6 +10,7 @@ import numpy as np
 
 from fecloth.errors import InputError, did_you_mean
 from fecloth.fabric.fabric import Fabric
+from fecloth.scene.tables import Shorthands
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
@@ -143,6 +144,8 @@ def _open(
         base: Any = problem.tables.get(FABRIC, {}) if fabric is None else fabric
         if isinstance(base, Fabric):
             base = {k: v for k, v in dataclasses.asdict(base).items() if v not in (None, "")}
+        if Shorthands.model_fields.keys() & base.keys():  # as a preset, which has more constants
+            base = problem.changed(Change(values={FABRIC: base})).tables[FABRIC]
         if fabric is not None or start:
             problem = problem.changed(Change(values={FABRIC: fabric_with(base, start)}))
     else:

@@ -157,6 +157,25 @@ def test_curve_with_an_offset_from_a_file(folder):
     assert list(answer.fabric["uncertainty"]) == ["tensile_stiffness.0"]
 
 
+def test_a_published_fabric_gives_what_is_not_fitted(folder):
+    text = FIT.replace("areal_density = 0.2\nshear_stiffness = 300.0", 'preset = "denim-wang"')
+    text = text.replace('"fabric.tensile_stiffness.1" = 600.0', "")
+    (folder / "FIT.toml").write_text("refined = false\n" + text)
+    answer = fit_file.fit(folder / "FIT.toml")
+    known = fc.Fabric.preset("denim-wang")
+    assert answer.fabric["shear_stiffness"] == known.shear
+    assert answer.fabric["tensile_stiffness"][1] == known.tensile[1]
+
+
+def test_the_fitted_fabric_serves_a_scene_with_its_uncertainty(folder):
+    answer = fit_file.fit(folder / "FIT.toml")
+    answer.report(folder)
+    fabric = fc.Fabric.read(folder / "fitted.toml")
+    assert fabric.tensile[0] == pytest.approx(800.0, rel=1e-5)
+    deviation = np.sqrt(answer.covariance[0, 0])
+    assert fabric.uncertainty.standard(fabric) == {"tensile_stiffness.0": pytest.approx(deviation)}
+
+
 def test_command_writes_curves_and_the_fabric_and_goes_on_from_stored_runs(folder, capsys):
     from fecloth.cli.main import main
 
