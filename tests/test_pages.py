@@ -82,12 +82,13 @@ def filled(command):
     """A command's words but the first, with the reader's own names filled in, and made short."""
     name, *given = words(command)[1:]
     given = [FILLED.get(word, FILLED.get(f"{name} {word}", word)) for word in given]
-    for scene in (word for word in given if word.endswith(".toml") and name != "mesh"):
+    for scene in (word for word in given if word.endswith(".toml") and name not in ("mesh", "fit")):
         assert scene in SHORTER, f"{scene}: say in SHORTER how a test runs it"
         given += [word for value in SHORTER[scene] for word in ("--set", value)]
     if name == "tune" and "--methods" not in given:
         given += ["--elements", "P1", "--methods", "bdf2", "--quantity", "tip.z"]
     given += {"chart": ["--meshes", "1"], "converge": ["--levels", "3"]}.get(name, [])
+    given += ["--overwrite"] if name == "new" else []
     if "--resume" in given:  # a run that has come to its end goes on to a later one
         given += ["--set", "time.t_end=0.06"]
     return [name, *given]
@@ -114,6 +115,8 @@ def runs(tmp_path_factory):
     for block in (b for b in given if b.file):
         (folder / block.file).write_text(block.text, encoding="utf-8")
     with contextlib.chdir(folder):
+        cli.main(["new", "my", "--test", "tension"])
+        shutil.copy("my_fit.toml", "FIT.toml")
         for command in ["fecloth run SCENE.toml", *OURS]:
             with contextlib.suppress(AssertionError):  # told by the test of that command
                 given = filled(command)

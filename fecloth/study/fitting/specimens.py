@@ -12,6 +12,7 @@ from fecloth.errors import InputError, did_you_mean
 from fecloth.fabric.fabric import Fabric
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import Change, Level
@@ -69,6 +70,10 @@ class Specimen:
             steps, dt = problem.scene.equilibrium.load_steps, 1.0
             if steps > 1:
                 changes["equilibrium.load_steps"] = int(FINER * steps)
+        if isinstance(problem, SceneProblem):
+            pieces = problem.tables["cloth"].get("pieces", {})
+            sizes = {f"cloth.pieces.{name}.h": piece.get("h") for name, piece in pieces.items()}
+            changes |= {key: size / FINER for key, size in sizes.items() if size}
         rtol = FINER**2 if problem.rtol else 1.0
         if h == dt == rtol == 1.0 and not changes:
             return None
@@ -197,12 +202,12 @@ def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
         return start.t, end
     constraints, spread = setup.system.constraints, np.ptp(setup.cloth.X)
     elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
-    values = []
+    probes, values = (*setup.probes, *on_request([quantity.column])), []
     for t in np.linspace(start.t, end, SAMPLES):
         target = constraints.target(start.t, t - start.t, start.x)[0]
         for x in (start.x, elsewhere):
             state = State(float(t), constraints.hold(x, target), np.zeros_like(x))
-            row = Observer.bind(setup.system, state, setup.probes, shape=True).row(None, None)
+            row = Observer.bind(setup.system, state, probes, shape=True).row(None, None)
             values.append(row.get(quantity.column, np.nan))
     here, there = np.reshape(values, (SAMPLES, 2)).T
     if not np.allclose(here, there, rtol=0, atol=1e-9 * spread):
