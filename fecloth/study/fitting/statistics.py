@@ -17,7 +17,7 @@ from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
 
 UNTOLD = 0.5  # standard uncertainty of u above which the data do not tell it: a factor of 1.65
 LEAST_SINGULAR = 1e-2  # below it, a combination is known to no better than exp(100)
-TOGETHER = 0.05  # entry of a projection above which two unknowns are told only together
+TOGETHER = 0.05  # cosine of two unknowns in what is not told, above which they are told together
 LEVEL = 0.005  # probability of the scatter below which the law is wrong
 COVERAGE = 0.95  # of an interval
 
@@ -85,9 +85,14 @@ def _free_repeats(fitting: Fitting, blocks: Sequence[Block], freedom: int) -> in
 
 
 def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], ...]:
-    """Unknowns that are told only together: connected by the projection on what is not told."""
-    projection = np.abs(untold.T @ untold) > TOGETHER
-    count, labels = connected_components(projection, directed=False)
+    """Unknowns that are told only together: connected by the projection P on what is not told.
+
+    P_ij/√(P_ii P_jj) is 1 where one combination alone is not told, whatever the parts of i and j.
+    """
+    projection = np.abs(untold.T @ untold)
+    parts = np.sqrt(np.diag(projection))
+    linked = (projection > TOGETHER * np.outer(parts, parts)) & np.outer(is_weak, is_weak)
+    count, labels = connected_components(linked, directed=False)
     groups = (np.flatnonzero((labels == label) & is_weak) for label in range(count))
     return tuple(tuple(int(i) for i in group) for group in groups if len(group))
 

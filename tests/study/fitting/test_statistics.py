@@ -60,6 +60,12 @@ def test_only_the_sum_of_two_unknowns_is_told():
     assert facts.together == ((0, 1), (3,))
 
 
+def test_an_unknown_with_a_small_part_in_what_is_not_told_is_named_with_the_other():
+    """As 1/G − 2 ν/Y₁ of a soft shear: G/Y₁ is small, yet neither is told by itself."""
+    J = np.stack([X, 0.03 * X, X**2], axis=1)
+    assert facts_of(J, np.zeros(10)).together == ((0, 1),)
+
+
 def test_fewer_points_than_unknowns():
     facts = facts_of([[10.0, 10.0]], [0.0])
     assert facts.together == ((0, 1),)
