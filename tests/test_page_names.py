@@ -105,7 +105,7 @@ def test_keys_of_scenes_exist():
     for span in SPANS:
         with contextlib.suppress(tomllib.TOMLDecodeError):
             if " = " in span and (given := tomllib.loads(span)):
-                assert last_key(given) in {*schema_keys(), *KEYS, *OF_EXPERIMENTS}, span
+                assert last_key(given) in {*schema_keys(), *KEYS, *OF_EXPERIMENTS, "file"}, span
 
 
 # --- what it says ---------------------------------------------------------------------------------
