@@ -10,7 +10,6 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from fecloth.errors import InputError, amount
-from fecloth.study.change import FIRST
 from fecloth.study.derived_cases import Task, run_tasks
 from fecloth.study.fitting.measured import Measured
 from fecloth.study.fitting.specimens import Specimen
@@ -47,13 +46,10 @@ def computed_curve(
     the points; None for t. With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value
     at a fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
     """
-    q, dq = _finite(row, number)
-    if order is None:
-        a, da = np.array(row["times"], dtype=float), np.zeros_like(dq)
-    else:
-        a, da = _finite(row, order)
-        a = a - a[0]
-        da = da - da[0]
+    q, dq = _rows(row, number)
+    a, da = (np.array(row["times"]), 0 * dq) if order is None else _rows(row, order)
+    if order is not None:
+        a, da = a - a[0], da - da[0]
     known = np.isfinite(q) & np.isfinite(a)
     a, q, da, dq = a[known], q[known], da[known], dq[known]
     if len(a) and a[-1] < a[0]:
@@ -79,7 +75,7 @@ def best_shift(curve: Callable[[float], Computed], points: Measured, reach: floa
     return float(minimize_scalar(misfit, bounds=(-reach, reach), method="bounded").x)
 
 
-def _finite(row: Mapping, number: int) -> tuple[np.ndarray, np.ndarray]:
+def _rows(row: Mapping, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (s,) over the rows, and derivatives (s, k)."""
     values = np.array(row["values"][number], dtype=float)
     slopes = np.array(row["slopes"][number], dtype=float).reshape(-1, len(values)).T
@@ -102,7 +98,6 @@ def _check_order(a: np.ndarray, points: Measured, places: np.ndarray) -> None:
 
 
 EXACTNESS = 1e-5  # relative error of the derivatives, so that what is not told is seen
-PRICE = 0.5  # of a derivative, in runs
 
 Block = tuple[int, int]  # a specimen and one of its measured columns
 
@@ -180,55 +175,40 @@ class Fitting:
         else:
             rows = run_tasks(tasks, replace(self.runs, quiet=True))
         computed: dict[Block, Computed] = {}
+        residuals, jacobians = {}, {}
         for i, row in zip(chosen, rows, strict=True):
-            if row["status"] == OK:
-                computed |= self._computed(i, row, values)
-            else:
-                cause = cause or f"{self.specimens[i].experiment.label}: {row['cause']}"
-        return self._evaluation(u, values, computed, chosen, cause)
+            specimen, is_ok = self.specimens[i], row["status"] == OK
+            if not is_ok:
+                cause = cause or f"{specimen.experiment.label}: {row['cause']}"
+            results = self._computed(i, row, values) if is_ok else ()
+            for k, points in enumerate(specimen.points):
+                residuals[i, k] = np.full(len(points.values), np.nan)
+            for k, result in enumerate(results):
+                points, computed[i, k] = specimen.points[k], result
+                residuals[i, k] = (result.values - points.values) / points.sigma
+                jacobians[i, k] = self._jacobian(i, result, u) / points.sigma[:, None]
+        return Evaluation(u, values, computed, residuals, jacobians, cause)
 
     def _task(self, i: int, values: Mapping[str, float], widths: Mapping[str, float]) -> Task:
         specimen = self.specimens[i]
-        problem = specimen.at(values)
-        size = problem.workload(FIRST)
-        cost = replace(size, steps=round(size.steps * (1 + PRICE * len(specimen.names))))
         words = f"{specimen.experiment.label} with {amount(len(specimen.names), 'derivative')}"
-        return Task(problem, specimen.sought(values, widths, EXACTNESS), "derive", words, cost)
+        sought = specimen.sought(values, widths, EXACTNESS)
+        return Task(specimen.at(values), sought, "derive", words, specimen.cost)
 
-    def _computed(
-        self, i: int, row: Mapping, values: Mapping[str, float]
-    ) -> Iterator[tuple[Block, Computed]]:
+    def _computed(self, i: int, row: Mapping, values: Mapping[str, float]) -> Iterator[Computed]:
         specimen = self.specimens[i]
         order = specimen.experiment.order
         first = 1 if order and order[1] else 0
         offset = next((values[k.name] for k in self.unknowns if k.specimen == i), None)
-        place = 0 if first else None
-        for k, points in enumerate(specimen.points):
+        for number, points in enumerate(specimen.points, first):
             if order is None:
-                yield (i, k), computed_values(row, first + k, len(points.values))
+                yield computed_values(row, number, len(points.values))
                 continue
-            curve = partial(computed_curve, row, first + k, place, points)
+            curve = partial(computed_curve, row, number, 0 if first else None, points)
             if offset is None:
                 free = specimen.experiment.offset
                 offset = best_shift(curve, points, specimen.reach / 2) if free else 0.0
-            yield (i, k), curve(offset)
-
-    def _evaluation(
-        self,
-        u: np.ndarray,
-        values: Mapping[str, float],
-        computed: Mapping[Block, Computed],
-        chosen: Sequence[int],
-        cause: str,
-    ) -> Evaluation:
-        residuals, jacobians = {}, {}
-        for i, k in (block for block in self.all_blocks if block[0] in chosen):
-            points, result = self.specimens[i].points[k], computed.get((i, k))
-            residuals[i, k] = np.full(len(points.values), np.nan)
-            if result:
-                residuals[i, k] = (result.values - points.values) / points.sigma
-                jacobians[i, k] = self._jacobian(i, result, u) / points.sigma[:, None]
-        return Evaluation(u, values, computed, residuals, jacobians, cause)
+            yield curve(offset)
 
     def _jacobian(self, i: int, result: Computed, u: np.ndarray) -> np.ndarray:
         """(n, m) ∂(computed)/∂u; the constants' widths are dp/du already."""

@@ -6,8 +6,7 @@ from typing import Any
 
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
-from fecloth.study.change import FIRST
-from fecloth.study.fitting.evaluation import PRICE, Fitting
+from fecloth.study.fitting.evaluation import Fitting
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.result import Fit, summarise
 from fecloth.study.fitting.search import Place, refine, search
@@ -124,13 +123,9 @@ def fit(
 
 def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
     """Print the predicted size, and refuse a fit that would take too long."""
-    sizes = []
-    for each in fitting.specimens:
-        size = each.problem.workload(FIRST)
-        cost = replace(size, steps=round(size.steps * (1 + PRICE * len(each.names))))
-        sizes += EVALUATIONS * starts * [cost]
-        if refined:
-            sizes.append(replace(cost, triangles=4 * cost.triangles))
+    costs = [each.cost for each in fitting.specimens]
+    finer = [replace(cost, triangles=4 * cost.triangles) for cost in costs if refined]
+    sizes = EVALUATIONS * starts * costs + finer
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
 

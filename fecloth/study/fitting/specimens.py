@@ -15,14 +15,16 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.change import Change, Level
+from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.derived_cases import Sought
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.measured import Measured, Reach, read_measured
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Parameter, grouped, numbers_of, refuse_sizes
 from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.sensitivities import PRICE
 from fecloth.study.setups import Setup
+from fecloth.study.workload import Workload
 from fecloth.system.state import State
 
 FINER = 2.0  # divides h and dt
@@ -50,13 +52,18 @@ class Specimen:
         return (*first, *self.experiment.columns.values())
 
     @property
+    def cost(self) -> Workload:
+        """Predicted size of a run with derivatives."""
+        size = self.problem.workload(FIRST)
+        return replace(size, steps=round(size.steps * (1 + PRICE * len(self.names))))
+
+    @property
     def is_curve(self) -> bool:
         return self.experiment.along is not None
 
     def at(self, values: Values) -> Problem:
         """The problem with these values of the unknown constants."""
-        own = {name: values[name] for name in self.names}
-        return change_to(self.problem, own)
+        return change_to(self.problem, {name: values[name] for name in self.names})
 
     def sought(self, values: Values, widths: Values, tolerance: float) -> Sought:
         parameters = tuple(Parameter(name, values[name], widths[name]) for name in self.names)
@@ -66,11 +73,10 @@ class Specimen:
         """The specimen with h/2, dt/2 or twice as many load steps; None if it has none of them."""
         problem, changes = self.problem, dict[str, object]()
         h, dt = (FINER if problem.can_refine(what) else 1.0 for what in ("h", "dt"))
-        if isinstance(problem, SceneProblem) and problem.scene.equilibrium:
-            steps, dt = problem.scene.equilibrium.load_steps, 1.0
-            if steps > 1:
-                changes["equilibrium.load_steps"] = int(FINER * steps)
         if isinstance(problem, SceneProblem):
+            static = problem.scene.equilibrium
+            if static and static.load_steps > 1:
+                changes["equilibrium.load_steps"] = int(FINER * static.load_steps)
             pieces = problem.tables["cloth"].get("pieces", {})
             sizes = {f"cloth.pieces.{name}.h": piece.get("h") for name, piece in pieces.items()}
             changes |= {key: size / FINER for key, size in sizes.items() if size}

@@ -1,6 +1,6 @@
 """The answer of a fit in words: constants, what is not told, the law, mesh and step."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import get_type_hints
 
 import numpy as np
@@ -50,12 +50,9 @@ def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
         names = [fitting.unknowns[i].name for i in group]
         short = [name.removeprefix("fabric.") for name in names]
         words = short[0] if len(short) == 1 else f"{short[0]} apart from {' and '.join(short[1:])}"
-        hint = next((h for keys, h in HINTS if _all_in(keys, names)), "")
+        all_names = " ".join(names)
+        hint = next((h for keys, h in HINTS if all(key in all_names for key in keys)), "")
         yield f"these tests do not tell {words}" + (f": {hint} would" if hint else "")
-
-
-def _all_in(keys: Sequence[str], names: Sequence[str]) -> bool:
-    return all(any(key in name for name in names) for key in keys)
 
 
 def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterator[str]:
@@ -76,7 +73,7 @@ def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[fl
     specimen = fitting.specimens[block[0]]
     points = specimen.points[block[1]]
     is_curve = points.along is not None
-    places = points.along if points.along is not None else np.zeros(len(points.values))
+    places = np.zeros(len(points.values)) if points.along is None else points.along
     order = np.argsort(places, kind="stable")
     for rows in np.array_split(order, PARTS if is_curve and len(order) >= PARTS else 1):
         r, J = end.residuals[block][rows], end.jacobians[block][rows]
@@ -91,9 +88,8 @@ def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[fl
         wanted = each.at(at + float(np.clip(change, -5.0, 5.0)))
         span = f" from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
         where = span.rstrip() if is_curve else ""
-        name = specimen.experiment.label
-        sentence = f"{name}{where} wants {each.name} = {wanted:.3g}, not {each.at(at):.3g}"
-        yield far / points.largest, sentence
+        begin = f"{specimen.experiment.label}{where} wants {each.name} = "
+        yield far / points.largest, f"{begin}{wanted:.3g}, not {each.at(at):.3g}"
 
 
 def describe_resolution(
