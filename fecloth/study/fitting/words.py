@@ -17,13 +17,13 @@ SHOWN = 4  # parts of curves, the worst ones
 TELLING = 0.02  # of the largest value of a curve: residuals above it are said
 BENDING = "a strip that hangs over an edge, or a fold,"
 HINTS = (  # words in the names of unknowns, and what would tell them
+    (("density",), "the weight of the cloth"),
     (("shear_stiffness", "poisson_ratio"), "the width of a strip under tension"),
     (("bending",), BENDING),
     (("bias_rigidity",), "a strip cut at 45° that hangs over an edge"),
     (("shear_stiffness",), "a strip cut at 45° under tension"),
     (("poisson_ratio",), "the width of a strip under tension"),
     (("tensile_stiffness",), "a strip under tension along that direction"),
-    (("areal_density",), "the weight of the cloth"),
     (("time", "damping", "drag"), "a motion that dies away"),
 )
 
