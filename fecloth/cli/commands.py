@@ -164,7 +164,7 @@ COMMANDS = {
         "fecloth.study.fitting.file:fit",
         [option("--starts", "number of starts (1, or as in the file)", type=int, metavar="N")],
         "find the constants of a fabric from measurements, and what these do not tell",
-        scene=option("scene", "a FIT.toml file", metavar="fit"),
+        scene=option("scene", "a file of a fit", metavar="FIT.toml"),
     ),
     "simplify": study(
         "fecloth.study.simplification.simplify:simplify",

@@ -10,12 +10,15 @@ from support.pages import read
 import fecloth as fc
 from fecloth.cli.commands import COMMANDS
 from fecloth.cli.main import STATUS, main
+from fecloth.cli.options import SET
 from fecloth.cli.studies import SHARED
 from fecloth.output.atomic_files import DiskFull, ending_of
 from fecloth.study.opened import Opened
 from fecloth.study.result import StudyResult, Table
 
-STUDIES = [name for name, command in COMMANDS.items() if command.is_study]
+STUDIES = [  # of a problem; a fit is of several
+    name for name, command in COMMANDS.items() if command.is_study and SET in command.options
+]
 
 
 def help_of(capsys, *words):
@@ -110,13 +113,14 @@ def test_a_command_prints_verdict_notes_and_table():
 def test_a_result_names_the_files_for_its_reader(tmp_path):
     page, table = tmp_path / "report.html", Table(())
     files = {
-        fc.study.Sweep: f"wrote {page}",
-        fc.study.Comparison: f"wrote {page}",
-        fc.study.Simplification: f"wrote {page} and {tmp_path / 'reduced.toml'}",
-        fc.Tuned: f"wrote {page} and {tmp_path / 'tuned.toml'}",
+        fc.study.Sweep: ({}, ""),
+        fc.study.Simplification: ({"reduced": "x = 1"}, f" and {tmp_path / 'reduced.toml'}"),
+        fc.Tuned: ({"text": "x = 1"}, f" and {tmp_path / 'tuned.toml'}"),
+        fc.Fit: ({}, f" and {tmp_path / 'fitted.toml'}"),
     }
-    for kind, words in files.items():
-        assert kind("strip", "", table).describe_files(tmp_path, page) == words
+    for kind, (given, words) in files.items():
+        result = kind("strip", "", table, **given)
+        assert result.describe_files(tmp_path, page) == f"wrote {page}{words}"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -127,10 +131,10 @@ def test_the_help_of_a_command_has_its_words_and_options(name, capsys):
     assert text.endswith(STATUS)
     shown = " ".join(text.split())
     for one in command.options:
-        assert one.names[-1] in text
         words = (one.keywords["help"] or "").replace("%%", "%").partition("%(")[0]
         assert " ".join(words.split()) in shown
-        for each in one.names:
+        is_place = not one.names[0].startswith("-")
+        for each in [one.keywords.get("metavar") or one.key] if is_place else one.names:
             assert re.search(rf"(^|[\s\[]){re.escape(each)}\b", text), each
 
 

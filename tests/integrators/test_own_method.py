@@ -121,7 +121,7 @@ def test_missing_members_of_a_method_are_named(own, swinging):
         with pytest.raises(fc.InputError, match=r"Empty.step\(...\) returns None: must return"):
             next(fc.march(system, method, start, dt, 2e-3, solver="direct"))
     unknown = type("Unknown", (theta,), {"traits": MethodTraits(order=1)})(1.0)
-    with pytest.raises(fc.InputError, match="Unknown has no traits.error_constant"):
+    with pytest.raises(fc.InputError, match="Without Unknown.traits.error_constant"):
         next(fc.march(system, unknown, start, t_end=2e-3))
 
     def short(self, state, dt):

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fecloth import errors
-from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.fitting import words
@@ -83,21 +82,17 @@ class Fit(StudyResult):
         return drawing
 
     def report(self, folder: str | Path) -> Path:
-        """Write fitted.toml, points.csv, report.html, results.csv and the figure."""
-        folder = Path(folder)
-        replace_file(folder / "fitted.toml", self.to_toml().encode())
-        write_csv(list(self.points), folder / "points.csv")
+        """Write points.csv, fitted.toml, report.html, results.csv and the figure."""
+        write_csv(list(self.points), Path(folder) / "points.csv")
         return super().report(folder)
 
-    def describe_files(self, folder: Path, page: Path) -> str:
-        return f"wrote {page}, {folder / 'points.csv'} and {folder / 'fitted.toml'}"
-
-    def to_toml(self) -> str:
-        """The fitted fabric with its uncertainty, and the constants of terms, as TOML."""
+    @property
+    def scene_file(self) -> tuple[str, str]:
+        """Name and text of the file of the fitted fabric and the constants of terms."""
         head = [f"# {line}" for line in self.words()]
         others = {k: v for k, v in self.values.items() if not k.startswith("fabric.")}
         tables: dict[str, Any] = {"parameters": others, "fabric": dict(self.fabric)}
-        return "\n".join([*head, "", to_toml(tables)])
+        return "fitted.toml", "\n".join([*head, "", to_toml(tables)])
 
 
 def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> None:

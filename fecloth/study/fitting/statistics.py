@@ -51,10 +51,11 @@ def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
     inverse = (Vt.T / kept) @ U[: len(r), : len(s)].T  # J⁺
     freedom = len(r) - int((s > LEAST_SINGULAR).sum())
     misfit = float(r @ r) / freedom if freedom > 0 else np.nan
-    covariance = _covariance(fitting, blocks, inverse) * np.fmax(misfit, 1.0)
+    covariance = _covariance(fitting, blocks, inverse)
+    told = np.fmax(spread, np.sqrt(np.diag(covariance))) <= UNTOLD  # repeats may scatter by more
     return Statistics(
-        covariance,
-        spread <= UNTOLD,
+        covariance * np.fmax(misfit, 1.0),
+        told,
         Vt[~known],
         _groups(Vt[~known], spread > UNTOLD),
         misfit,

@@ -91,6 +91,14 @@ def test_covariance_from_repeats_is_the_scatter_of_their_fits():
     assert facts.quantile == pytest.approx(stats.t.ppf(0.975, 2))
 
 
+@pytest.mark.parametrize(("factor", "told"), [(0.8, True), (1.25, False)])
+def test_repeats_that_scatter_much_do_not_tell(factor, told):
+    """The slopes of two repeats: ± d, so that the mean has the uncertainty d."""
+    slopes = factor * UNTOLD * np.array([-1.0, 1.0])
+    facts = facts_of(X[:, None], np.zeros(10), scatter=np.outer(slopes, X))
+    assert facts.told.tolist() == [told]
+
+
 @pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
 def test_threshold_of_the_law_by_repeats(factor, fails):
     """Repeats that differ in one way only: F with 1 and R − 1 degrees of freedom."""
