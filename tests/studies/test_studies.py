@@ -70,6 +70,12 @@ def run_here(monkeypatch, capsys):
         ("contact.mujoco_drop", "| fecloth, BDF2 | 2.5 |"),
         ("contact.drop --self-contact", "| BDF2 | 162 | 30 |"),
         ("benchmarks.mujoco", "figures met"),
+        ("fit.twins", "warp: share of 2 twins whose interval covers the truth: 1 >= 0.9: met"),
+        ("fit.untold", "left open is named and has no interval: 1 >= 1: met"),
+        ("fit.starts", "from a tenth of it that end at the same place: 1 >= 0.9: met"),
+        ("fit.cantilever", "ρ g L³/B = 6: 1.947 >= 1.6: met"),
+        ("fit.nylon", "% of the largest force: 1.835 <= 2: met"),
+        ("fit.knits", "say that the law is wrong: 1 >= 1: met"),
     ],
 )
 def test_quick(study, says, run_here):

@@ -1,0 +1,1 @@
+"""What `fc.fit` finds in data whose constants are known, and in measured data."""
