@@ -38,13 +38,14 @@ def computed_values(row: Mapping, number: int, count: int) -> Computed:
 
 
 def computed_curve(
-    row: Mapping, number: int, order: int | None, points: Measured, shift: float
+    row: Mapping, number: int, order: int | None, points: Measured, shift: float | None
 ) -> Computed:
-    """The curve of a run at the measured places, which begin at `shift`.
+    """The curve of a run at the measured places, which begin at `shift` if it is not None.
 
-    `number` is the place of the quantity among the values of the row, and `order` of what orders
-    the points; None for t. With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value
-    at a fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
+    Before the shift the specimen is slack, and has the value of its start. `number` is the place of
+    the quantity among the values of the row, and `order` of what orders the points; None for t.
+    With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value at a fixed place A by
+    ∂q/∂p − (dq/da) ∂a/∂p.
     """
     q, dq = _rows(row, number)
     a, da = (np.array(row["times"]), 0 * dq) if order is None else _rows(row, order)
@@ -55,14 +56,16 @@ def computed_curve(
     if len(a) and a[-1] < a[0]:
         a, q, da, dq = a[::-1], q[::-1], da[::-1], dq[::-1]
     assert points.along is not None
-    places = points.along - shift
-    _check_order(a, points, places if shift == 0 else np.zeros(1))
+    places = points.along - (shift or 0.0)
+    _check_order(a, points, places if shift is None else np.zeros(1))
+    is_slack = (places * np.sign(a[-1] + a[0]) < 0) & (shift is not None)
+    places = np.where(is_slack, 0.0, places)
     inside = np.clip(places, a[0], a[-1])
     curve = CubicSpline(a, q)
     slope = curve(inside, 1)
     values = curve(inside) + slope * (places - inside)  # beyond the rows as at the end
     slopes = CubicSpline(a, dq)(inside) - slope[:, None] * CubicSpline(a, da)(inside)
-    return Computed(values, slopes, slope, shift)
+    return Computed(values, slopes, np.where(is_slack, 0.0, slope), shift or 0.0)
 
 
 def best_shift(curve: Callable[[float], Computed], points: Measured, reach: float) -> float:
@@ -207,7 +210,7 @@ class Fitting:
             curve = partial(computed_curve, row, number, 0 if first else None, points)
             if offset is None:
                 free = specimen.experiment.offset
-                offset = best_shift(curve, points, specimen.reach / 2) if free else 0.0
+                offset = best_shift(curve, points, specimen.reach / 2) if free else None
             yield curve(offset)
 
     def _jacobian(self, i: int, result: Computed, u: np.ndarray) -> np.ndarray:
@@ -221,7 +224,16 @@ class Fitting:
                 J[:, column] = result.slopes[:, names.index(each.name)]
         return J
 
-    def report(self, number: int, at: Evaluation) -> None:
+    def check_signs(self, at: Evaluation) -> None:
+        """Refuse a column whose values all have the sign opposite to the computed values."""
+        for i, k in self.blocks:
+            points = self.specimens[i].points[k]
+            if (at.computed[i, k].values * points.values < 0).all():
+                what = f"{self.specimens[i].experiment.label}: column {points.column!r}"
+                allowed = f"has the sign opposite to {points.quantity} of the first run"
+                raise InputError(what, allowed, "fit", "Turn the signs of the column.")
+
+    def report(self, number: int, at: Evaluation, phase: str) -> None:
         """Print a line for an evaluation."""
         if self.runs.quiet:
             return
@@ -234,4 +246,4 @@ class Fitting:
         else:
             residual = at.residual(self.blocks)
             words = f"misfit {(residual @ residual) / len(residual):.3g} with {words}"
-        print(f"[evaluation {number}] {words}", file=sys.stderr, flush=True)
+        print(f"[{phase}evaluation {number}] {words}", file=sys.stderr, flush=True)

@@ -73,6 +73,10 @@ class Experiment:
         if not (along in (None, T) or (isinstance(along, Mapping) and len(along) == 1)):
             allowed = 'must be "t", or a column and its quantity, as {"extension": "grip.x"}'
             raise InputError(f"along = {brief(along)}", allowed, "Experiment")
+        for name in ("offset", "fitted"):
+            if not isinstance(getattr(self, name), bool):
+                what = f"{name} = {brief(getattr(self, name))}"
+                raise InputError(what, "must be true or false", "Experiment")
         if self.offset and along is None:
             raise InputError("offset = true", "needs along, which it shifts", "Experiment")
 

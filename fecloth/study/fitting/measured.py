@@ -17,6 +17,7 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.study.fitting.experiment import Experiment
 
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
+COMMAS = "write commas between columns, and decimal points"
 PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a dimension
 _TABLES = [each for each in vars(units).values() if isinstance(each, Dimension)]
 DIMENSIONS = {each.si: each for each in reversed(_TABLES)} | {  # the first of one SI unit counts
@@ -39,9 +40,11 @@ def factor_to_si(name: str, unit: str | None, si: str) -> float:
     dimension = DIMENSIONS.get(si.replace("²", "^2").replace("³", "^3"), Dimension({si: 1.0}))
     if not unit:
         raise InputError(f"column {name!r}", f"has no unit; write it as {name} [{dimension.si}]")
-    if unit == si:
-        return 1.0
-    return units.quantity(f"unit of column {name!r}", f"1 {unit}", dimension)
+    try:
+        return 1.0 if unit == si else units.quantity(name, f"1 {unit}", dimension)
+    except InputError:
+        allowed = f"its unit must be one of {', '.join(dimension.units)}"
+        raise InputError(f"column {name} [{unit}]", allowed) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +91,8 @@ class DataTable:
 
 def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> DataTable:
     """Read a CSV file, or a mapping of names with units to values."""
+    if not isinstance(data, str | Path | Mapping):
+        raise InputError(f"data = {brief(data)}", "must be a path, or a mapping of columns", label)
     if isinstance(data, Mapping):
         columns = [(str(name), list(values)) for name, values in data.items()]
         lengths = {len(values) for _, values in columns}
@@ -104,11 +109,15 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
     ]
     rows = list(csv.reader(line for _, line in numbered))
     if len(rows) < 2:
-        raise InputError("a line of names and lines of numbers", "are needed", str(data))
+        allowed = "it needs a line of names, then lines of numbers"
+        raise InputError("too few lines", allowed, str(data))
+    if ";" in numbered[0][1]:
+        raise InputError("columns between semicolons", COMMAS, str(data))
     for (number, _), row in zip(numbered, rows, strict=True):
         if len(row) != len(rows[0]):
             what = f"line {number} has {len(row)} cells"
-            raise InputError(what, f"must have {len(rows[0])}, as the first line", str(data))
+            allowed = f"must have {len(rows[0])}, as the first line; {COMMAS}"
+            raise InputError(what, allowed, str(data))
     columns = [(name, list(cells)) for name, *cells in zip(*rows, strict=True)]
     return _table(str(data), columns, [number for number, _ in numbered[1:]])
 
@@ -204,8 +213,10 @@ def _along(
         for number in np.unique(repeats):  # a distance, not a change: from its first value
             rows = repeats == number
             values[rows] -= values[rows][0]
-    # With an offset only the length of the curve is known to fit.
-    moved = values - values.min() if experiment.offset and high > -low else values
+    moved = values
+    if experiment.offset:  # by at most half of the reach
+        half = (high - low) / 2
+        moved = values - np.clip(values.min() - low, -half, half) if high > -low else values
     outside = np.flatnonzero((moved < low - spare) | (moved > high + spare))
     if len(outside):
         row = outside[np.argmax(np.abs(moved[outside]))]
@@ -257,8 +268,7 @@ def _sigma(
         return float(words) * PLAIN[""] * same
     except (ValueError, KeyError) as error:
         allowed = 'must be as "2 %", "0.1 N", the name of a column, or "repeats"'
-        cause = str(error) if isinstance(error, InputError) else ""
-        raise InputError(f"sigma = {brief(asked)}", allowed, table.where, cause) from None
+        raise InputError(f"sigma = {brief(asked)}", allowed, table.where) from error
 
 
 def _mean_of_repeats(

@@ -17,6 +17,7 @@ from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.measured import ASSUMED, Measured
 from fecloth.study.fitting.specimens import fabric_with
 from fecloth.study.fitting.statistics import statistics
+from fecloth.study.parameters import numbers_of
 from fecloth.study.problems import SceneProblem
 from fecloth.study.reports import write_csv
 from fecloth.study.result import Cell, StudyResult, Table, in_percent
@@ -113,13 +114,6 @@ def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> No
 NO_INTERVAL = (float("nan"), float("nan"))
 
 
-def _describe_signs(fitting: Fitting, end: Evaluation) -> Iterator[str]:
-    for block, experiment, points, _ in _blocks(fitting):
-        if block in end.computed and end.computed[block].values @ points.values < 0:
-            column = f"{experiment.label}: {points.column}"
-            yield f"{column} has the sign opposite to {points.quantity}; is its direction right?"
-
-
 def summarise(
     fitting: Fitting, end: Evaluation, coarse: Evaluation | None, title: str, remarks: list[str]
 ) -> Fit:
@@ -151,7 +145,6 @@ def summarise(
     ]
     return Fit(
         title=title,
-        warnings=tuple(_describe_signs(fitting, end)),
         verdict="\n".join(verdict),
         table=_table(fitting, values, intervals, numerical),
         values=values,
@@ -169,8 +162,22 @@ def summarise(
         experiments=_experiments(fitting, end),
         points=_points(fitting, end),
         fabric=_fabric(fitting, values, intervals, covariance),
-        remarks=(*remarks, *_describe_assumed(fitting)),
+        remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(fitting)),
     )
+
+
+def _describe_held(fitting: Fitting) -> Iterator[str]:
+    """Which constants of the fabric were taken as given."""
+    held: dict[str, list[str]] = {}
+    for each in fitting.specimens:
+        for name, value in numbers_of(each.problem):
+            sought = {name, name.rpartition(".")[0]} & set(each.names)
+            if name.startswith("fabric.") and value and not sought:
+                texts = held.setdefault(name.removeprefix("fabric."), [])
+                texts += [f"{value:.4g}"] if f"{value:.4g}" not in texts else []
+    if held:
+        listed = ", ".join(f"{name} = {' and '.join(texts)}" for name, texts in held.items())
+        yield f"taken as given, and not measured: {listed}"
 
 
 def _describe_assumed(fitting: Fitting) -> Iterator[str]:
@@ -225,7 +232,8 @@ def _experiments(fitting: Fitting, end: Evaluation) -> Table:
                 "unit": points.unit,
                 "along": f"{along} [{points.along_unit}]" if points.along_unit else along,
                 "points": len(points.values),
-                "misfit": float(np.mean(r**2)),
+                "sigma": float(np.median(points.sigma)),
+                "rms / sigma": float(np.sqrt(np.mean(r**2))),
                 "rms %": 100 * float(np.sqrt(np.mean(apart**2))) / points.largest,
                 "largest %": 100 * float(np.abs(apart).max()) / points.largest,
                 "offset": end.shift(block) if experiment.offset else None,

@@ -30,13 +30,14 @@ class Search:
     center: np.ndarray  # (m,) where the pull is to
     pull: np.ndarray  # (k, m) its rows, beside the residuals
     most: int = MOST
+    phase: str = ""  # a word for the lines of progress
     known: dict[bytes, Evaluation] = field(default_factory=dict)
 
     def at(self, u: np.ndarray) -> Evaluation:
         key = u.tobytes()
         if key not in self.known:
             self.known[key] = self.fitting.evaluate(u)
-            self.fitting.report(len(self.known), self.known[key])
+            self.fitting.report(len(self.known), self.known[key], self.phase)
         return self.known[key]
 
     def residual(self, u: np.ndarray) -> np.ndarray:
@@ -52,6 +53,7 @@ class Search:
         first = self.at(begin)
         if first.cause:
             return first
+        self.fitting.check_signs(first)
         limits = np.array([each.bounds for each in self.fitting.unknowns]).T
         bounds = (-np.inf, np.inf) if np.isinf(limits).all() else limits
         solved = least_squares(
@@ -95,7 +97,7 @@ def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
     """
     untold = statistics(fitting, end).untold
     pull = np.concatenate([PULL * np.eye(len(end.u)), HOLD * untold])
-    return Search(fitting, end.u, pull, FEW).run(end.u)
+    return Search(fitting, end.u, pull, FEW, "finer mesh, ").run(end.u)
 
 
 def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean
+from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.on_request import on_request
@@ -106,10 +107,17 @@ def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
         key, _, number = rest.partition(".")
         if first != FABRIC:
             continue
+        if key not in CONSTANTS:
+            allowed = f"is no constant of a fabric; these are {', '.join(CONSTANTS)}"
+            raise InputError(f"parameter {name!r}", allowed, "fit", did_you_mean(key, CONSTANTS))
         if not number:
             fabric[key] = value
             continue
         old = fabric.get(key)
+        other = f"{FABRIC}.{key}.{1 - int(number == '1')}"
+        if is_number(old) and other not in values:
+            allowed = "is one of two, but the fabric has one number for both directions"
+            raise InputError(f"parameter {name!r}", allowed, "fit", f"Fit {FABRIC}.{key}.")
         pair = list(old) if isinstance(old, list | tuple) else [old, old]
         if number not in ("0", "1"):
             raise InputError(f"parameter {name!r}", "must end with .0 (warp) or .1 (weft)", "fit")
@@ -170,15 +178,17 @@ def _open(
     for name in parameters:
         refuse_sizes(problem, name)
     if not names:
-        allowed = f"has none of the parameters {', '.join(parameters)}"
-        raise InputError(f"experiment {experiment.label}", allowed, "fit")
+        allowed = f"has none of the parameters {', '.join(parameters)}; it has {', '.join(known)}"
+        remedy = did_you_mean(next(iter(parameters), ""), known)
+        raise InputError(f"experiment {experiment.label}", allowed, "fit", remedy)
     return _measure(experiment, problem, tuple(names))
 
 
 def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -> Specimen:
     setup, specimen = problem.first, Specimen(experiment, problem, names, ())
     for asked in specimen.quantities:
-        problem.check_quantity(asked)
+        # along a curve no vector will do: a column, as for a maximum
+        problem.check_quantity(replace(asked, how="max") if specimen.is_curve else asked)
         if specimen.is_curve and (asked.how != "value" or asked.at is not None):
             allowed = "must be a column of the run, as reaction.grip.x"
             raise InputError(f"{asked}: along a curve", allowed, experiment.label)

@@ -71,7 +71,7 @@ def make_unknowns(
 
 def _constant(name: str, value: float) -> Unknown:
     if not is_number(value):
-        raise InputError(f"parameter {name!r} = {value!r}", "must be a finite number", "fit")
+        raise InputError(f"parameter {name!r} = {value!r}", "must be a finite number, in SI", "fit")
     value = float(value)
     if name.rpartition(".")[2] in RATIOS:
         return Unknown(name, value, RATIO_WIDTH)

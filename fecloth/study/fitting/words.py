@@ -50,8 +50,10 @@ def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
         names = [fitting.unknowns[i].name for i in group]
         short = [name.removeprefix("fabric.") for name in names]
         words = short[0] if len(short) == 1 else f"{short[0]} apart from {' and '.join(short[1:])}"
-        all_names = " ".join(names)
-        hint = next((h for keys, h in HINTS if all(key in all_names for key in keys)), "")
+        everything = " ".join(names)
+        hint = next((h for keys, h in HINTS if all(key in everything for key in keys)), "")
+        if any(fitting.unknowns[i].is_offset for i in group):
+            hint = "points farther along the curve, or no offset,"
         yield f"these tests do not tell {words}" + (f": {hint} would" if hint else "")
 
 

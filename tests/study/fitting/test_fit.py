@@ -83,9 +83,9 @@ def test_two_strips_that_want_two_stiffnesses_show_a_wrong_law():
     assert answer.exit_status == 1
 
 
-def test_the_sign_of_a_force():
-    answer = fc.fit([drawn_strip([-force(1000.0)], sigma="1 %")], {"stiffness": 900.0})
-    assert "force has the sign opposite to reaction.right.x" in answer.warnings[0]
+def test_a_force_with_the_wrong_sign_is_refused():
+    with pytest.raises(InputError, match="'force': has the sign opposite to reaction.right.x"):
+        fc.fit([drawn_strip([-force(1000.0)], sigma="1 %")], {"stiffness": 900.0})
 
 
 def test_without_sigma_2_percent_are_assumed_and_said():
@@ -152,6 +152,7 @@ def test_curve_with_an_offset_from_a_file(folder):
     assert answer.offsets["tension.csv"] == pytest.approx(0.01, rel=1e-4)
     assert answer.identified == (warp,)
     assert np.isnan(answer.intervals[weft]).all()
+    assert "taken as given, and not measured: areal_density = 0.2, shear" in answer.remarks[0]
     assert "do not tell tensile_stiffness.1: a strip under tension along that" in answer.verdict
     assert answer.fabric["shear_stiffness"] == 300.0
     assert list(answer.fabric["uncertainty"]) == ["tensile_stiffness.0"]
@@ -210,7 +211,7 @@ def test_an_experiment_that_is_compared_only(folder):
         ("reaction.grip.x", "reaction.grap.x", "unknown quantity"),
         ('{ extension = "grip.x" }', '{ extension = "grip.q" }', "unknown quantity"),
         ('"fabric.tensile_stiffness.1" = 600.0', "", "needs both numbers of the pair"),
-        ("[fabric]", '"fabric.tensil" = 1.0\n[fabric]', "unknown key"),
+        ("[fabric]", '"fabric.tensile_stifness" = 1.0\n[fabric]', "Did you mean 'tensile_stiffness'"),
         ("[fabric]", '"cloth.h" = 1.0\n[fabric]', "changes the mesh"),
         ("[fabric]", '"terms.0.time" = 1.0\n[fabric]', "is no number of any fitted"),
         ("offset = true", "ofset = true", "Did you mean 'offset'"),
@@ -219,6 +220,9 @@ def test_an_experiment_that_is_compared_only(folder):
         ("600.0", '"a"', "must be"),
         ("offset = true", "fitted = false", "at least one must be fitted"),
         ("offset = true", "", "is beyond what the run reaches, 0 to 0.1 m"),
+        ("offset = true", 'offset = "10 mm"', "must be true or false"),
+        ('{ extension = "grip.x" }', '{ extension = "grip" }', "Take a component, as grip.z"),
+        ('"fabric.tensile_stiffness.0" = 600.0', '"terms.3.time" = 1.0', "needs both numbers"),
     ],
 )
 def test_a_mistake_has_one_line_before_the_first_run(folder, monkeypatch, old, new, words):
@@ -232,6 +236,33 @@ def test_a_mistake_has_one_line_before_the_first_run(folder, monkeypatch, old, n
     with pytest.raises(InputError, match=words) as error:
         fit_file.fit(folder / "FIT.toml")
     assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("extension [mm];force [N]\n1;2\n", "columns between semicolons: write commas"),
+        (
+            "extension [mm],force [N]\n1,5,2,5\n",
+            "line 2 has 4 cells: must have 2, .* decimal points",
+        ),
+        ("", "too few lines: it needs a line of names"),
+        ("extension [N],force [N]\n1,2\n", r"extension \[N\]: its unit must be one of m, cm, mm"),
+        ("extension [mm],force [N]\n-10,-2\n-99,-3\n", "is beyond what the run reaches"),
+    ],
+)
+def test_mistakes_in_the_data(folder, text, words):
+    (folder / "tension.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        fit_file.fit(folder / "FIT.toml")
+
+
+def test_a_number_of_a_pair_where_the_fabric_has_one_number(folder):
+    text = FIT.replace('"fabric.tensile_stiffness.1" = 600.0', "")
+    text = text.replace("shear_stiffness = 300.0", "tensile_stiffness = 500.0")
+    (folder / "FIT.toml").write_text(text)
+    with pytest.raises(InputError, match="one number for both directions. Fit fabric.tensile_stif"):
+        fit_file.fit(folder / "FIT.toml")
 
 
 def test_a_curve_of_one_load_step(folder):

@@ -35,7 +35,7 @@ def test_units_of_headers(unit, si, factor):
     ("unit", "si", "words"),
     [
         (None, "m", r"'x': has no unit; write it as x \[m\]"),
-        ("kg", "m", "must be a number with one of the units m, cm, mm"),
+        ("kg", "m", "its unit must be one of m, cm, mm"),
         ("mm", "", "its quantity has no unit"),
     ],
 )
@@ -62,7 +62,7 @@ def test_a_mapping_serves_as_a_file():
         ("force [N]\n1\nnan\n", "line 3, column 'force': 'nan': must be a finite number"),
         ("force [N]\n1\n\n\n", "column 'forces': is not in the file, which has force. Did you"),
         ("force [N],x [m]\n1\n", "line 2 has 1 cells: must have 2"),
-        ("force [N]\n", "a line of names and lines of numbers"),
+        ("force [N]\n", "needs a line of names, then lines of numbers"),
         ("force [N],force [N]\n1,2\n", "must be a name of its own"),
     ],
 )
