@@ -211,7 +211,7 @@ def test_an_experiment_that_is_compared_only(folder):
         ("reaction.grip.x", "reaction.grap.x", "unknown quantity"),
         ('{ extension = "grip.x" }', '{ extension = "grip.q" }', "unknown quantity"),
         ('"fabric.tensile_stiffness.1" = 600.0', "", "needs both numbers of the pair"),
-        ("[fabric]", '"fabric.tensile_stifness" = 1.0\n[fabric]', "Did you mean 'tensile_stiffness'"),
+        ("[fabric]", '"fabric.tensile_stifness" = 1.0\n[fabric]', "you mean 'tensile_stiffness'"),
         ("[fabric]", '"cloth.h" = 1.0\n[fabric]', "changes the mesh"),
         ("[fabric]", '"terms.0.time" = 1.0\n[fabric]', "is no number of any fitted"),
         ("offset = true", "ofset = true", "Did you mean 'offset'"),
