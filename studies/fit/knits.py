@@ -54,8 +54,8 @@ def read(knit: str, direction: str, part: float) -> tuple[dict[str, list[float]]
     """
     path = DATA / f"singal_2024_acrylic_{knit}_{direction}.csv"
     text = path.read_text(encoding="utf-8")
-    found = re.search(r"width at the clamp ([\d.]+) mm", text)
-    assert found
+    match = re.search(r"width at the clamp ([\d.]+) mm", text)
+    assert match
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     rows = [[float(cell) for cell in line] for line in csv.reader(lines[1:])]
     table = np.array([[row[0], row[1], 1e-3 * row[2], 5e-4 * row[4]] for row in rows])
@@ -68,7 +68,7 @@ def read(knit: str, direction: str, part: float) -> tuple[dict[str, list[float]]
         kept.append(moved[(moved[:, 2] >= 0.0) & (moved[:, 2] <= part * length)])
     number, force, extension, half = np.concatenate(kept).T.tolist()
     data = {"repeat": number, "extension [m]": extension, "force [N]": force, "half [m]": half}
-    return data, length, max(1e-3 * float(found[1]), 2 * across)
+    return data, length, max(1e-3 * float(match[1]), 2 * across)
 
 
 def experiment(knit: str, direction: str, part: float, cells: int, steps: int) -> fc.Experiment:
@@ -97,17 +97,17 @@ def fit_knit(knit: str, part: float, cells: int, steps: int) -> tuple[dict, fc.F
     """Fit a part of both curves of a knit."""
     begin = time.process_time()
     experiments = [experiment(knit, direction, part, cells, steps) for direction in ALONG]
-    found = fit_quietly(experiments, START, refined=steps == STEPS)
+    answer = fit_quietly(experiments, START, refined=steps == STEPS)
     row: dict = {"knit": knit, "up to": "the end" if math.isinf(part) else f"{100 * part:.0f} %"}
-    for name, value in found.values.items():
-        half = (found.intervals[name][1] - found.intervals[name][0]) / 2
+    for name, value in answer.values.items():
+        half = (answer.intervals[name][1] - answer.intervals[name][0]) / 2
         row[name] = f"{value:.4g} ± {half:.2g}" if math.isfinite(half) else f"{value:.4g}"
-    row["not told"] = ", ".join(sorted(set(found.values) - set(found.identified))) or "-"
-    for line in found.experiments:
+    row["not told"] = ", ".join(sorted(set(answer.values) - set(answer.identified))) or "-"
+    for line in answer.experiments:
         words = f"{line['experiment'].split(', ')[1]}, {line['column']}: rms %"
         row[words] = f"{line['rms %']:.2g}"
-    row |= {"misfit": found.misfit, "law": "wrong" if found.law_fails else "not refuted"}
-    return row | {"CPU s": round(time.process_time() - begin, 1)}, found
+    row |= {"misfit": answer.misfit, "law": "wrong" if answer.law_fails else "not refuted"}
+    return row | {"CPU s": round(time.process_time() - begin, 1)}, answer
 
 
 def main() -> int:
@@ -118,10 +118,12 @@ def main() -> int:
     rows, words = [], []
     for knit in knits:
         for part in parts:
-            row, found = fit_knit(knit, part, cells, steps)
+            row, answer = fit_knit(knit, part, cells, steps)
             rows.append(row)
-            words += [f"**{knit}, up to {row['up to']}**: " + "; ".join(found.verdict.splitlines())]
-            found.report(options.out / f"{knit}_{row['up to'].split()[0]}")
+            words += [
+                f"**{knit}, up to {row['up to']}**: " + "; ".join(answer.verdict.splitlines())
+            ]
+            answer.report(options.out / f"{knit}_{row['up to'].split()[0]}")
     whole = [row for row in rows if row["up to"] == "the end"]
     findings = [
         harness.Finding(

@@ -79,11 +79,11 @@ class Test:
             run = fc.run(
                 system, method, start, *steps.values(), t_end=self.t_end, probes=self.probes
             )
-        found = {}
+        columns = {}
         for quantity, column in self.columns.items():
             values = CubicSpline(run.times, run.observed[column])(self.at)
-            found[quantity] = values, float(np.ptp(run.observed[column]))
-        return found
+            columns[quantity] = values, float(np.ptp(run.observed[column]))
+        return columns
 
     def _at_rest(self, system: fc.System, start: fc.State) -> dict[str, tuple[np.ndarray, float]]:
         """The values of an equilibrium, for each reading, and their changes from the flat cloth."""

@@ -65,19 +65,19 @@ def fit_to(fitted: Sequence[int], start: dict[str, float], shown: Sequence[int],
     return fit_quietly(experiments, start, refined=False)
 
 
-def line(words: str, found) -> dict[str, object]:
+def line(words: str, answer) -> dict[str, object]:
     """The line of a fit: its constants, and how far each curve is off."""
-    rms = {row["experiment"]: f"{row['rms %']:.2f}" for row in found.experiments}
+    rms = {row["experiment"]: f"{row['rms %']:.2f}" for row in answer.experiments}
     constants = {}
-    for name, value in found.values.items():
-        half = (found.intervals[name][1] - found.intervals[name][0]) / 2
+    for name, value in answer.values.items():
+        half = (answer.intervals[name][1] - answer.intervals[name][0]) / 2
         constants[name] = f"{value:.4g}" + (f" ± {half:.2g}" if math.isfinite(half) else "")
-    verdict = "the law is wrong" if found.law_fails else ""
-    untold = ", ".join(sorted(set(found.values) - set(found.identified))) or "-"
+    verdict = "the law is wrong" if answer.law_fails else ""
+    untold = ", ".join(sorted(set(answer.values) - set(answer.identified))) or "-"
     return {
         "fit": words, **{key: constants.get(key, "0") for key in (*START, "poisson")},
         **{f"rms {angle}° %": rms.get(f"{angle}°", "") for angle in ANGLES},
-        "misfit": found.misfit, "not told": untold, "law": verdict,
+        "misfit": answer.misfit, "not told": untold, "law": verdict,
     }  # fmt: skip
 
 

@@ -67,11 +67,11 @@ def main() -> int:
     rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=600)
     title = "Fits that begin ten times off"
     harness.require_results(options, title, rows)
-    good = [row for row in rows if row["status"] == "ok"]
+    ended = [row for row in rows if row["status"] == "ok"]
     findings = [
         harness.Finding(
-            f"share of {len(good)} fits from {words} that end at the same place",
-            sum(row[f"{name}: same"] for row in good) / len(good),
+            f"share of {len(ended)} fits from {words} that end at the same place",
+            sum(row[f"{name}: same"] for row in ended) / len(ended),
             ENOUGH,
         )
         for name, words in (("up", "ten times the truth"), ("down", "a tenth of it"))

@@ -45,11 +45,11 @@ def solve(seed: int, number: int, tests: list[str], constants: list[str]) -> dic
     known = draws.make_tests(truth, swapped=bool(number % 2))
     experiments = [known[name].experiment(truth, constants, noise, rng) for name in tests]
     begin = time.process_time()
-    found = fit_quietly(experiments, {name: start[name] for name in constants})
-    row = {"noise": noise, "misfit": found.misfit, "law fails": found.law_fails}
-    row |= {"resolved": found.resolved, "cpu": time.process_time() - begin}
+    answer = fit_quietly(experiments, {name: start[name] for name in constants})
+    row = {"noise": noise, "misfit": answer.misfit, "law fails": answer.law_fails}
+    row |= {"resolved": answer.resolved, "cpu": time.process_time() - begin}
     for name in constants:
-        row |= _compare(name, truth[name], start[name], found)
+        row |= _compare(name, truth[name], start[name], answer)
     return row
 
 
@@ -59,17 +59,17 @@ def fit_quietly(experiments: Sequence[fc.Experiment], start: Mapping[str, float]
         return fc.fit(experiments, start, **more)
 
 
-def _compare(name: str, truth: float, start: float, found) -> dict[str, Any]:
-    low, high = found.intervals[name]
+def _compare(name: str, truth: float, start: float, answer) -> dict[str, Any]:
+    low, high = answer.intervals[name]
     half = (high - low) / 2
     return {
         f"{name}: truth": truth,
         f"{name}: start": start,
-        f"{name}: value": found.values[name],
+        f"{name}: value": answer.values[name],
         f"{name}: half": half,
         f"{name}: covered": bool(low <= truth <= high),
-        f"{name}: off": (found.values[name] - truth) / half,
-        f"{name}: shift": found.numerical[name] / half,
+        f"{name}: off": (answer.values[name] - truth) / half,
+        f"{name}: shift": answer.numerical[name] / half,
     }
 
 
@@ -107,8 +107,8 @@ def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[
     """Write the page and the report of some twins; return the exit status."""
     title = "Coverage of the 95 % intervals of a fit"
     harness.require_results(options, title, rows)
-    good = [row for row in rows if row["status"] == "ok"]
-    table = [summarise(name, good) for name in constants]
+    ended = [row for row in rows if row["status"] == "ok"]
+    table = [summarise(name, ended) for name in constants]
     findings = [
         harness.Finding(
             f"{line['constant']}: share of {line['twins']} twins whose interval covers the truth",
@@ -117,10 +117,10 @@ def conclude(options: argparse.Namespace, rows: list[dict], constants: Sequence[
         )
         for line in table
     ]
-    seconds = [row["cpu"] for row in good]
+    seconds = [row["cpu"] for row in ended]
     findings += [
-        harness.Finding("twins whose law fails by chance", sum(row["law fails"] for row in good)),
-        harness.Finding("twins that are not resolved", sum(not row["resolved"] for row in good)),
+        harness.Finding("twins whose law fails by chance", sum(row["law fails"] for row in ended)),
+        harness.Finding("twins that are not resolved", sum(not row["resolved"] for row in ended)),
         harness.Finding("median CPU seconds of a fit", float(np.median(seconds))),
         harness.Finding("CPU minutes of all fits", math.fsum(seconds) / 60),
     ]

@@ -99,18 +99,18 @@ def solve(seed: int, kind: str, number: int) -> dict:
     start, noise = draws.draw_start(rng, truth), draws.between(rng, *NOISE)
     names = (*KINDS[kind].told, *KINDS[kind].untold)
     experiments = [test.experiment(truth, names, noise, rng) for test in KINDS[kind].tests(truth)]
-    found = fit_quietly(experiments, {name: start[name] for name in names})
-    missed, verdict = KINDS[kind].untold, found.verdict
+    answer = fit_quietly(experiments, {name: start[name] for name in names})
+    missed, verdict = KINDS[kind].untold, answer.verdict
     sentence = " ".join(line for line in verdict.splitlines() if "do not tell" in line)
     named = all(
-        name not in found.identified and math.isnan(found.intervals[name][0]) and name in sentence
+        name not in answer.identified and math.isnan(answer.intervals[name][0]) and name in sentence
         for name in missed
     )
     covered = [
-        bool(found.intervals[name][0] <= truth[name] <= found.intervals[name][1])
+        bool(answer.intervals[name][0] <= truth[name] <= answer.intervals[name][1])
         for name in KINDS[kind].told
     ]
-    told = [name in found.identified for name in KINDS[kind].told]
+    told = [name in answer.identified for name in KINDS[kind].told]
     return {
         "noise": noise,
         "left open": ", ".join(missed),
@@ -131,12 +131,12 @@ def main() -> int:
     rows = study.run_cases(cases, solve, **harness.run_options(options), time_limit=300)
     title = "What the data of a fit do not tell"
     harness.require_results(options, title, rows)
-    good = [row for row in rows if row["status"] == "ok"]
-    told, covered, all_told = np.sum([row["counts"] for row in good], axis=0)
+    ended = [row for row in rows if row["status"] == "ok"]
+    told, covered, all_told = np.sum([row["counts"] for row in ended], axis=0)
     findings = [
         harness.Finding(
             f"of {len(rows)} cases, what is left open is named and has no interval",
-            sum(row["named, without interval"] for row in good),
+            sum(row["named, without interval"] for row in ended),
             len(rows),
         ),
         harness.Finding(f"of {all_told} other constants, told", int(told), all_told),
