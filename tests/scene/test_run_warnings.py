@@ -60,7 +60,7 @@ WARNINGS = {  # overrides for the warning, and what its remedy adds to them
         ["fabric.bending_rigidity=9.6e-5"],
     ),
     "If you meant ms, write 0.005": (["time.dt=5", "time.t_end=10"], ["time.dt=0.005"]),
-    "3113 times shorter than even an explicit": (["time.dt=1e-7"], ["time.dt=1e-4"]),
+    "3838 times shorter than even an explicit": (["time.dt=1e-7"], ["time.dt=1e-4"]),
     "removes about 25 %": (EULER, ["time.method=bdf2"]),
     "no membrane is among": (["terms.0={type='Drag', normal=0.7}"], ["terms.0={type='StVK'}"]),
     "StVK stands 2 times": (

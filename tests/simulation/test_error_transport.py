@@ -118,7 +118,7 @@ def test_an_error_that_has_grown_beyond_the_sum_is_not_known(share, known):
     system, state, _, _ = sheet(1.05)
     start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
     error = replace(
-        TimeError.open(state, start), largest=1e-3, carried=share * GROWN * 1e-3, moved=1.0
+        TimeError(state.x, start, (start,)), largest=1e-3, carried=share * GROWN * 1e-3, moved=1.0
     )
     assert error._find_unknown(system, 1.0) == ("" if known else GROWS)
 
@@ -127,7 +127,7 @@ def test_an_error_that_has_grown_beyond_the_sum_is_not_known(share, known):
 def test_an_error_that_has_grown_beyond_a_tenth_of_the_motion_is_a_warning(carried, large):
     _, state, _, _ = sheet(1.05)
     start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
-    error = replace(TimeError.open(state, start), carried=carried, moved=1.0, unknown=GROWS)
+    error = replace(TimeError(state.x, start, (start,)), carried=carried, moved=1.0, unknown=GROWS)
     assert error.is_large == large
 
 
@@ -161,7 +161,7 @@ def test_the_stated_error_is_the_mean_of_sum_and_field_or_the_sum_where_the_fiel
     """The geometric mean, or the sum where the field is below a sixth of it."""
     system, state, _, _ = sheet(1.05)
     start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
-    error = replace(TimeError.open(state, start), recent=(start,) * 4, moved=2.0)
+    error = replace(TimeError(state.x, start, (start,)), recent=(start,) * 4, moved=2.0)
     error = replace(error, largest=6e-3, carried=carried)
     assert error.relative_error(system, fc.BDF2().traits, 1.0) == pytest.approx(stated / 2)
 

@@ -116,7 +116,8 @@ def test_the_first_derivative_stands_for_all_the_time_before():
     rest, method, dt = system.rest().x, fc.ImplicitMidpoint(), 0.01
     energies = {"deforming": 1.0, "kinetic": 1.0, "inside": 0.0, "outside": 0.0}
     q, constant = method.traits.drift or (2, method.traits.error_constant)
-    error = TimeError.open(system.rest(), Sample(0.0, 0, rest, 0 * rest, **energies))
+    start = Sample(0.0, 0, rest, 0 * rest, **energies)
+    error = TimeError(rest, start, (start,))
     for step in range(1, 7):
         state = fc.State(step * dt, rest + SIZE * (step * dt) ** 3 * shape, 0 * rest)
         sample = Sample(state.t, step, state.x, state.v, **energies)
@@ -148,7 +149,8 @@ def test_an_error_is_forgotten_as_fast_as_the_damped_mode_that_made_it(where):
         x = rest + fall * math.cos(omega * t) * shape
         return fc.State(t, x, speed * shape), Sample(t, step, x, speed * shape, **energies)
 
-    error, lengths, lost = TimeError.open(*at(0, 0.0)), [], 0.0
+    state, start = at(0, 0.0)
+    error, lengths, lost = TimeError(state.x, start, (start,)), [], 0.0
     times = dt * np.arange(1, int(3 / (gamma * dt)))
     for step, t in enumerate(times, start=1):
         lost += (
@@ -331,7 +333,7 @@ def test_a_jump_is_named_where_it_is_most_of_the_error(share, said):
     system, _ = bar()
     start = Sample(0.0, 0, system.rest().x, None, 0.0, 0.0, 0.0, 0.0)
     error = replace(
-        TimeError.open(system.rest(), start), kick=1e-3, kicked=0.5, largest=share * 5e-4
+        TimeError(start.x, start, (start,)), kick=1e-3, kicked=0.5, largest=share * 5e-4
     )
     error = replace(error, moved=1e9)  # nothing swings back
     assert (error.kick_length(system, 1.0) > error.largest) == said

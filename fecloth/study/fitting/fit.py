@@ -92,7 +92,7 @@ def fit(
     >>> test = fc.Experiment(strip, data, quantity={"force": "reaction.right.x"}, sigma="0.5 %")
     >>> answer = fc.fit([test], {"stiffness": 800.0}, h=0.25)
     >>> print(f"{answer.values['stiffness']:.1f}")
-    1000.6
+    1000.9
     """
     listed = [experiments] if isinstance(experiments, Experiment) else list(experiments)
     if not all(isinstance(each, Experiment) for each in listed):

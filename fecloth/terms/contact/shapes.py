@@ -69,13 +69,13 @@ class Plane(Shape):
         return np.tile(self._normal, (len(y), 1)), np.zeros((len(y), 3, 3))
 
 
-class Round(Shape):
+class Round:
     """All points within `radius` of a point or a line: d = |q| − radius with q from there to y."""
 
     radius: float
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        super().__post_init__()  # type: ignore[misc]  # of the `Shape` beside it
         validation.positive("radius", self.radius, "m", type(self).__name__)
 
     @property
@@ -103,7 +103,7 @@ class Round(Shape):
 
 @checks_arguments
 @dataclass(frozen=True)
-class Sphere(Round):
+class Sphere(Round, Shape):
     """A ball: d = |x − center| − radius.
 
     Parameters
@@ -128,7 +128,7 @@ class Sphere(Round):
 
 @checks_arguments
 @dataclass(frozen=True)
-class Cylinder(Round):
+class Cylinder(Round, Shape):
     """A round cylinder without ends: d = |q| − radius.
 
     q is the part of x − point across the axis.
@@ -172,7 +172,7 @@ class Cylinder(Round):
 
 @checks_arguments
 @dataclass(frozen=True)
-class Capsule(Round):
+class Capsule(Round, Shape):
     """All points within `radius` of the segment from a to b: a rod with round ends.
 
     Parameters
