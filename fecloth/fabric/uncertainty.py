@@ -39,9 +39,11 @@ class Uncertainty:
 
     @classmethod
     def read(cls, table: Any) -> Self | None:
-        """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair."""
-        # Its keys `correlation`, a list of [key, key, number], and `source` may be left out.
-        # `InputError` for an unknown key, a negative number, or a correlation beyond ±1.
+        """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair.
+
+        Its keys `correlation`, a list of [key, key, number], and `source` may be left out.
+        `InputError` for an unknown key, a negative number, or a correlation beyond ±1.
+        """
         if table is None or isinstance(table, cls):
             return table
         if not isinstance(table, Mapping):
@@ -60,8 +62,10 @@ class Uncertainty:
         return dict(self.deviations) | {key: value for key, value in words.items() if value}
 
     def standard(self, fabric: Any) -> dict[str, float]:
-        """Return the standard uncertainty of each number of the fabric that has one, in SI."""
-        # `InputError` for a key that the fabric has no number for, or a percentage of 0.
+        """Return the standard uncertainty of each number of the fabric that has one, in SI.
+
+        `InputError` for a key that the fabric has no number for, or a percentage of 0.
+        """
         numbers, found = numbers_of(vars(fabric)), dict[str, float]()
         for key, value in sorted(self.deviations, key=lambda item: item[0].count(".")):
             for name in _stands_for(key, numbers):
@@ -75,10 +79,12 @@ class Uncertainty:
         return {name: found[name] for name in numbers if name in found}
 
     def covariance(self, fabric: Any, keys: Iterable[str] | None = None) -> np.ndarray:
-        """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI."""
-        # Without `keys` they are those of `standard`. `InputError` for a key without an
-        # uncertainty, and for correlations that contradict each other: the matrix ρ has a negative
-        # eigenvalue.
+        """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI.
+
+        Without `keys` the numbers are the numbers of `standard`. It raises `InputError` for a key
+        without an uncertainty, and for correlations that contradict each other: the matrix ρ has a
+        negative eigenvalue.
+        """
         standard = self.standard(fabric)
         place = {name: i for i, name in enumerate(standard)}
         rho = np.eye(len(place))

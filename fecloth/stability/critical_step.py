@@ -124,10 +124,12 @@ def element_bound(system: System, method="symplectic_euler") -> float:
 
 
 def rate_bounds(system: System) -> tuple[float, float]:
-    """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, without pins."""
-    # The largest one is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w > 0
-    # (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math. Z.
-    # 48). A consistent mass is at least a part of its scaled diagonal, which counts in its place.
+    """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, without pins.
+
+    The largest one is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w > 0
+    (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math. Z.
+    48). A consistent mass is at least a part of its scaled diagonal, which counts in its place.
+    """
     part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
     mass, rest = np.repeat(part * system.diagonal_mass, 3), system.rest()
     K, D = (_row_bound(A, mass) for A in (system.stiffness(rest), system.damping(rest)))

@@ -14,10 +14,12 @@ RECORDS: dict[str, type] = {}  # by the name of the class, as restart files have
 
 
 def remembered(cls: C) -> C:
-    """Mark a frozen dataclass as one that restart files can hold, and return it."""
-    # Its fields may be numbers, texts, None, finite arrays of float64, mappings, tuples and marked
-    # records. The memory of an integrator, whose arrays are (n, 3), and the record of a term that
-    # keeps a history need this mark; without it, a run with restart files is refused.
+    """Mark a frozen dataclass as one that restart files can hold, and return it.
+
+    Its fields may be numbers, texts, None, finite arrays of float64, mappings, tuples and marked
+    records. The memory of an integrator, whose arrays are (n, 3), and the record of a term that
+    keeps a history need this mark; without it, a run with restart files is refused.
+    """
     name = cls.__name__
     parameters = getattr(cls, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen:

@@ -32,7 +32,7 @@ QUICK = "a strip at rest tells no drag"
 
 @dataclass(frozen=True)
 class Kind:
-    """Tests, the constants that a fit seeks in them, and those that they leave open."""
+    """Tests, the constants that a fit seeks in them, and the constants that they do not tell."""
 
     tests: Callable[[dict[str, float]], list[Test]]
     told: tuple[str, ...]

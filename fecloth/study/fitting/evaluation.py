@@ -161,7 +161,7 @@ class Fitting:
         return replace(self, specimens=tuple(new or old for new, old in pairs))
 
     def evaluate(self, u: np.ndarray, only_fitted: bool = True) -> Evaluation:
-        """Run the specimens, or only those that are fitted.
+        """Run all specimens, or the fitted specimens only.
 
         A failed run gives NaN. An `InputError` is of what does not depend on the constants.
         """

@@ -50,6 +50,11 @@ class Experiment:
         A name for tables; by default the name of the data file.
     h, dt, t_end, probes
         Of a function's problem, as for `fecloth.study.of`.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit; `fit` says what does not fit in the data and the problem.
     """
 
     problem: Any

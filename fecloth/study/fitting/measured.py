@@ -163,7 +163,7 @@ class Measured:
 def read_measured(
     experiment: Experiment, units_of: Sequence[str], along_unit: str, reach: Reach | None
 ) -> tuple[Measured, ...]:
-    """Read the points of an experiment, and refuse those that the run cannot reach.
+    """Read the points of an experiment, and refuse points that the run cannot reach.
 
     `units_of` are the SI units of the measured quantities, `reach` the range of changes of what
     orders the points, if it is known.
@@ -193,11 +193,7 @@ def _repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
 
 
 def _along(
-    table: DataTable,
-    experiment: Experiment,
-    unit: str,
-    repeats: np.ndarray,
-    reach: Reach | None,
+    table: DataTable, experiment: Experiment, unit: str, repeats: np.ndarray, reach: Reach | None
 ) -> np.ndarray:
     """The changes from the start at each row."""
     assert experiment.order is not None
@@ -265,7 +261,7 @@ def _sigma(
         if unit:
             dimension = DIMENSIONS[unit.replace("²", "^2").replace("³", "^3")]
             return units.quantity("sigma", words, dimension) * same
-        return float(words) * PLAIN[""] * same
+        return float(words) * same
     except (ValueError, KeyError) as error:
         allowed = 'must be as "2 %", "0.1 N", the name of a column, or "repeats"'
         raise InputError(f"sigma = {brief(asked)}", allowed, table.where) from error

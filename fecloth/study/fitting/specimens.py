@@ -219,11 +219,12 @@ def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
     constraints, spread = setup.system.constraints, np.ptp(setup.cloth.X)
     elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
     probes, values = (*setup.probes, *on_request([quantity.column])), []
+    observer = Observer.bind(setup.system, start, probes, shape=True)
     for t in np.linspace(start.t, end, SAMPLES):
         target = constraints.target(start.t, t - start.t, start.x)[0]
         for x in (start.x, elsewhere):
             state = State(float(t), constraints.hold(x, target), np.zeros_like(x))
-            row = Observer.bind(setup.system, state, probes, shape=True).row(None, None)
+            row = replace(observer, start=state).row(None, None)
             values.append(row.get(quantity.column, np.nan))
     here, there = np.reshape(values, (SAMPLES, 2)).T
     if not np.allclose(here, there, rtol=0, atol=1e-9 * spread):

@@ -3,7 +3,7 @@
 With the residuals r in units of their uncertainty and J = ∂r/∂u, the covariance of u is J⁺ Σ J⁺ᵀ,
 J⁺ = (JᵀJ)⁻¹Jᵀ, where Σ is 1 for independent errors and, for the mean of R repeats, their sample
 covariance over R. Singular values s of J are the inverse of the uncertainties of combinations of u.
-Source: Seber and Wild (1989), Nonlinear Regression, sections 2.1 and 3.3.
+Source: Seber and Wild (1989), Nonlinear Regression, chapters 2 and 3.
 """
 
 from collections.abc import Sequence

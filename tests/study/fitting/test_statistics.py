@@ -28,7 +28,7 @@ X = np.linspace(1.0, 10.0, 10)
 
 
 def test_covariance_of_a_straight_line():
-    """y = a x + b: the inverse of [[Σx², Σx], [Σx, n]], Seber and Wild, section 2.1."""
+    """y = a x + b: the inverse of [[Σx², Σx], [Σx, n]], by least squares."""
     facts = facts_of(np.stack([X, np.ones(10)], axis=1), 0.1 * (-1.0) ** np.arange(10))
     expected = np.linalg.inv([[X @ X, X.sum()], [X.sum(), 10.0]])
     assert facts.covariance == pytest.approx(expected, rel=1e-9)
