@@ -1,12 +1,13 @@
-"""Checks of the arguments of public functions: numbers, lengths, functions, objects of a class."""
+"""Checks of arguments of public functions: numbers, lengths, functions, objects, files."""
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, is_number
+from fecloth.errors import InputError, brief, closest, is_number
 
 FARTHEST = 1e9  # m: no cloth; products of larger coordinates lose their meaning
 MOST_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
@@ -91,3 +92,26 @@ def direction(name: str, value: object, where: str) -> np.ndarray:
         raise InputError(f"{name} = {value!r}", "must not be zero", where)
     array /= abs(array).max()  # so that no square overflows
     return array / np.linalg.norm(array)
+
+
+def file_problem(path: Path) -> tuple[str, str] | None:
+    """Return why a path is no regular file, and a remedy; None if it is one."""
+    try:
+        if path.is_file():
+            return None
+        if path.exists():
+            return ("is a folder" if path.is_dir() else "is not a regular file"), ""
+        if not path.parent.is_dir():
+            return "no such file", f"There is no folder {path.parent}."
+        return "no such file", _similar(path) or f"Look into {path.parent.resolve()}."
+    except OSError as error:  # a name too long, a folder without access
+        return f"cannot be opened ({error.strerror})", ""
+
+
+def _similar(path: Path) -> str:
+    """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
+    there = sorted(path.parent.iterdir())
+    kind = (path.suffix, closest(path.suffix, sorted({one.suffix for one in there})))
+    stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
+    close = closest(path.stem, stems)
+    return f"Did you mean {stems[close]!r}?" if close else ""

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, WithJsonSc
 from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.units import LENGTH, is_quantity
-from fecloth.scene import toml_text
+from fecloth.validation import file_problem
 
 
 def formula_text(*variables: str, condition: bool = False) -> Any:
@@ -36,7 +36,7 @@ def _check_name(name: str) -> str:
 
 def _resolve_path(value: str, info: ValidationInfo) -> str:
     path = Path((info.context or {}).get("folder", ".")) / value
-    if problem := toml_text.file_problem(path):
+    if problem := file_problem(path):
         raise InputError("", f"{path}: {problem[0]}", "", problem[1])
     return str(path.resolve())
 

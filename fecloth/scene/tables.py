@@ -29,9 +29,9 @@ from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
 from fecloth.scene.field_types import File
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import Made, one_of, table_of
-from fecloth.scene.toml_text import file_problem
 from fecloth.terms.contact import shapes
 from fecloth.terms.protocol import is_description
+from fecloth.validation import file_problem
 
 Shape: Any = one_of(
     "shape", {"rectangle": Rectangle, "disk": Disk, "file": MeshFile, "join": Pieces}

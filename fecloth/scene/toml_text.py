@@ -8,8 +8,9 @@ from pathlib import Path
 
 import tomli_w
 
-from fecloth.errors import SceneError, closest
+from fecloth.errors import SceneError
 from fecloth.quantities.units import is_quantity
+from fecloth.validation import file_problem
 
 LARGEST = 1_000_000  # bytes; larger files are no scenes
 
@@ -50,29 +51,6 @@ def text(path: Path) -> str:
     except UnicodeDecodeError as error:
         what = f"is not UTF-8 text (byte {error.start})"
         raise SceneError(what, "must be a scene in TOML", where) from None
-
-
-def file_problem(path: Path) -> tuple[str, str] | None:
-    """Return why a path is no regular file, and a remedy; None if it is one."""
-    try:
-        if path.is_file():
-            return None
-        if path.exists():
-            return ("is a folder" if path.is_dir() else "is not a regular file"), ""
-        if not path.parent.is_dir():
-            return "no such file", f"There is no folder {path.parent}."
-        return "no such file", _similar(path) or f"Look into {path.parent.resolve()}."
-    except OSError as error:  # a name too long, a folder without access
-        return f"cannot be opened ({error.strerror})", ""
-
-
-def _similar(path: Path) -> str:
-    """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
-    there = sorted(path.parent.iterdir())
-    kind = (path.suffix, closest(path.suffix, sorted({one.suffix for one in there})))
-    stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
-    close = closest(path.stem, stems)
-    return f"Did you mean {stems[close]!r}?" if close else ""
 
 
 def to_toml(data: dict) -> str:

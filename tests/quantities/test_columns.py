@@ -3,7 +3,7 @@
 import pytest
 
 from fecloth.errors import InputError
-from fecloth.study.fitting.measured import factor_to_si, read_table
+from fecloth.quantities.columns import factor_to_si, read_table
 
 
 def write(tmp_path, text):

@@ -1,0 +1,132 @@
+"""Columns of numbers with units, from a CSV file or a mapping, in SI units."""
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fecloth.errors import InputError, brief, did_you_mean
+from fecloth.quantities import units
+from fecloth.quantities.units import Dimension
+from fecloth.validation import file_problem
+
+_HEAD = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
+COMMAS = "write commas between columns, and decimal points"
+PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a dimension
+_TABLES = [each for each in vars(units).values() if isinstance(each, Dimension)]
+DIMENSIONS = {each.si: each for each in reversed(_TABLES)} | {  # the first of one SI unit counts
+    "J": Dimension({"J": 1.0, "mJ": 1e-3, "uJ": 1e-6, "N*m": 1.0}),
+    "Hz": Dimension({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0}),
+    "m^2": Dimension({"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6}),
+}
+
+
+def factor_to_si(name: str, unit: str | None, si: str) -> float:
+    """The value of a unit in SI; `InputError` if it is not a unit of a quantity with this SI unit.
+
+    A column without a unit is refused where its quantity has one.
+    """
+    if not si:
+        if (unit or "") not in PLAIN:
+            allowed = "its quantity has no unit; write no unit or [%]"
+            raise InputError(f"column {name} [{unit}]", allowed)
+        return PLAIN[unit or ""]
+    dimension = DIMENSIONS.get(si.replace("²", "^2").replace("³", "^3"), Dimension({si: 1.0}))
+    if not unit:
+        raise InputError(f"column {name!r}", f"has no unit; write it as {name} [{dimension.si}]")
+    try:
+        return 1.0 if unit == si else units.quantity(name, f"1 {unit}", dimension)
+    except InputError:
+        allowed = f"its unit must be one of {', '.join(dimension.units)}"
+        raise InputError(f"column {name} [{unit}]", allowed) from None
+
+
+@dataclass(frozen=True, eq=False)
+class DataTable:
+    """Columns as they are written, with the numbers of their lines."""
+
+    where: str  # the file, for messages
+    cells: Mapping[str, tuple[str | None, Sequence[Any]]]  # name → (unit, cells)
+    lines: Sequence[int]  # the line of each row, from 1
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.cells
+
+    def numbers(self, name: str, si: str | None) -> np.ndarray:
+        """The values of a column in SI; None for `si` takes them as they are.
+
+        It raises `InputError` for a column that is not there, an unknown unit, and a cell that is
+        no finite number.
+        """
+        if name not in self.cells:
+            allowed = f"is not in the file, which has {', '.join(self.cells)}"
+            remedy = did_you_mean(name, self.cells)
+            raise InputError(f"column {name!r}", allowed, self.where, remedy)
+        unit, cells = self.cells[name]
+        try:
+            factor = 1.0 if si is None else factor_to_si(name, unit, si)
+        except InputError as error:
+            raise InputError(error.what, error.allowed, self.where, error.remedy) from None
+        values = [
+            self._number(name, cell, line) for cell, line in zip(cells, self.lines, strict=True)
+        ]
+        return factor * np.array(values)
+
+    def _number(self, name: str, cell: Any, line: int) -> float:
+        try:
+            value = float(cell)
+        except (TypeError, ValueError):
+            value = np.nan
+        if not np.isfinite(value):
+            what = f"line {line}, column {name!r}: {cell!r}"
+            raise InputError(what, "must be a finite number", self.where)
+        return value
+
+
+def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> DataTable:
+    """Read a CSV file, or a mapping of names with units to values."""
+    if not isinstance(data, str | Path | Mapping):
+        raise InputError(f"data = {brief(data)}", "must be a path, or a mapping of columns", label)
+    if isinstance(data, Mapping):
+        columns = [(str(name), list(values)) for name, values in data.items()]
+        lengths = {len(values) for _, values in columns}
+        if len(lengths) != 1:
+            raise InputError("data", "needs columns of one length", label)
+        return _table(label, columns, range(1, 1 + lengths.pop()))
+    if problem := file_problem(Path(data)):
+        raise InputError(problem[0], "must be a CSV file", str(data), problem[1])
+    content = Path(data).read_text(encoding="utf-8-sig", errors="replace")
+    numbered = [
+        (number, line)
+        for number, line in enumerate(content.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    rows = list(csv.reader(line for _, line in numbered))
+    if len(rows) < 2:
+        allowed = "it needs a line of names, then lines of numbers"
+        raise InputError("too few lines", allowed, str(data))
+    if ";" in numbered[0][1]:
+        raise InputError("columns between semicolons", COMMAS, str(data))
+    for (number, _), row in zip(numbered, rows, strict=True):
+        if len(row) != len(rows[0]):
+            what = f"line {number} has {len(row)} cells"
+            allowed = f"must have {len(rows[0])}, as the first line; {COMMAS}"
+            raise InputError(what, allowed, str(data))
+    columns = [(name, list(cells)) for name, *cells in zip(*rows, strict=True)]
+    return _table(str(data), columns, [number for number, _ in numbered[1:]])
+
+
+def _table(where: str, columns: Sequence[tuple[str, list[Any]]], lines: Sequence[int]) -> DataTable:
+    cells: dict[str, tuple[str | None, Sequence[Any]]] = {}
+    for head, values in columns:
+        match = _HEAD.fullmatch(head)
+        name = match["name"] if match else ""
+        if not match or name in cells:
+            allowed = "must be a name of its own, with its unit: name [unit]"
+            raise InputError(f"column {head!r}", allowed, where)
+        cells[name] = match["unit"], values
+    return DataTable(where, cells, lines)
