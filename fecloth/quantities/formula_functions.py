@@ -1,11 +1,11 @@
-"""Formulas as nested closures: one set of operations for arrays, and a fast one for numbers."""
+"""Formulas as nested closures, for numbers and for arrays."""
 
 import ast
+import functools
 import math
 import operator
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +20,15 @@ def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
     return s * s * (3 - 2 * s)
 
 
+def power(a: Any, b: Any) -> Any:
+    """a ** b; exponents get a place each, as NumPy rounds differently where one is for many."""
+    return a ** (np.array(np.broadcast_arrays(a, b)[1]) if np.ndim(b) else b)
+
+
 class Function(NamedTuple):
     """A function that formulas may have."""
 
-    of_arrays: Callable[..., Any]
+    value: Callable[..., Any]  # of numbers and of arrays
     arguments: tuple[str, ...]
     meaning: str  # its value, in words
 
@@ -58,7 +63,7 @@ BINARY: dict[type[ast.operator], Callable[..., Any]] = {
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
+    ast.Pow: power,
     ast.Mod: np.mod,
 }
 COMPARE: dict[type[ast.cmpop], Callable[..., Any]] = {
@@ -72,41 +77,21 @@ Closure = Callable[[Sequence[Any]], Any]
 """The value of a node at the values of the variables, in their order."""
 
 
-@dataclass(frozen=True)
-class Arithmetic:
-    """The operations that the closures are made of."""
-
-    number: type  # type of the constants
-    # By name, and by the type of the operator in the syntax tree.
-    functions: Mapping[str, Callable[..., Any]]
-    binary: Mapping[type[ast.operator], Callable[..., Any]]
-    compare: Mapping[type[ast.cmpop], Callable[..., Any]]
-    # Truth values: not a, all of a list, any of a list.
-    negate: Callable[..., Any]
-    every: Callable[..., Any]
-    some: Callable[..., Any]
-    # Whether variables and constants are Python's floats: then constant parts are evaluated once,
-    # and of where(condition, a, b) only the part that is chosen.
-    for_numbers: bool
-
-
-def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> Closure:
-    """The closure of a checked syntax tree."""
+def compile_tree(node: ast.AST, variables: tuple[str, ...]) -> Closure:
+    """The closure of a checked syntax tree, to be called with NumPy's errors ignored."""
     # A node may be a part of several others, as in derivatives: it is compiled once, and evaluated
-    # once in a call. Its value follows the values of the variables.
+    # once in a call. Its value follows the values of the variables. All is in doubles, so that no
+    # power grows without limit.
     uses: Counter[int] = Counter()
-    varies: dict[int, bool] = {}
-    _count_uses(node, variables, uses, varies)
+    _count_uses(node, uses)
     closures: dict[int, Closure] = {}
     evaluated_first: list[Closure] = []
 
     def inner(part: ast.AST) -> Closure:
         key = id(part)
         if key not in closures:
-            closure = _closure(part, variables, kit, inner)
-            if kit.for_numbers and not varies[key]:
-                closure = _fold_constant(closure)
-            elif uses[key] > 1 and not isinstance(part, ast.Name | ast.Constant):
+            closure = _closure(part, variables, inner)
+            if uses[key] > 1 and not isinstance(part, ast.Name | ast.Constant):
                 evaluated_first.append(closure)
                 closure = operator.itemgetter(len(variables) + len(evaluated_first) - 1)
             closures[key] = closure
@@ -116,17 +101,13 @@ def compile_tree(node: ast.AST, variables: tuple[str, ...], kit: Arithmetic) -> 
     return _in_order(evaluated_first, root) if evaluated_first else root
 
 
-def _count_uses(
-    node: ast.AST, variables: tuple[str, ...], uses: Counter[int], varies: dict[int, bool]
-) -> None:
-    """Count the places of each node, by its id, and note whether a variable is in it."""
+def _count_uses(node: ast.AST, uses: Counter[int]) -> None:
+    """Count the places of each node, by its id."""
     uses[id(node)] += 1
     if uses[id(node)] == 1:
-        parts = [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
-        for part in parts:
-            _count_uses(part, variables, uses, varies)
-        is_variable = isinstance(node, ast.Name) and node.id in variables
-        varies[id(node)] = is_variable or any(varies[id(part)] for part in parts)
+        for part in ast.iter_child_nodes(node):
+            if isinstance(part, ast.expr):
+                _count_uses(part, uses)
 
 
 def _in_order(first: list[Closure], root: Closure) -> Closure:
@@ -141,36 +122,29 @@ def _in_order(first: list[Closure], root: Closure) -> Closure:
     return evaluate
 
 
-def _closure(
-    node: ast.AST, variables: tuple[str, ...], kit: Arithmetic, inner: Callable[..., Closure]
-) -> Closure:
+def _closure(node: ast.AST, variables: tuple[str, ...], inner: Callable[..., Closure]) -> Closure:
     match node:
-        case ast.Constant(value=number):
-            return _constant(kit.number(number))
+        case ast.Constant(value=int() | float() as number):
+            return _constant(np.float64(number))
         case ast.Name(id=name) if name in variables:
             return operator.itemgetter(variables.index(name))
         case ast.Name(id=name):
-            return _constant(kit.number(CONSTANTS[name]))
+            return _constant(np.float64(CONSTANTS[name]))
         case ast.UnaryOp(op=ast.Not(), operand=operand):
-            return _apply(kit.negate, inner(operand))
+            return _apply(np.logical_not, inner(operand))
         case ast.UnaryOp(op=op, operand=operand):
             return _apply(UNARY[type(op)], inner(operand))
         case ast.BinOp(left=left, op=op, right=right):
-            of_scalars = not (_is_array(left, variables) or _is_array(right, variables))
-            by_math = kit.for_numbers and isinstance(op, ast.Pow) and of_scalars
-            return _apply(math.pow if by_math else kit.binary[type(op)], inner(left), inner(right))
+            return _apply(BINARY[type(op)], inner(left), inner(right))
         case ast.BoolOp(op=op, values=parts):
-            join = kit.every if isinstance(op, ast.And) else kit.some
+            join = np.logical_and if isinstance(op, ast.And) else np.logical_or
             return _join(join, [inner(part) for part in parts])
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [inner(side) for side in (left, *others)]
             pairs = zip(ops, sides, sides[1:], strict=False)
-            return _join(kit.every, [_apply(kit.compare[type(op)], a, b) for op, a, b in pairs])
-        case ast.Call(func=ast.Name(id="where"), args=parts) if kit.for_numbers:
-            condition, a, b = map(inner, parts)
-            return lambda v: a(v) if condition(v) else b(v)
+            return _join(np.logical_and, [_apply(COMPARE[type(op)], a, b) for op, a, b in pairs])
         case ast.Call(func=ast.Name(id=name), args=parts):
-            return _apply(kit.functions[name], *map(inner, parts))
+            return _apply(FUNCTIONS[name].value, *map(inner, parts))
     raise AssertionError(f"unchecked node {node!r}")
 
 
@@ -189,88 +163,5 @@ def _apply(function: Callable[..., Any], *parts: Closure) -> Closure:
 
 
 def _join(function: Callable[..., Any], parts: list[Closure]) -> Closure:
-    if len(parts) == 1:
-        return parts[0]
-    return lambda v: function([part(v) for part in parts])
-
-
-def _fold_constant(closure: Closure) -> Closure:
-    """The value of a closure without variables, or the closure if the value is not finite."""
-    try:
-        value = closure(())
-    except (ArithmeticError, ValueError):
-        return closure
-    return _constant(value) if math.isfinite(value) else closure
-
-
-def _is_array(node: ast.AST, variables: tuple[str, ...]) -> bool:
-    """Whether the value is an array of no dimension, not a scalar, in NumPy's arithmetic."""
-    # NumPy raises these to a power by another routine, which may differ in the last bit.
-    if isinstance(node, ast.Call):
-        return isinstance(node.func, ast.Name) and node.func.id == "where"
-    return isinstance(node, ast.Name) and node.id in variables
-
-
-def _numpy(
-    function: Callable[..., Any], low: float = -math.inf, high: float = math.inf
-) -> Callable[..., Any]:
-    """NumPy's function of a float, for its bits; an ArithmeticError where it might warn."""
-
-    def guarded(x: float) -> float:
-        if not low < x < high:
-            raise ArithmeticError
-        return float(function(x))
-
-    return guarded
-
-
-def _power(a: float, b: float) -> float:
-    if not (a > 0 and abs(b * math.log(a)) < 700):
-        raise ArithmeticError
-    return float(np.asarray(a) ** np.float64(b))
-
-
-def _smoothstep(a: float, b: float, t: float) -> float:
-    s = (t - a) / (b - a)
-    s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
-    return s * s * (3 - 2 * s)
-
-
-def _power_of_arrays(a: Any, b: Any) -> Any:
-    """a ** b; exponents get a place each, as NumPy rounds differently where one is for many."""
-    return a ** (np.array(np.broadcast_arrays(a, b)[1]) if np.ndim(b) else b)
-
-
-ARRAYS = Arithmetic(
-    number=np.float64,
-    functions={name: function.of_arrays for name, function in FUNCTIONS.items()},
-    binary=BINARY | {ast.Pow: _power_of_arrays},
-    compare=COMPARE,
-    negate=np.logical_not,
-    every=lambda parts: np.logical_and.reduce(np.broadcast_arrays(*parts)),
-    some=lambda parts: np.logical_or.reduce(np.broadcast_arrays(*parts)),
-    for_numbers=False,
-)
-"""All in doubles, so that no power grows without limit; to be used with NumPy's errors ignored."""
-
-NUMBERS = Arithmetic(
-    number=float,
-    functions={
-        **{name: _numpy(getattr(np, name)) for name in _OF_ONE},
-        "exp": _numpy(np.exp, -700.0, 700.0),
-        "log": _numpy(np.log, 0.0),
-        "sqrt": math.sqrt,
-        "abs": abs,
-        "min": lambda a, b: float(np.minimum(a, b)),
-        "max": lambda a, b: float(np.maximum(a, b)),
-        "mod": operator.mod,
-        "smoothstep": _smoothstep,
-    },
-    binary=BINARY | {ast.Pow: _power, ast.Mod: operator.mod},
-    compare={ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge},
-    negate=operator.not_,
-    every=all,
-    some=any,
-    for_numbers=True,
-)
-"""The same bits as `ARRAYS`, or an ArithmeticError or ValueError where these must be taken."""
+    """The closure of a op b op c."""
+    return functools.reduce(lambda a, b: _apply(function, a, b), parts)

@@ -11,7 +11,6 @@ import numpy as np
 
 from fecloth.errors import InputError, amount, did_you_mean
 from fecloth.quantities.formula_functions import (
-    ARRAYS,
     BINARY,
     COMPARE,
     CONSTANTS,
@@ -102,7 +101,7 @@ class _Reader:
                for node in ast.walk(exponent)):  # fmt: skip
             return
         with np.errstate(all="ignore"):
-            value = compile_tree(exponent, (), ARRAYS)(())
+            value = compile_tree(exponent, ())(())
         if not abs(value) <= LARGEST_POWER:
             self.refuse(f"an exponent larger than {LARGEST_POWER}", exponent)
 
