@@ -8,6 +8,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean
+from fecloth.mesh import gmsh_session
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import DRAWINGS, gmsh_plane, refuse_coarse
@@ -62,9 +63,10 @@ def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
 def _mesh_drawing(
     name: str, area: float, h: float, sizes: tuple[float, ...], grading: Sequence[Grading]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3); many in a process of their own."""
+    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3)."""
+    # Many triangles, and any beside a session of the user, in a process of their own.
     draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
-    if area / h**2 < AT_ONCE:
+    if area / h**2 < AT_ONCE and not gmsh_session.is_open():
         raw = gmsh_plane(lambda geo: draw(geo, *sizes), float(h), name, grading)
     else:
         task = {"draw": name, "sizes": sizes, "grading": [asdict(each) for each in grading]}

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -37,14 +38,16 @@ def _import_gmsh():
     return gmsh
 
 
+def is_open() -> bool:
+    """Whether the user has a session of Gmsh in this process, which a mesh of ours would change."""
+    gmsh = sys.modules.get("gmsh")
+    return gmsh is not None and bool(gmsh.isInitialized())
+
+
 @contextlib.contextmanager
 def gmsh_model() -> Iterator:
-    """Gmsh with a new, empty model; an open session of the user is restored at the end."""
+    """Gmsh with a new, empty model, in a process without an open session."""
     gmsh = _import_gmsh()
-    if gmsh.isInitialized():
-        with _user_session_restored(gmsh):
-            yield gmsh
-        return
     # With interruptible=True Gmsh would replace Python's handler of Ctrl-C permanently.
     with _signal_handlers_restored():
         gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -75,35 +78,6 @@ def _signal_handlers_restored() -> Iterator[None]:
                     signal.signal(number, handler)
         if old_mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
-
-
-@contextlib.contextmanager
-def _user_session_restored(gmsh) -> Iterator[None]:
-    """Add a model to the user's session, and remove it and restore the options at the end."""
-    # Options that a .geo file sets itself are not restored.
-    current, models = gmsh.model.getCurrent(), gmsh.model.list()
-    options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
-    own, onelab = gmsh.parser, gmsh.onelab.get()
-    parser = [(key, own.getNumber(key), own.getString(key)) for key in own.getNames()]
-    name = "fecloth"
-    while name in models:
-        name += "_"
-    try:
-        gmsh.parser.clear()
-        gmsh.onelab.clear()
-        set_options(gmsh, GMSH_OPTIONS)
-        gmsh.model.add(name)
-        yield
-    finally:
-        gmsh.model.setCurrent(name)
-        gmsh.model.remove()
-        gmsh.model.setCurrent(current)
-        set_options(gmsh, options)
-        gmsh.parser.clear()
-        for key, numbers, strings in parser:
-            gmsh.parser.setString(key, strings) if strings else gmsh.parser.setNumber(key, numbers)
-        gmsh.onelab.clear()
-        gmsh.onelab.set(onelab)
 
 
 def set_options(gmsh, options: dict[str, float]) -> None:

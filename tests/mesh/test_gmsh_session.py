@@ -1,4 +1,4 @@
-"""Gmsh: restoration of an open session, and the message for missing libraries."""
+"""Gmsh: an open session stays as it is, and the message for missing libraries."""
 
 import builtins
 import os
@@ -15,7 +15,7 @@ from fecloth.mesh.generate import disk, rectangle
 from fecloth.mesh.read import read
 
 
-def test_open_gmsh_session_is_restored():
+def test_an_open_session_of_gmsh_stays_as_it_is():
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
