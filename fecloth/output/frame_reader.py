@@ -15,7 +15,7 @@ import numpy as np
 
 from fecloth.errors import InputError, did_you_mean
 from fecloth.mesh.elements import QUARTERS
-from fecloth.output.vtu_writer import Arrays
+from fecloth.output.vtu_writer import Arrays, read_vtu
 
 LARGEST = 1e300  # differences of larger values overflow
 
@@ -148,15 +148,9 @@ def rim(triangles: np.ndarray) -> np.ndarray:
 
 
 def _read_vtu(file: Path, t: float) -> Frame:
-    from meshio import vtu
-
-    try:
-        mesh = vtu.read(file)
-        (cells,) = mesh.cells
-    except Exception as error:  # meshio raises errors of any kind for a broken file
-        raise InputError(f"{file} cannot be read: {error}") from error
+    mesh = read_vtu(file)
     cell_data = {name: values[0] for name, values in mesh.cell_data.items()}
-    return Frame(t, mesh.points, cells.data, mesh.point_data, cell_data)
+    return Frame(t, mesh.points, mesh.cells[0].data, mesh.point_data, cell_data)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.atomic_files import append_in_place, replace_file, writing
 from fecloth.output.frame_arrays import fields, kinematics
-from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu
+from fecloth.output.vtu_writer import LISTS, Arrays, encode_vtu, read_vtu
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -154,15 +154,8 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     Raises `InputError` if the file cannot be read, has another mesh, or lacks the velocity or the
     time.
     """
-    from meshio import vtu
-
     validation.instance("cloth", cloth, Cloth, "system.cloth", "read_frame")
-    where = str(path)
-    try:
-        mesh = vtu.read(path)
-    except Exception as error:  # meshio raises errors of any kind for a broken file
-        remedy = "Give a frame written by fecloth."
-        raise InputError(f"cannot be read ({error})", where=where, remedy=remedy) from error
+    mesh, where = read_vtu(path), str(path)
     cells = mesh.cells_dict.get(MESHIO[cloth.element], np.empty((0, cloth.cells.shape[1]), int))
     for what, found, known in (
         ("nodes", len(mesh.points), len(cloth.X)),

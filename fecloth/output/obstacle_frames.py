@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
-from fecloth.output.vtu_writer import encode_pvd, encode_vtu
+from fecloth.output.vtu_writer import encode_pvd, encode_vtu, read_vtu
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -83,13 +82,8 @@ def read_obstacles(folder: Path, number: int) -> Obstacles | None:
     before = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
     if not before:
         return None
-    from meshio import vtu
-
     file = before[-1]
     if b'NumberOfPoints="0"' in file.read_bytes():  # meshio refuses a mesh without any
         return Obstacles(np.empty((0, 3)), np.empty((0, 3), np.int64))
-    try:
-        mesh = vtu.read(file)
-    except Exception as error:  # meshio raises errors of any kind for a broken file
-        raise InputError(f"{file} cannot be read: {error}") from error
+    mesh = read_vtu(file)
     return Obstacles(mesh.points, mesh.cells_dict["triangle"])

@@ -1,13 +1,17 @@
-"""Encoding of a frame as VTK XML, and of the lists of frames and times."""
+"""Encoding of a frame as VTK XML, and of the lists of frames and times; reading of a frame."""
 
 import base64
 import json
 import sys
 import zlib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+
+from fecloth.errors import InputError
 
 TENSOR = tuple(f"{i}{j}" for i in "XYZ" for j in "XYZ")
 COMPONENTS = {
@@ -73,6 +77,19 @@ def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[b
     yield base64.b64encode(header.tobytes())
     yield base64.b64encode(b"".join(blocks))
     yield b"\n</DataArray>\n"
+
+
+def read_vtu(path: str | Path) -> Any:
+    """Read a frame as a mesh of meshio, with cells of one kind."""
+    from meshio import vtu  # here, as its import is slow
+
+    try:
+        mesh = vtu.read(path)
+        (_,) = mesh.cells
+    except Exception as error:  # meshio raises errors of any kind for a broken file
+        remedy = "Give a frame written by fecloth."
+        raise InputError(f"cannot be read ({error})", where=str(path), remedy=remedy) from error
+    return mesh
 
 
 def encode_pvd(files: Iterable[tuple[str, float]]) -> bytes:
