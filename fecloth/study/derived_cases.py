@@ -3,9 +3,9 @@
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -15,25 +15,19 @@ from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
-from fecloth.scene.scene import scene_of
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.study import status
 from fecloth.study.derivation import derive_run, find_rest
-from fecloth.study.fingerprint import load_function
-from fecloth.study.function_problem import FunctionProblem
-from fecloth.study.measured_runs import columns_to_record, known_functions, measure, record_of
+from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import modes
 from fecloth.study.parameters import Parameter, setup_with
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.problems import Problem
 from fecloth.study.quantity_slopes import Slopes, slope_of_frequency, what_to_record
-from fecloth.study.run_problems import Runs, run_here, run_stored
 from fecloth.study.setups import Setup
-from fecloth.study.workload import Workload
 from fecloth.system.state import State
 from fecloth.system.system import System
 
@@ -52,9 +46,10 @@ class Sought:
     whole: bool = False  # whether of the quantities, which are columns, all rows are wanted
 
     def settings(self) -> list[object]:
-        """What `of` takes, in JSON's types."""
+        """What `of` takes, in JSON's types but for functions as quantities."""
         listed = [[p.name, p.value, p.width] for p in self.parameters]
-        return [listed, [quantity.text for quantity in self.quantities], self.tolerance, self.whole]
+        quantities = [quantity.function or quantity.text for quantity in self.quantities]
+        return [listed, quantities, self.tolerance, self.whole]
 
     @classmethod
     def of(cls, parameters: list, quantities: list, *more: Any) -> Self:
@@ -62,16 +57,16 @@ class Sought:
         return cls(listed, tuple(map(parse_quantity, quantities)), *more)
 
 
-def derive_case(problem: Problem, sought: Sought) -> dict:
+def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
     """Run the problem with derivatives: values, slopes by parameters over their widths, steps."""
-    begin = time.process_time()
-    setup = _sharpened(problem.setup(), sought.tolerance * OF_NEWTON)
+    begin, asked = time.process_time(), Sought.of(*sought)
+    setup = _sharpened(problem.setup(), asked.tolerance * OF_NEWTON)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
         return setup_with(problem, {parameter.name: value}, setup)
 
     with _quietly(setup):
-        answer = _derive_run(problem, setup, sought, setup_at)
+        answer = _derive_run(problem, setup, asked, setup_at)
     return answer | {"cpu_seconds": time.process_time() - begin}
 
 
@@ -135,19 +130,22 @@ def _at_both(state: State, end: Along, sides: Sides) -> tuple[State, State]:
 
 
 def run_twin(
-    problem: Problem, sought: Sought, changes: Sequence[float], sizes: Sequence[float], method: str
+    problem: Problem,
+    sought: Sequence[Any],
+    changes: Sequence[float],
+    sizes: Sequence[float],
+    method: str,
 ) -> dict:
     """Run the problem with all parameters changed, in units of their widths, and the same steps."""
-    begin = time.process_time()
-    base = problem.setup()
-    pairs = zip(sought.parameters, changes, strict=True)
+    begin, asked, base = time.process_time(), Sought.of(*sought), problem.setup()
+    pairs = zip(asked.parameters, changes, strict=True)
     setup = setup_with(problem, {p.name: p.at(change) for p, change in pairs}, base)
     setup = _sharpened(setup, OF_TWINS)
     if sizes and not isinstance(setup.steps, LoadSteps):
         named = {type(each()).__name__: each for each in (METHODS | EXPLICIT).values()}
         chosen = named[method]() if method else method_of(setup.steps)
         setup = replace(setup, steps=GivenSteps(chosen, tuple(sizes)))
-    quantities = sought.quantities
+    quantities = asked.quantities
     recorded = sorted({name for each in quantities for name in columns_to_record(each)})
     count = max((quantity.mode for quantity in quantities), default=0)
     function = next((each.function for each in quantities if each.function), None)
@@ -172,71 +170,3 @@ def _quietly(setup: Setup) -> Iterator[None]:
         warnings.catch_warnings(action="ignore", category=FeclothWarning),
     ):
         yield
-
-
-# --- stored cases ---------------------------------------------------------------------------------
-
-
-def run_scene(
-    task: str, tables: dict, digest: str, trust_geo: bool, sought: list, **more: Any
-) -> dict:
-    """Derive a scene, or run its twin; `digest` is a hash of the files that it reads."""
-    problem = SceneProblem(scene_of(tables, trust_geo), "scene")
-    return TASKS[task](problem, Sought.of(*sought), **more)
-
-
-def run_function(task: str, sought: list, **case: Any) -> dict:
-    """Derive a user's function, or run its twin; `case` is of `FunctionProblem.case`."""
-    more = {key: case.pop(key) for key in ("changes", "sizes", "method") if key in case}
-    function = known_functions.get((case["path"], case["name"])) or load_function(
-        case["path"], case["name"]
-    )
-    probes = tuple(Probe(*each) for each in case["probes"])
-    run = None, case["dt"], case["t_end"], probes, case["settings"], case["terms"], case["sharper"]
-    return TASKS[task](FunctionProblem(function, *run), Sought.of(*sought), **more)
-
-
-TASKS: dict[str, Callable[..., dict]] = {"derive": derive_case, "twin": run_twin}
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A run with derivatives or its twin, in words for the progress lines; its predicted size."""
-
-    problem: Problem
-    sought: Sought
-    task: str
-    words: str
-    size: Workload
-    settings: Mapping[str, object] = field(default_factory=dict)  # of `run_twin`
-
-    @property
-    def runner(self) -> Callable[..., dict] | None:
-        """What runs it in any process; None for a task of this process alone."""
-        functions = any(quantity.function for quantity in self.sought.quantities)
-        if functions or not self.problem.is_importable:
-            return None
-        return run_scene if isinstance(self.problem, SceneProblem) else run_function
-
-    def case(self) -> dict[str, object]:
-        sought = {"task": self.task, "sought": self.sought.settings()}
-        return {**self.problem.case(), **sought, **self.settings}
-
-
-def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    """The rows of some tasks, stored where other processes can run their problems."""
-
-    def run(task: Task) -> dict:
-        arguments = {"problem": task.problem, "sought": task.sought, **task.settings}
-        return status.attempt(TASKS[task.task], arguments, runs.time_limit)
-
-    rows: dict[int, dict] = {}
-    for runner in dict.fromkeys(task.runner for task in tasks):
-        own = {i: task for i, task in enumerate(tasks) if task.runner is runner}
-        listed = list(own.values())
-        if runner is None:
-            new = run_here(listed, run, runs.quiet)
-        else:
-            new = run_stored(listed, [task.case() for task in listed], runner, runs)
-        rows |= dict(zip(own, new, strict=True))
-    return [rows[i] for i in range(len(tasks))]

@@ -13,13 +13,14 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.quantity import Quantity
-from fecloth.study import measured_runs, setups
+from fecloth.study import setups
 from fecloth.study.change import REFINED, Change, Level
-from fecloth.study.fingerprint import source_hash
+from fecloth.study.fingerprint import load_function, source_hash
 from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.workload import ITERATIONS, STEPS, Workload
 
 STATIC = 20  # iterations of an equilibrium, for the predicted time
+known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +154,6 @@ class FunctionProblem(CommonProblem):
         made = setups.setup_of_function(*run, self.placed, self.sharper)
         return made if self.terms is None else setups.with_terms(made, self.terms)
 
-    runner = staticmethod(measured_runs.run_function)
-
     @property
     def is_importable(self) -> bool:
         """Whether other processes can import the function and know its probes."""
@@ -162,9 +161,9 @@ class FunctionProblem(CommonProblem):
         return names and _importable(self.function) is not None
 
     def case(self) -> dict[str, object]:
-        """Return the arguments of `runner` that say what the problem is: the same, the same run."""
+        """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
         file, name = _importable(self.function) or "", self.function.__name__
-        measured_runs.known_functions[file, name] = self.function
+        known_functions[file, name] = self.function
         settings, dt = self.arguments()
         return {
             "path": file,
@@ -177,6 +176,15 @@ class FunctionProblem(CommonProblem):
             "terms": self.terms,
             "sharper": self.sharper,
         }
+
+    @classmethod
+    def of_case(
+        cls, path: str, name: str, digest: str, probes: list, settings: dict, **more: Any
+    ) -> "FunctionProblem":
+        """Return the problem of a case; `digest` is of the function's file."""
+        function = known_functions.get((path, name)) or load_function(path, name)
+        placed = tuple(Probe(*probe) for probe in probes)
+        return cls(function, None, placed=placed, settings=settings, **more)
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
         return self.first.cloth if quantity.is_field else None

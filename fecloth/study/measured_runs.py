@@ -13,68 +13,32 @@ import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
 from fecloth.mesh.cloth import Cloth
-from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.march import march
 from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.record_steps import ROWS, rows_at_least, trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import collect, columns
-from fecloth.study.fingerprint import load_function
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.problem import find_obstacles
-from fecloth.study.setups import Setup, setup_of_function, setup_of_scene, with_terms
+from fecloth.study.setups import Setup
 from fecloth.study.status import TimeLimit, check_time_limit
 
 WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
 REPEATS, SHORT = 3, 1.0  # runs to compare seconds, as long as all together take less [s]
 Solve = Callable[[Setup, Callable[..., None]], dict]
 Rest = Callable[..., Equilibrium]
-known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
 
 
-def run_scene(
-    tables: dict, digest: str, trust_geo: bool, recorded: list, modes: int = 0, **timing: Any
-) -> dict:
-    """Run the scene of these tables; `digest` is of its files, `recorded` are whole columns."""
+def measure_problem(problem: Any, recorded: Sequence[str], modes: int = 0, **more: Any) -> dict:
+    """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs."""
     begin = time.process_time()
-    setup = setup_of_scene(scene_of(tables, trust_geo), compiled=True)
-    return _measure_all(setup, recorded, modes, timing, begin)
-
-
-def run_function(recorded: list, modes: int = 0, **case: Any) -> dict:
-    """Run what a user's function returns; `case` is of `FunctionProblem`, and may have timing."""
-    begin = time.process_time()
-    timing = {key: case.pop(key) for key in ("timed", "repeats", "most") if key in case}
-    return _measure_all(setup_of_importable(**case), recorded, modes, timing, begin)
-
-
-def _measure_all(setup: Setup, recorded: list, modes: int, timing: dict, begin: float) -> dict:
-    """Return the row of a case, with the CPU seconds since its `begin`: set-up and all its runs."""
-    row = measure(setup, recorded, modes, **timing)
+    row = measure(problem.setup(), recorded, modes, **more)
     return row | {"case_seconds": time.process_time() - begin}
-
-
-def setup_of_importable(
-    path: str,
-    name: str,
-    digest: str,
-    settings: dict,
-    dt: float | None,
-    t_end: float | None,
-    probes: list,
-    terms: list | None,
-    sharper: float | None,
-) -> Setup:
-    """Return the setup of the user's function of that file, as `FunctionProblem.case` has it."""
-    function = known_functions.get((path, name)) or load_function(path, name)
-    placed = tuple(Probe(*probe) for probe in probes)
-    setup = setup_of_function(function, settings, dt, t_end, placed, sharper)
-    return setup if terms is None else with_terms(setup, terms)
 
 
 def measure(

@@ -1,10 +1,12 @@
 """Run problems, each on a level, for quantities of interest: the engine of all such studies."""
 
+import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,8 @@ from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
 from fecloth.study.cases import Progress, run_cases
 from fecloth.study.change import FIRST, Level
-from fecloth.study.measured_runs import REPEATS, columns_to_record, measure, record_of
-from fecloth.study.problems import Problem, SceneProblem
+from fecloth.study.measured_runs import REPEATS, columns_to_record, measure_problem, record_of
+from fecloth.study.problems import FunctionProblem, Problem, SceneProblem
 from fecloth.study.workload import LONGEST, Workload, check_size
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -98,8 +100,7 @@ def print_warnings(opened: Problem) -> tuple[str, ...]:
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
     """Return a row for each point, with its `point`."""
-    # A run that warns not to trust its motion has failed: it is no evidence. A function that other
-    # processes cannot import, and a function as quantity, run in this process and are not stored.
+    # A run that warns not to trust its motion has failed: it is no evidence.
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
@@ -107,18 +108,12 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
     needed = (*quantities, *first.interest)  # so studies of others of them share cases
     recorded = sorted({name for quantity in needed for name in columns_to_record(quantity)})
     modes = max((quantity.mode for quantity in quantities), default=0)
-    asked = {"recorded": recorded, "modes": modes}
-    if functions or not all(point.problem.is_importable for point in points):
-        asked |= {"function": functions[0]} if functions else {}
-
-        def run(point: Point) -> dict:
-            settings = {"point": point, **asked, **_timing(point, runs)}
-            return status.attempt(_measure, settings, runs.time_limit)
-
-        rows = run_here(points, run, runs.quiet)
-    else:
-        cases = [point.refined.case() | asked | _timing(point, runs) for point in points]
-        rows = run_stored(points, cases, first.runner, runs)
+    asked: dict[str, Any] = {"recorded": recorded, "modes": modes}
+    asked |= {"function": functions[0]} if functions else {}
+    tasks = [
+        Task(measure_problem, p.refined, asked | _timing(p, runs), p.words, p.size) for p in points
+    ]
+    rows = run_tasks(tasks, runs)
     return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
 
 
@@ -135,35 +130,67 @@ def _timing(point: Point, runs: Runs) -> dict:
     return timing | ({"most": point.most} if point.most is not None else {})
 
 
-def _measure(point: Point, **asked: Any) -> dict:
-    return measure(point.refined.setup(), **asked)
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A function of a problem, in words for the progress lines, and its predicted size."""
+
+    function: Callable[..., dict]  # of the problem and the settings, at the top of a module
+    problem: Problem
+    settings: Mapping[str, Any]
+    words: str
+    size: Workload
+
+    @cached_property
+    def case(self) -> dict | None:
+        """The arguments of `run_task`; None if other processes cannot import what it needs."""
+        try:
+            json.dumps(self.settings)
+        except TypeError:  # as of a function as quantity
+            return None
+        if not self.problem.is_importable:
+            return None
+        name = f"{self.function.__module__}:{self.function.__name__}"
+        return {"task": name, "problem": self.problem.case(), "settings": dict(self.settings)}
 
 
-def run_stored(
-    listed: Sequence[Any], cases: Sequence[dict], runner: Callable[..., dict], runs: Runs
-) -> list[dict]:
-    """Return the rows of cases, from the store or run; what is listed has `words` and a `size`."""
+def run_task(task: str, problem: dict, settings: dict) -> dict:
+    """Run a task in any process."""
+    kind = SceneProblem if "tables" in problem else FunctionProblem
+    return resolve_name(task)(kind.of_case(**problem), **settings)
+
+
+def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """Return the rows of tasks; what only this process can run is not stored."""
+    rows: dict[Task, dict] = {}
+    for run, is_stored in ((_run_stored, True), (_run_here, False)):
+        own = [task for task in tasks if (task.case is not None) == is_stored]
+        rows |= zip(own, run(own, runs) if own else (), strict=True)
+    return [rows[task] for task in tasks]
+
+
+def _run_stored(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    cases: list[Any] = [task.case for task in tasks]
     return run_cases(
         cases,
-        runner,
+        run_task,
         runs.cache,
         runs.jobs,
         runs.scheduler,
         runs.time_limit,
         runs.fresh,
-        label=lambda settings: listed[cases.index(dict(settings))].words,
-        costs=[item.size.seconds for item in listed],
+        label=lambda settings: tasks[cases.index(dict(settings))].words,
+        costs=[task.size.seconds for task in tasks],
         quiet=runs.quiet,
     )
 
 
-def run_here(listed: Sequence[Any], run: Callable[[Any], dict], quiet: bool = False) -> list[dict]:
-    """Run what has `words` and a `size`, in this process, with progress lines unless `quiet`."""
-    costs, rows = [item.size.seconds for item in listed], list[dict]()
-    progress = Progress(costs, in_seconds=True, quiet=quiet)
-    for item, cost in zip(listed, costs, strict=True):
-        rows.append(run(item))
-        progress.print(item.words, rows[-1], cost)
+def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    costs, rows = [task.size.seconds for task in tasks], list[dict]()
+    progress = Progress(costs, in_seconds=True, quiet=runs.quiet)
+    for task, cost in zip(tasks, costs, strict=True):
+        arguments = {"problem": task.problem, **task.settings}
+        rows.append(status.attempt(task.function, arguments, runs.time_limit))
+        progress.print(task.words, rows[-1], cost)
     return rows
 
 

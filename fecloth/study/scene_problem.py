@@ -14,7 +14,6 @@ from fecloth.mesh.grading import Grading
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
-from fecloth.study import measured_runs
 from fecloth.study.change import Change, Level
 from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import Setup, setup_of_scene, table_of_grading
@@ -164,7 +163,6 @@ class SceneProblem(CommonProblem):
         entries = list(map(table_of_grading, gradings))
         return self.changed(Change(values={"cloth.grading": entries}))
 
-    runner = staticmethod(measured_runs.run_scene)
     is_importable = True
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
@@ -172,7 +170,7 @@ class SceneProblem(CommonProblem):
         return setup_of_scene(self.scene, compiled=cloth is None, cloth=cloth)
 
     def case(self) -> dict[str, object]:
-        """Return the arguments of `runner` that say what the problem is: the same, the same run."""
+        """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
         tables = {key: value for key, value in self.tables.items() if key not in WORDS}
         if "fabric" in tables:
             tables["fabric"] = _constants(tables["fabric"])
@@ -180,6 +178,11 @@ class SceneProblem(CommonProblem):
             tables["fabrics"] = {name: _constants(f) for name, f in tables["fabrics"].items()}
         digest, trust_geo = digest_of_files(self.scene), self.scene.trusts_geo
         return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
+
+    @classmethod
+    def of_case(cls, tables: dict, digest: str, trust_geo: bool) -> "SceneProblem":
+        """Return the problem of a case; `digest` is of the files that the scene reads."""
+        return cls(scene_of(tables, trust_geo), "scene")
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
         return self.scene.mesh() if quantity.is_field else None

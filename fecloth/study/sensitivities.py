@@ -11,14 +11,14 @@ from fecloth.errors import InputError, amount, brief
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change
-from fecloth.study.derived_cases import LOOSE, Sought, Task, run_tasks
+from fecloth.study.derived_cases import LOOSE, Sought, derive_case, run_twin
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
 from fecloth.study.parameters import choose_parameters
 from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.result import read_tolerance
-from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
+from fecloth.study.run_problems import Runs, Task, print_warnings, refuse_huge, run_tasks
 from fecloth.study.sensitivity_result import DOUBTFUL, Sensitivity, make_result
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.workload import Workload, check_size
@@ -146,7 +146,8 @@ def _answer(
     size, count = opened.workload(FIRST), len(sought.parameters)
     cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
-    task = Task(opened, sought, "derive", f"run and {amount(count, 'derivative')}", cost)
+    words, settings = f"run and {amount(count, 'derivative')}", {"sought": sought.settings()}
+    task = Task(derive_case, opened, settings, words, cost)
     (row,) = run_tasks([task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
@@ -208,17 +209,11 @@ def _check(
 ) -> tuple[np.ndarray, str]:
     """The relative distance of twin runs for each quantity, and why there is none, or a remark."""
     signs = np.where(slopes[0] < 0, -1.0, 1.0)
-    tasks = [
-        Task(
-            opened,
-            sought,
-            "twin",
-            f"twin run, numbers {'+' if way > 0 else '-'} {100 * step:g} %",
-            size,
-            {"changes": (way * step * signs).tolist(), **{key: row[key] for key in OF_STEPS}},
-        )
-        for way in (1.0, -1.0)
-    ]
+    same = {"sought": sought.settings(), **{key: row[key] for key in OF_STEPS}}
+    tasks = []
+    for sign, change in ("+", step * signs), ("-", -step * signs):
+        words, settings = f"twin run, numbers {sign} {100 * step:g} %", {"changes": change.tolist()}
+        tasks.append(Task(run_twin, opened, same | settings, words, size))
     plus, minus = run_tasks(tasks, runs)
     if failed := next((each for each in (plus, minus) if each["status"] != OK), None):
         return np.full(len(slopes), np.inf), f"a twin run failed: {failed['cause']}"

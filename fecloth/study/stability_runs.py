@@ -11,16 +11,14 @@ import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, amount
 from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.scene.scene import scene_of
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.stability.critical_step import critical_dt
-from fecloth.study import status
 from fecloth.study.change import FIRST, describe_values
-from fecloth.study.measured_runs import measure, setup_of_importable
-from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.run_problems import Runs, run_here, run_stored
-from fecloth.study.setups import Setup, setup_of_scene
+from fecloth.study.measured_runs import measure
+from fecloth.study.problems import Problem
+from fecloth.study.run_problems import Runs, Task, run_tasks
+from fecloth.study.setups import Setup
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
 from fecloth.study.workload import ANYWAY, Workload, check_size
@@ -50,10 +48,6 @@ class Run:
     def dt(self) -> float:
         """Step [s]."""
         return span_of(self.problem.first) / self.steps
-
-    @property
-    def case(self) -> dict[str, Any]:
-        return {"method": self.method, "count": self.steps, **self.problem.case()}
 
     @property
     def words(self) -> str:
@@ -108,19 +102,11 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
     if less:
         print(less, file=sys.stderr, flush=True)
-    if all(run.problem.is_importable for run in listed):
-        cases = [run.case for run in listed]
-        of_scene = isinstance(listed[0].problem, SceneProblem)
-        runner = run_scene_with if of_scene else run_function_with
-        rows = run_stored(listed, cases, runner, runs)
-    else:
-
-        def run_now(run: Run) -> dict:
-            settings = {"setup": run.problem.first, "method": run.method, "count": run.steps}
-            return status.attempt(run_with, settings, runs.time_limit)
-
-        rows = run_here(listed, run_now)
-    return [_row(run, row) for run, row in zip(listed, rows, strict=True)]
+    tasks = [
+        Task(run_with, run.problem, {"method": run.method, "count": run.steps}, run.words, run.size)
+        for run in listed
+    ]
+    return [_row(*pair) for pair in zip(listed, run_tasks(tasks, runs), strict=True)]
 
 
 def offer_less(listed: Sequence[Run], jobs: int) -> str:
@@ -141,18 +127,9 @@ def offer_less(listed: Sequence[Run], jobs: int) -> str:
     return f"within a minute: {', or '.join(ways)}" if ways else ""
 
 
-def run_scene_with(method: str, count: int, tables: dict, digest: str, trust_geo: bool) -> dict:
-    """Run the scene of some tables with a method and a number of steps."""
-    return run_with(setup_of_scene(scene_of(tables, trust_geo), compiled=True), method, count)
-
-
-def run_function_with(method: str, count: int, **case: Any) -> dict:
-    """Run what the user's function returns with a method and a number of steps."""
-    return run_with(setup_of_importable(**case), method, count)
-
-
-def run_with(setup: Setup, method: str, count: int) -> dict:
-    """Return the energy that the run made, its first warning, and its size."""
+def run_with(problem: Problem, method: str, count: int) -> dict:
+    """Run a problem with a method and a number of steps: energy made, first warning, seconds."""
+    setup = problem.setup()
     steps = FixedStep(make_method(method), span_of(setup) / count)
     names = sorted(Ledger.open(setup.system, setup.start).row())
     row = measure(replace(setup, steps=steps, probes=()), names)

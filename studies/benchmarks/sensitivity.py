@@ -101,7 +101,7 @@ def measure_rest(triangles: int, repeats: int) -> list[Measured]:
     sought = Sought(parameters, (parse_quantity("sag"),), 1e-4)
     setup = problem.setup()
     plain = seconds_of(lambda: fc.equilibrium(setup.system, setup.start), repeats)
-    whole = seconds_of(lambda: derive_case(problem, sought), repeats)
+    whole = seconds_of(lambda: derive_case(problem, sought.settings()), repeats)
     print(f"equilibrium: {plain:.2f} s, with {len(parameters)} derivatives {whole:.2f} s")
     what = f"equilibrium of {triangles} triangles with {len(parameters)} derivatives / without"
     return [Measured(what, whole / plain, "ratio", LIMITS["equilibrium"])]

@@ -11,6 +11,7 @@ from fecloth.scene.scene import scene_of
 from fecloth.study.cases import Case
 from fecloth.study.change import AS_IS, Change, Level
 from fecloth.study.problems import open_problem
+from fecloth.study.run_problems import run_task
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def drop_gravity(tables):
 
 
 def key_of(problem):
-    return Case.of(problem.runner, problem.case()).key
+    return Case.of(run_task, {"problem": problem.case()}).key
 
 
 def test_edits_come_before_values_and_the_tables_given_stay():

@@ -10,11 +10,11 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from fecloth.errors import InputError, amount
-from fecloth.study.derived_cases import Task, run_tasks
+from fecloth.study.derived_cases import derive_case
 from fecloth.study.fitting.measured import Measured
 from fecloth.study.fitting.specimens import Specimen
 from fecloth.study.fitting.unknowns import Unknown, values_of
-from fecloth.study.run_problems import Runs
+from fecloth.study.run_problems import Runs, Task, run_tasks
 from fecloth.study.status import OK
 
 SPARE = 0.05  # of the curve: how far beyond its end it goes on straight
@@ -195,8 +195,8 @@ class Fitting:
     def _task(self, i: int, values: Mapping[str, float], widths: Mapping[str, float]) -> Task:
         specimen = self.specimens[i]
         words = f"{specimen.experiment.label} with {amount(len(specimen.names), 'derivative')}"
-        sought = specimen.sought(values, widths, EXACTNESS)
-        return Task(specimen.at(values), sought, "derive", words, specimen.cost)
+        settings = {"sought": specimen.sought(values, widths, EXACTNESS).settings()}
+        return Task(derive_case, specimen.at(values), settings, words, specimen.cost)
 
     def _computed(self, i: int, row: Mapping, values: Mapping[str, float]) -> Iterator[Computed]:
         specimen = self.specimens[i]
