@@ -18,6 +18,7 @@ from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import run_problems
 from fecloth.study.convergence import Convergence, judge
+from fecloth.study.measured_runs import measure
 from fecloth.study.problem import find_obstacles, is_round, space_order
 from fecloth.study.problems import open_problem
 from fecloth.study.result import Table, with_uncertainty
@@ -227,8 +228,8 @@ def test_levels_that_fail_are_named():
     ],
 )
 def test_runs_that_warn_of_themselves_are_no_evidence(words, verdict, monkeypatch):
-    def warned(point, **asked):
-        return run_problems.measure(point.refined.setup(), **asked) | {"warnings": [said]}
+    def warned(problem, **asked):
+        return measure(problem.setup(), **asked) | {"warnings": [said]}
 
     def local(h, mass=0.2):
         cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
@@ -237,7 +238,7 @@ def test_runs_that_warn_of_themselves_are_no_evidence(words, verdict, monkeypatc
         return cloth, system, None, system.rest()
 
     said = f"step 3: {words}"
-    monkeypatch.setattr(run_problems, "_measure", warned)
+    monkeypatch.setattr(run_problems, "measure_problem", warned)
     found = fc.study.converge(local, "tip.x", h=0.25, levels=3, probes=TIP)
     assert found.verdict.startswith(verdict)
     assert (found.estimate is None) == (words == DISTRUST)
