@@ -17,10 +17,8 @@ from fecloth.simulation.derived_loads import DerivedLoads
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import StepInfo, march
-from fecloth.simulation.probes import Observer
-from fecloth.simulation.resolve import resolve
-from fecloth.simulation.run import collect, columns
+from fecloth.simulation.march import StepInfo
+from fecloth.simulation.run import columns
 from fecloth.study.parameters import Parameter
 from fecloth.study.setups import Setup
 from fecloth.system.state import State
@@ -69,10 +67,8 @@ class Follower:
     parameter: Parameter
     setup_at: Callable[[float], Setup]  # of a value of the parameter
     base: Setup
-    observer: Observer  # of the base
     recorded: Recorded
-    sides_by_size: dict[float, tuple[Setup, Setup]] = field(default_factory=dict)
-    observers: dict[float, tuple[Observer, Observer]] = field(default_factory=dict)
+    both: dict[float, list[Setup]] = field(default_factory=dict)  # at p + size and p − size
     along: Along = field(init=False)
     start: Along = field(init=False)
     rows: list[Row] = field(default_factory=list)
@@ -84,11 +80,8 @@ class Follower:
         pairs = (None, None), history
         self.start = Along.between(plus.start, minus.start, 2 * LARGEST, *pairs)
         self.along = self.start
-        first, second = (Ledger.open(setup.system, setup.start) for setup in (plus, minus))
-        self.flows = records.slope(first, second, 2 * LARGEST)
-        observed = [each.row(None, None) for each in self._observers(LARGEST)]
-        rows = [a.row() | b for a, b in zip((first, second), observed, strict=True)]
-        self._add(rows, LARGEST)
+        self.flows = records.slope(plus.ledger, minus.ledger, 2 * LARGEST)
+        self._add([plus.row(), minus.row()], LARGEST)
 
     def size(self, dt: float) -> float:
         """ε, a power of ten: so small that nodes move little, so large that they move at all."""
@@ -100,22 +93,11 @@ class Follower:
         plus, minus = self._setups(size)
         return Sides(plus.system, minus.system, size)
 
-    def _setups(self, size: float) -> tuple[Setup, Setup]:
-        if size not in self.sides_by_size:
-            at, p = self.setup_at, self.parameter
-            self.sides_by_size[size] = at(p.at(size)), at(p.at(-size))
-        return self.sides_by_size[size]
-
-    def _observers(self, size: float) -> tuple[Observer, Observer]:
-        if size not in self.observers:
-            plus, minus = (self._observer(setup) for setup in self._setups(size))
-            self.observers[size] = plus, minus
-        return self.observers[size]
-
-    def _observer(self, setup: Setup) -> Observer:
-        if setup.cloth is self.base.cloth:
-            return replace(self.observer, system=setup.system, start=setup.start)
-        return Observer.bind(setup.system, setup.start, self.base.probes, shape=True)
+    def _setups(self, size: float) -> list[Setup]:
+        if size not in self.both:
+            values = self.parameter.at(size), self.parameter.at(-size)
+            self.both[size] = [self.setup_at(value).probed_as(self.base) for value in values]
+        return self.both[size]
 
     def follow(
         self, info: StepInfo, derive: Callable[[Along, Sides], DerivedStep], ledger: Ledger,
@@ -131,9 +113,8 @@ class Follower:
 
     def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
         rows, ledgers = [], []
-        for (system, size), step, observer in zip(
-            sides.signed, derived.steps, self._observers(sides.size), strict=True
-        ):
+        both = zip(self._setups(sides.size), sides.signed, derived.steps, strict=True)
+        for setup, (system, size), step in both:
             old = self.along.shift(info.old, size)
             if self.recorded.flows:
                 before = records.shift(ledger, self.flows, size)
@@ -141,19 +122,14 @@ class Follower:
             else:
                 around = system.with_history(step.history)
                 ledgers.append(Ledger.open(around, step.state))
-            rows.append(ledgers[-1].row() | observer.row(old, step))
+            rows.append(ledgers[-1].row() | setup.observer.row(old, step))
         self.flows = records.slope(ledgers[0], ledgers[1], 2 * sides.size)
         self._add(rows, sides.size)
 
-    def rest(self, derived_states: Sequence[State], sides: Sides) -> None:
+    def rest(self, states: Sequence[State], sides: Sides) -> None:
         """Record the row of an equilibrium."""
-        rows = [
-            Ledger.open(system, state).row() | observer.row_at_rest(state)
-            for (system, _), state, observer in zip(
-                sides.signed, derived_states, self._observers(sides.size), strict=True
-            )
-        ]
-        self._add(rows, sides.size)
+        both = zip(self._setups(sides.size), states, strict=True)
+        self._add([setup.row(state) for setup, state in both], sides.size)
 
     def _add(self, rows: Sequence[Row], size: float) -> None:
         """Add the slopes of the rows at p + size and p − size."""
@@ -179,35 +155,32 @@ def derive_run(
     """Run a setup, and follow the derivatives by the parameters."""
     # `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error
     # of a derivative over a step.
-    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-    followers = [Follower(p, partial(setup_at, p), setup, observer, recorded) for p in parameters]
+    followers = [Follower(p, partial(setup_at, p), setup, recorded) for p in parameters]
     if recorded.only_start:
         return _derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
-        return _derive_rest(setup, followers, observer, max(REST * tolerance, SHARPEST), report)
-    return _derive_motion(setup, followers, observer, recorded, tolerance, report)
+        return _derive_rest(setup, followers, max(REST * tolerance, SHARPEST), report)
+    return _derive_motion(setup, followers, recorded, tolerance, report)
 
 
 def _derive_motion(
     setup: Setup,
     followers: Sequence[Follower],
-    observer: Observer,
     recorded: Recorded,
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
-    system, start, t_end = setup.system, setup.start, setup.t_end
+    system, t_end, chosen = setup.system, setup.t_end, setup.choose()
     assert t_end is not None
-    given = system, setup.steps, start, t_end, setup.linear, setup.newton
-    steps, solver, why = resolve(*given)
+    steps, solver, _ = chosen
     method, tangents = method_of(steps), None
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
         tangents = StepTangents(system, symmetric, solver, len(followers), tolerance)
-    ledger, sizes = Ledger.open(system, start), list[float]()
+    sizes = list[float]()
 
     def watch(states) -> Iterator:
-        before = ledger
+        before = setup.ledger
         for state, info in states:
             sizes.append(info.size)
             loads = None
@@ -227,15 +200,14 @@ def _derive_motion(
             report(info)
             yield state, info
 
-    states = march(system, steps, start, None, t_end, solver=solver)
-    result = collect(watch(states), system, method, ledger, observer, why)
+    result = setup.run(chosen, watch=watch)
     all_columns = {**result.energies, **result.observed}
     times = result.times
     if not recorded.whole:
         times = times[[0, -1]]
         all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
-    chosen = setup.steps.dt is None and not isinstance(steps, LoadSteps)
-    why = "the steps that were chosen stay as they are" if chosen else ""
+    stay = setup.steps.dt is None and not isinstance(steps, LoadSteps)
+    why = "the steps that were chosen stay as they are" if stay else ""
     chosen_method = type(method).__name__ if chooses_method(setup.steps) else ""
     return _derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
 
@@ -281,7 +253,6 @@ def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, Stat
 def _derive_rest(
     setup: Setup,
     followers: Sequence[Follower],
-    observer: Observer,
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
@@ -299,8 +270,5 @@ def _derive_rest(
             derived = derive_increment(solved, each.start, sides, tangent, tolerance)
             each.along = derived.end
         each.rest(derived.states, sides)
-    rows = [
-        Ledger.open(system, start).row() | observer.row(None, None),
-        Ledger.open(system, state).row() | observer.row_at_rest(state),
-    ]
+    rows = [setup.row(), setup.row(state)]
     return _derivation(state, np.array([start.t, state.t]), columns(rows), followers)

@@ -17,7 +17,6 @@ from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.on_request import on_request
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.study import status
@@ -75,8 +74,7 @@ SetupAt = Callable[[Parameter, float], Setup]
 
 def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
     recorded = what_to_record(sought.quantities, setup)
-    asked = on_request(quantity.column for quantity in sought.quantities)
-    setup = replace(setup, probes=(*setup.probes, *asked))
+    setup = setup.recording(quantity.column for quantity in sought.quantities)
     exactly = sought.tolerance * OF_STEPS, status.check_time_limit
     if sought.whole:
         recorded = replace(recorded, whole=True, only_start=False)

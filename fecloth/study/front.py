@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 
 from fecloth.simulation.equilibrium import equilibrium
-from fecloth.simulation.march import march
-from fecloth.simulation.resolve import resolve
 from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
@@ -37,12 +35,9 @@ class Study(Opened):
 
 def _equilibrium(setup: Setup) -> State:
     """Return the equilibrium of a static problem, by load steps if it has them."""
-    system, start, t_end = setup.system, setup.start, setup.t_end
-    if t_end is None:
-        return equilibrium(system, start)
-    steps, solver, _ = resolve(system, setup.steps, start, t_end, setup.linear, setup.newton)
-    *_, (state, _) = march(system, steps, start, None, t_end, solver=solver)
-    return state
+    if setup.t_end is None:
+        return equilibrium(setup.system, setup.start)
+    return setup.run(setup.choose()).state
 
 
 of = Study.of

@@ -13,16 +13,12 @@ import numpy as np
 
 from fecloth.errors import FeclothError, FeclothWarning
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
-from fecloth.simulation.march import march
 from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
-from fecloth.simulation.record_steps import ROWS, rows_at_least, trial_recorder
-from fecloth.simulation.resolve import method_to_report, resolve
-from fecloth.simulation.run import collect, columns
+from fecloth.simulation.record_steps import ROWS
+from fecloth.simulation.run import columns
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.problem import find_obstacles
 from fecloth.study.setups import Setup
@@ -57,7 +53,7 @@ def measure(
 ) -> dict:
     quiet = warnings.catch_warnings(action="ignore", category=FeclothWarning)
     with setup.system.team.pinned(), quiet:
-        setup = replace(setup, probes=(*setup.probes, *on_request(recorded)))
+        setup = setup.recording(recorded)
         whole = bool(recorded or function)  # over the run: each step has a row
         solve: Solve = partial(_march, whole=whole)
         if setup.t_end is None:
@@ -72,7 +68,7 @@ def measure(
         row["cpu_seconds"] = seconds
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
         wanted = {*recorded, *(f"{name}.{c}" for name in recorded for c in "xyz")}
-        row["energies"] = sorted(Ledger.open(setup.system, setup.start).row())
+        row["energies"] = setup.energies
         row["columns"] = {k: v.tolist() for k, v in all_columns.items() if k in wanted}
         row["times"] = row["times"].tolist() if wanted else [row["times"][0], row["times"][-1]]
         row["displacement"] = (end.x - setup.start.x).tolist()
@@ -117,24 +113,13 @@ def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> 
 
 
 def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
-    system, start = setup.system, setup.start
-    assert setup.t_end is not None
-    ledger = Ledger.open(system, start)
-    observer = Observer.bind(system, start, setup.probes, shape=True)
-    record = trial_recorder(system, ledger, observer)
-    run = system, setup.steps, start, setup.t_end
-    steps, solver, why = resolve(*run, setup.linear, setup.newton, record)
-    states = march(system, steps, start, None, setup.t_end, solver=solver)
-    method = method_to_report(steps)
-    sizes = [0.0]
+    chosen, sizes = setup.choose(), [0.0]
 
     def follow(info):
         sizes.append(info.dt)
         report(info)
 
-    rows = None if whole else rows_at_least(ROWS, start.t, setup.t_end)
-    given = system, method, ledger, observer, why
-    result = collect(states, *given, report=follow, next_row=rows)
+    result = setup.run(chosen, follow, None if whole else ROWS)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
@@ -144,29 +129,24 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
         "step": math.nan if setup.is_static else max(sizes),
         "newton": result.newton,
         "time_error": result.time_error,
-        "time_order": 0 if setup.is_static else steps.traits.order,
+        "time_order": 0 if setup.is_static else chosen[0].traits.order,
         "warnings": list(result.warnings),
     }
 
 
 def _solve(setup: Setup, report: Callable[..., None], rest: Rest) -> dict:
     """Solve for the equilibrium; the rows are the start and the end."""
-    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
     with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # they are in the row
         state = rest(setup.system, setup.start, report=report)
-    rows = [observer.row(None, None), observer.row_at_rest(state)]
-    ledgers = [Ledger.open(setup.system, at).row() for at in (setup.start, state)]
-    both = [ledger | row for ledger, row in zip(ledgers, rows, strict=True)]
     nothing = {"time_error": math.nan, "time_order": 0, "warnings": list(state.warnings)}
     counted = {"steps": 1, "step": math.nan, "newton": state.iterations}
-    return counted | nothing | _ends(setup, columns(both), state, state)
+    return counted | nothing | _ends(setup, columns([setup.row(), setup.row(state)]), state, state)
 
 
 def _nothing_run(setup: Setup, report: Callable[..., None]) -> dict:
-    observer = Observer.bind(setup.system, setup.start, setup.probes, shape=True)
-    row = Ledger.open(setup.system, setup.start).row() | observer.row(None, None)
+    both = columns([setup.row()] * 2)
     counted = {"steps": 0, "step": math.nan, "newton": 0, "time_error": math.nan, "time_order": 0}
-    return counted | {"warnings": []} | _ends(setup, columns([row, row]), setup.start, setup.start)
+    return counted | {"warnings": []} | _ends(setup, both, setup.start, setup.start)
 
 
 def _ends(setup: Setup, both: Mapping, end, result) -> dict:

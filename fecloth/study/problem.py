@@ -10,10 +10,7 @@ from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.study.setups import Setup
 from fecloth.terms import PointForce
@@ -76,10 +73,7 @@ class CommonProblem:
 
     def check_quantity(self, quantity: Quantity) -> None:
         """Raise `InputError` for a quantity that the run does not have."""
-        setup = self.first
-        probes = (*setup.probes, *on_request([quantity.column]))
-        observer = Observer.bind(setup.system, setup.start, probes, shape=True)
-        names = {*observer.row(None, None), *Ledger.open(setup.system, setup.start).row()}
+        names = self.first.recording([quantity.column]).row().keys()
         quantity.require_known(sorted(names - {"t"}))
 
 

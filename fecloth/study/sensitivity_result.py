@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from fecloth.errors import FAILED
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.derived_cases import Sought
 from fecloth.study.figures import Figure, new_figure
@@ -89,7 +88,7 @@ def make_result(
         for i, quantity in enumerate(quantities)
         for k, p in enumerate(parameters)
     ]
-    names = sorted(Ledger.open(opened.first.system, opened.first.start).row())
+    names = opened.first.energies
     sentences = [
         _verdict(quantity, quantity.unit(names), values[i], slopes[i], parameters, checked[i])
         if row["status"] == OK

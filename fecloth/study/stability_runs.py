@@ -11,7 +11,6 @@ import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, amount
 from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study.change import FIRST, describe_values
@@ -131,7 +130,7 @@ def run_with(problem: Problem, method: str, count: int) -> dict:
     """Run a problem with a method and a number of steps: energy made, first warning, seconds."""
     setup = problem.setup()
     steps = FixedStep(make_method(method), span_of(setup) / count)
-    names = sorted(Ledger.open(setup.system, setup.start).row())
+    names = setup.energies
     row = measure(replace(setup, steps=steps, probes=()), names)
     warned = [words for words in row["warnings"] if CROSSING not in words]
     energies = {name: np.array(row["columns"][name]) for name in names if name in row["columns"]}

@@ -12,9 +12,6 @@ from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.scene.tables import Shorthands
-from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.derived_cases import Sought
@@ -192,7 +189,7 @@ def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -
         if specimen.is_curve and (asked.how != "value" or asked.at is not None):
             allowed = "must be a column of the run, as reaction.grip.x"
             raise InputError(f"{asked}: along a curve", allowed, experiment.label)
-    ledger = sorted(Ledger.open(setup.system, setup.start).row())
+    ledger = setup.energies
     units = [quantity.unit(ledger) for quantity in experiment.columns.values()]
     order = experiment.order
     if order is None:
@@ -218,8 +215,7 @@ def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
         return start.t, end
     constraints, spread = setup.system.constraints, np.ptp(setup.cloth.X)
     elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
-    probes, values = (*setup.probes, *on_request([quantity.column])), []
-    observer = Observer.bind(setup.system, start, probes, shape=True)
+    observer, values = setup.recording([quantity.column]).observer, []
     for t in np.linspace(start.t, end, SAMPLES):
         target = constraints.target(start.t, t - start.t, start.x)[0]
         for x in (start.x, elsewhere):
