@@ -20,8 +20,6 @@ from fecloth.study.comparison import (
     Difference,
     best_value,
     describe_difference,
-    difference_of_numbers,
-    difference_of_sizes,
     find_scale,
 )
 from fecloth.study.convergence import Convergence
@@ -213,26 +211,24 @@ def _differences(
 def _difference(
     a: _Studied, b: _Studied, quantity: Quantity, scale: float, numbers: bool
 ) -> Difference:
+    """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one."""
+    # Fields, paths and vectors have no limit: of them it is the size on the finest level. The
+    # uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
+    # models on one mesh are not independent. But most of their errors is the same: the difference
+    # of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
+    values = [_apart(quantity, scale, *pair) for pair in zip(a.rows, b.rows, strict=True)]
+    by, grown, limit = 1.0 if math.isnan(scale) else 100 / abs(scale), 1.0, values[-1]
     if numbers:
-        both = difference_of_numbers(a.study, b.study, scale)
-        return _refine_difference(a, b, quantity, scale, both)
-    given, finest = (_apart(quantity, math.nan, a.rows[k], b.rows[k]) for k in (0, -1))
-    both = difference_of_sizes(a.study, b.study, given, finest, scale)
-    return _refine_difference(a, b, quantity, scale, both)
-
-
-def _refine_difference(
-    a: _Studied, b: _Studied, quantity: Quantity, scale: float, both: Difference
-) -> Difference:
-    """Return the difference with the uncertainty of its own refinement, if that is smaller."""
-    # `both` has the uncertainties of both variants, added. Most of their errors is the same on one
-    # mesh: the difference of each pair of levels converges by itself, with less error.
+        first, other = best_value(a.study), best_value(b.study)
+        grown = 1.0 if math.isnan(scale) else abs(other / first)
+        limit = other - first if math.isnan(scale) else 100 * (other / first - 1)
+    spread = by * (b.study.uncertainty + grown * a.study.uncertainty)
+    both = Difference(values[0], limit, spread)
     column = "dt" if a.study.refine == "dt" else "h"
     sizes, others = (np.array(each.study.table[column], dtype=float) for each in (a, b))
     is_whole = len(a.more) == len(b.more) and all(r["status"] == OK for r in (*a.more, *b.more))
     if not is_whole or not np.allclose(sizes / sizes[0], others / others[0], rtol=0.01):
         return both
-    values = [_apart(quantity, scale, *pair) for pair in zip(a.rows, b.rows, strict=True)]
     more = zip(a.more, b.more, strict=True)
     change = [abs(_apart(quantity, scale, *pair) - values[0]) for pair in more]
     estimate = estimate_uncertainty(sizes.tolist(), values, a.study.theory)

@@ -45,7 +45,6 @@ class Comparison(StudyResult):
     scale: float = math.nan
     # End of the first two variants as given; None where there are none
     overlay: Overlay | None = None
-    remarks: tuple[str, ...] = ()
 
     def notes(self) -> list[str]:
         """Sentences on variants that failed, that do not converge, and on what was noticed."""
@@ -101,26 +100,6 @@ def find_scale(study: Convergence) -> float:
     """Return the value that is 100 %; NaN if it is zero within its uncertainty."""
     value = best_value(study)
     return value if abs(value) > study.uncertainty else math.nan
-
-
-def difference_of_numbers(a: Convergence, b: Convergence, scale: float) -> Difference:
-    """Return the difference b − a of numbers, in per cent d = 100 (b/a − 1)."""
-    # Its uncertainty is the sum of the parts of both, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of
-    # two models on one mesh are not independent.
-    first, other = best_value(a), best_value(b)
-    given = b.table[0]["value"], a.table[0]["value"]
-    if math.isnan(scale):
-        return Difference(given[0] - given[1], other - first, a.uncertainty + b.uncertainty)
-    spread = (b.uncertainty + abs(other / first) * a.uncertainty) / abs(first)
-    return Difference(100 * (given[0] / given[1] - 1), 100 * (other / first - 1), 100 * spread)
-
-
-def difference_of_sizes(
-    a: Convergence, b: Convergence, as_given: float, on_finest: float, scale: float
-) -> Difference:
-    """Return the size of the difference of fields, paths or vectors; they have no limit."""
-    by = 1.0 if math.isnan(scale) else 100 / abs(scale)
-    return Difference(by * as_given, by * on_finest, by * (a.uncertainty + b.uncertainty))
 
 
 def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:

@@ -35,7 +35,6 @@ class Convergence(StudyResult):
     # and "time step" or "mesh" and "solver" as far as they were estimated
     shares: Mapping[str, float] = field(default_factory=dict)
     estimate: Estimate | None = None  # the `Estimate` from the published procedure
-    remarks: tuple[str, ...] = ()
     # With ``grade=True``, the gradings of the meshes; the table then also has rows of uniform
     # meshes
     gradings: tuple[Grading, ...] = ()

@@ -89,6 +89,7 @@ class StudyResult:
     table: Table  # one row for each run or level; see `Table`
     # A sentence for each likely mistake in the set-up of what was studied
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    remarks: tuple[str, ...] = field(default=(), kw_only=True)  # sentences on what was noticed
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"
@@ -98,8 +99,8 @@ class StudyResult:
         raise NotImplementedError
 
     def notes(self) -> list[str]:
-        """Sentences that follow the verdict in the report."""
-        return []
+        """Sentences that follow the verdict in the report: the remarks, and what it adds."""
+        return list(self.remarks)
 
     def summary(self) -> str:
         """What the command of the study prints: the verdict, the notes and the table."""

@@ -1,7 +1,7 @@
 """The result of `sensitivity`: derivatives in words, as a table and as a figure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,10 +36,6 @@ class Sensitivity(StudyResult):
     elasticity: Any = np.nan  # change of the quantity in per cent if the parameter changes by 1 %
     # Distance of the derivatives from a pair of twin runs, relative to the sum of all changes.
     checked: Any = np.nan
-    remarks: tuple[str, ...] = field(default=(), kw_only=True)
-
-    def notes(self) -> list[str]:
-        return list(self.remarks)
 
     @property
     def exit_status(self) -> int:

@@ -44,7 +44,6 @@ class Fit(StudyResult):
     experiments: Table = EMPTY  # a row for each measured column
     points: Table = EMPTY  # a row for each measured point
     fabric: Mapping[str, Any] = field(default_factory=dict)  # the fitted table [fabric]
-    remarks: tuple[str, ...] = ()
 
     @property
     def resolved(self) -> bool:
@@ -59,9 +58,6 @@ class Fit(StudyResult):
         """Exit status of the command: 0 if all constants are told and the law can meet the data."""
         told = len(self.identified) == len(self.values)
         return 0 if told and self.resolved and not self.law_fails else errors.MISSED
-
-    def notes(self) -> list[str]:
-        return list(self.remarks)
 
     def summary(self) -> str:
         return "\n".join([super().summary(), str(self.experiments), ""])

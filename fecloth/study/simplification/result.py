@@ -27,11 +27,6 @@ class Simplification(StudyResult):
     file: str = "reduced.toml"  # the name of its file; for a function reduced.txt, a list
     change: float = 0.0  # largest change of the reduced scene
     saved: float = 0.0  # part of the CPU seconds that it saves; 0 if nothing can be simpler
-    remarks: tuple[str, ...] = ()  # sentences on the errors of the scene
-
-    def notes(self) -> list[str]:
-        """Sentences on the errors of the scene."""
-        return list(self.remarks)
 
     @property
     def scene_file(self) -> tuple[str, str]:

@@ -50,7 +50,6 @@ class Tuned(StudyResult):
     scene: Path | None = None  # path of tuned.toml in the folder that was given, or None
     # CPU time of the search with its set-up, without the run that verified the tuned setting [s].
     search_seconds: float = math.nan
-    remarks: tuple[str, ...] = ()
 
     def notes(self) -> list[str]:
         """Sentences on the parts of the error, the cost and what was noticed."""
