@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from fecloth.study.figures import Figure, new_figure
 from fecloth.study.status import FAILED, OK
 
@@ -117,18 +115,26 @@ def draw_map(stability: Any) -> Figure:
     methods = stability.methods[:MOST_PANELS]
     columns = min(COLUMNS, len(methods))
     rows = math.ceil(len(methods) / columns)
-    drawing, axes = new_figure(rows, columns, (max(2.9 * columns, 6.0), 3.1 * rows + 1.1))
-    panels = np.atleast_1d(axes).ravel()
-    places = _places(stability)
-    steps = [cell["dt"] for cell in stability.cells if cell["dt"]]
-    for i, (ax, method) in enumerate(zip(panels, methods, strict=False)):
-        own = [cell for cell in stability.cells if cell["method"] == method]
-        _draw_runs(ax, own, [_place(cell, stability.keys, places) for cell in own])
+    size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
+    drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
+    panels, cells = axes.ravel(), stability.cells
+    values = [tuple(cell[key] for key in stability.keys) for cell in cells]
+    x = _places(values)
+    for ax, method in zip(panels, methods, strict=False):
+        own = [i for i, cell in enumerate(cells) if cell["method"] == method]
+        _draw_runs(ax, [cells[i] for i in own], [x[i] for i in own])
         ax.set_title(method.replace("_", " "), fontsize=11)
-        ax.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
-        _set_places(ax, stability.keys, places, labelled=i + columns >= len(methods))
-        if i % columns:
-            ax.set_yticklabels([])
+    steps, numbers = [cell["dt"] for cell in cells if cell["dt"]], not isinstance(x[0], str)
+    first = panels[0]
+    first.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
+    if numbers and max(x) >= 10 * min(x):
+        first.set(xscale="log", xlim=(min(x) / 1.5, max(x) * 1.5))
+    elif not numbers:
+        first.set_xlim(-0.6, len(set(x)) - 0.4)
+    for ax in panels[max(len(methods) - columns, 0) : len(methods)]:
+        ax.tick_params("x", labelbottom=True)
+        if not numbers and max(map(len, x)) > 6:
+            ax.tick_params("x", rotation=30)
     for ax in panels[len(methods) :]:
         ax.set_axis_off()
     drawing.supylabel("time step [s]")
@@ -141,53 +147,28 @@ def draw_map(stability: Any) -> Figure:
     return drawing
 
 
-def _places(stability: Any) -> list:
-    """Return the values of the only key if they are numbers above 0, else the combinations."""
-    values: list = []
-    for cell in stability.cells:
-        value = tuple(cell[key] for key in stability.keys)
-        values += [] if value in values else [value]
-    numbers = len(stability.keys) == 1 and all(
-        isinstance(value, int | float) and value > 0 for (value,) in values
-    )
-    return sorted(value for (value,) in values) if numbers else values
+def _places(values: Sequence[tuple]) -> list:
+    """Return the values of the only key if they are numbers above 0, else combinations as texts."""
+    if all(len(v) == 1 and isinstance(v[0], int | float) and v[0] > 0 for v in values):
+        return [value for (value,) in values]
+    return [", ".join(map(str, each)) for each in values]
 
 
-def _place(cell: Mapping, keys: Sequence[str], places: list) -> float:
-    """Return where a run stands: at the value of the key, or at the number of its combination."""
-    values = tuple(cell[key] for key in keys)
-    return places.index(values) if values in places else float(values[0])
-
-
-def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence[float]) -> None:
+def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence) -> None:
+    pairs = list(zip(x, cells, strict=True))
+    ax.plot(x, [math.nan] * len(x), ls="")  # the axis has all places, in their order
     for state, look in LOOKS.items():
         at = [
             (place, cell["dt"])
-            for place, cell in zip(x, cells, strict=True)
+            for place, cell in pairs
             if (cell["status"] if cell["status"] in JUDGED else "stopped") == state
         ]
         if at:
             ax.plot(*zip(*at, strict=True), ls="", ms=7, label=state, **look)
-    limits = {
-        place: cell["predicted"]
-        for place, cell in zip(x, cells, strict=True)
-        if cell["predicted"] and math.isfinite(cell["predicted"])
-    }
-    if len(limits) == 1:
-        ax.axhline(next(iter(limits.values())), **LIMIT)
-    elif limits:
-        ax.plot(sorted(limits), [limits[place] for place in sorted(limits)], **LIMIT)
-
-
-def _set_places(ax, keys: Sequence[str], places: list, labelled: bool) -> None:
-    """Set the axis of the values: logarithmic over a factor of ten, or named combinations."""
-    if places and not isinstance(places[0], tuple):
-        if places[-1] >= 10 * places[0]:
-            ax.set(xscale="log", xlim=(places[0] / 1.5, places[-1] * 1.5))
-        if not labelled:
-            ax.set_xticklabels([])
-        return
-    names = [", ".join(str(value) for value in values) for values in places]
-    turned = {"rotation": 30, "ha": "right"} if max(map(len, names), default=0) > 6 else {}
-    ax.set_xticks(range(len(places)), names if labelled and keys else [""] * len(places), **turned)
-    ax.set_xlim(-0.6, len(places) - 0.4)
+    limits = {place: cell["predicted"] for place, cell in pairs}
+    known = {place: each for place, each in limits.items() if each and math.isfinite(each)}
+    if len(known) == 1:
+        ax.axhline(next(iter(known.values())), **LIMIT)
+    elif known:
+        order = list(known) if isinstance(x[0], str) else sorted(known)
+        ax.plot(order, [known[place] for place in order], **LIMIT)
