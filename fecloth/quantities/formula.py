@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fecloth.errors import InputError
-from fecloth.quantities.formula_functions import Closure, compile_tree
-from fecloth.quantities.formula_syntax import derivative, parse
+from fecloth.quantities.formula_functions import Closure, compile_tree, derivative
+from fecloth.quantities.formula_syntax import parse
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ _parse = lru_cache(maxsize=256)(parse)
 def _compile(
     text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...]
 ) -> _CompiledFormula:
-    tree, name = _parse(text, variables, condition), f"formula {text!r}"
-    for variable in by:
-        tree = derivative(tree, variable)
+    closure, name = compile_tree(_parse(text, variables, condition), variables, bool(by)), ""
+    for level, variable in enumerate(by):
+        closure = derivative(closure, variables.index(variable), level)
     if by:
-        name = f"the derivative by {' and '.join(by)} of formula {text!r}"
-    return _CompiledFormula(name, variables, compile_tree(tree, variables))
+        name = f"the derivative by {' and '.join(by)} of "
+    return _CompiledFormula(f"{name}formula {text!r}", variables, closure)

@@ -1,11 +1,10 @@
 """Formulas as nested closures, for numbers and for arrays."""
 
 import ast
-import functools
 import math
 import operator
-from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,52 +76,17 @@ Closure = Callable[[Sequence[Any]], Any]
 """The value of a node at the values of the variables, in their order."""
 
 
-def compile_tree(node: ast.AST, variables: tuple[str, ...]) -> Closure:
-    """The closure of a checked syntax tree, to be called with NumPy's errors ignored."""
-    # A node may be a part of several others, as in derivatives: it is compiled once, and evaluated
-    # once in a call. Its value follows the values of the variables. All is in doubles, so that no
-    # power grows without limit.
-    uses: Counter[int] = Counter()
-    _count_uses(node, uses)
-    closures: dict[int, Closure] = {}
-    evaluated_first: list[Closure] = []
+def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = False) -> Closure:
+    """The closure of a checked syntax tree; one that is `derived` takes a `Dual`, too."""
+    # It is called with NumPy's errors ignored. All is in doubles, so that no power grows without
+    # limit.
 
     def inner(part: ast.AST) -> Closure:
-        key = id(part)
-        if key not in closures:
-            closure = _closure(part, variables, inner)
-            if uses[key] > 1 and not isinstance(part, ast.Name | ast.Constant):
-                evaluated_first.append(closure)
-                closure = operator.itemgetter(len(variables) + len(evaluated_first) - 1)
-            closures[key] = closure
-        return closures[key]
+        return compile_tree(part, variables, derived)
 
-    root = inner(node)
-    return _in_order(evaluated_first, root) if evaluated_first else root
+    def apply(key: object, function: Callable[..., Any], *parts: ast.AST) -> Closure:
+        return _apply(_with_duals(key, function) if derived else function, *map(inner, parts))
 
-
-def _count_uses(node: ast.AST, uses: Counter[int]) -> None:
-    """Count the places of each node, by its id."""
-    uses[id(node)] += 1
-    if uses[id(node)] == 1:
-        for part in ast.iter_child_nodes(node):
-            if isinstance(part, ast.expr):
-                _count_uses(part, uses)
-
-
-def _in_order(first: list[Closure], root: Closure) -> Closure:
-    """The closure that puts the values of `first` behind the variables, and then takes `root`."""
-
-    def evaluate(v: Sequence[Any]) -> Any:
-        values = list(v)
-        for closure in first:
-            values.append(closure(values))
-        return root(values)
-
-    return evaluate
-
-
-def _closure(node: ast.AST, variables: tuple[str, ...], inner: Callable[..., Closure]) -> Closure:
     match node:
         case ast.Constant(value=int() | float() as number):
             return _constant(np.float64(number))
@@ -131,20 +95,20 @@ def _closure(node: ast.AST, variables: tuple[str, ...], inner: Callable[..., Clo
         case ast.Name(id=name):
             return _constant(np.float64(CONSTANTS[name]))
         case ast.UnaryOp(op=ast.Not(), operand=operand):
-            return _apply(np.logical_not, inner(operand))
+            return apply("not", np.logical_not, operand)
         case ast.UnaryOp(op=op, operand=operand):
-            return _apply(UNARY[type(op)], inner(operand))
+            return apply(type(op), UNARY[type(op)], operand)
         case ast.BinOp(left=left, op=op, right=right):
-            return _apply(BINARY[type(op)], inner(left), inner(right))
+            return apply(type(op), BINARY[type(op)], left, right)
         case ast.BoolOp(op=op, values=parts):
             join = np.logical_and if isinstance(op, ast.And) else np.logical_or
-            return _join(join, [inner(part) for part in parts])
+            return reduce(partial(_apply, join), map(inner, parts))
         case ast.Compare(left=left, ops=ops, comparators=others):
-            sides = [inner(side) for side in (left, *others)]
-            pairs = zip(ops, sides, sides[1:], strict=False)
-            return _join(np.logical_and, [_apply(COMPARE[type(op)], a, b) for op, a, b in pairs])
+            pairs = zip(ops, (left, *others), others, strict=False)
+            each = [apply(type(op), COMPARE[type(op)], a, b) for op, a, b in pairs]
+            return reduce(partial(_apply, np.logical_and), each)
         case ast.Call(func=ast.Name(id=name), args=parts):
-            return _apply(FUNCTIONS[name].value, *map(inner, parts))
+            return apply(name, FUNCTIONS[name].value, *parts)
     raise AssertionError(f"unchecked node {node!r}")
 
 
@@ -162,6 +126,105 @@ def _apply(function: Callable[..., Any], *parts: Closure) -> Closure:
     return lambda v: function(*[part(v) for part in parts])
 
 
-def _join(function: Callable[..., Any], parts: list[Closure]) -> Closure:
-    """The closure of a op b op c."""
-    return functools.reduce(lambda a, b: _apply(function, a, b), parts)
+# --- derivatives ----------------------------------------------------------------------------------
+
+_X = "min(max((c - a)/(b - a), 0), 1)"  # of smoothstep(a, b, c)
+_PARTIALS: dict[object, tuple[str, ...]] = {  # by each of the arguments a, b, c
+    ast.Add: ("1", "1"),
+    ast.Sub: ("1", "-1"),
+    ast.Mult: ("b", "a"),
+    ast.Div: ("1/b", "-a/(b*b)"),
+    ast.Pow: ("b*a**(b - 1)", "where(abs(a) > 0, a**b*log(a), 0)"),
+    ast.Mod: ("1", "-floor(a/b)"),
+    ast.USub: ("-1",),
+    ast.UAdd: ("1",),
+    "sin": ("cos(a)",),
+    "cos": ("-sin(a)",),
+    "tan": ("1 + tan(a)*tan(a)",),
+    "tanh": ("1 - tanh(a)*tanh(a)",),
+    "exp": ("exp(a)",),
+    "log": ("1/a",),
+    "sqrt": ("0.5/sqrt(a)",),
+    "abs": ("sign(a)",),
+    "mod": ("1", "-floor(a/b)"),
+    "smoothstep": (
+        f"6*{_X}*(1 - {_X})*({_X} - 1)/(b - a)",
+        f"-6*{_X}*(1 - {_X})*{_X}/(b - a)",
+        f"6*{_X}*(1 - {_X})/(b - a)",
+    ),
+}
+_CHOICES = {  # da, db, dc are the derivatives of the arguments
+    "where": "where(a, db, dc)",
+    "min": "where(a < b, da, db)",
+    "max": "where(a > b, da, db)",
+}
+
+
+class Dual(NamedTuple):
+    """A value, and its derivative by one of the variables.
+
+    For a derivative of a derivative both may be duals of another, higher level.
+    """
+
+    value: Any
+    slope: Any
+    level: int
+
+
+def derivative(closure: Closure, place: int, level: int) -> Closure:
+    """The derivative by the variable at a place; the level is the number of derivatives before."""
+    # At a kink or a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the
+    # derivative of the second argument for min and max, and the derivative of the chosen part for
+    # where. For mod(a, b) it is the derivative between the jumps.
+
+    def slope(v: Sequence[Any]) -> Any:
+        dual = Dual(v[place], np.float64(1.0), level)
+        return _slope_of(closure([*v[:place], dual, *v[place + 1 :]]), level)
+
+    return slope
+
+
+def _is_dual(value: Any, level: int) -> bool:
+    return isinstance(value, Dual) and value.level == level
+
+
+def _slope_of(value: Any, level: int) -> Any:
+    return value.slope if _is_dual(value, level) else np.float64(0.0)
+
+
+def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that follows the chain rule, too, with the partial derivatives of its key."""
+
+    def apply(*given: Any) -> Any:
+        level = min((each.level for each in given if isinstance(each, Dual)), default=None)
+        if level is None:
+            return function(*given)
+        values = [each.value if _is_dual(each, level) else each for each in given]
+        if key in _RULES_OF_CHOICES:
+            slopes = [_slope_of(each, level) for each in given]
+            return Dual(apply(*values), _RULES_OF_CHOICES[key]([*values, *slopes]), level)
+        slope = None
+        for each, rule in zip(given, _RULES.get(key, ()), strict=False):
+            if _is_dual(each, level):
+                term = _multiply(rule(values), each.slope)
+                slope = term if slope is None else _add(slope, term)
+        return apply(*values) if slope is None else Dual(apply(*values), slope, level)
+
+    return apply
+
+
+_add, _multiply = _with_duals(ast.Add, operator.add), _with_duals(ast.Mult, operator.mul)
+
+
+def _rule(text: str, variables: str) -> Closure:
+    return compile_tree(ast.parse(text, mode="eval").body, tuple(variables.split()), derived=True)
+
+
+_RULES = {
+    key: [_rule(text, " ".join("abc"[: len(texts)])) for text in texts]
+    for key, texts in _PARTIALS.items()
+}
+_RULES_OF_CHOICES: dict[object, Closure] = {
+    name: _rule(text, "a b c da db dc" if name == "where" else "a b da db")
+    for name, text in _CHOICES.items()
+}
