@@ -1,9 +1,9 @@
 """Computed values at the measured points, and their derivatives by the unknowns."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -102,7 +102,24 @@ def _check_order(a: np.ndarray, points: Measured, places: np.ndarray) -> None:
 
 EXACTNESS = 1e-5  # relative error of the derivatives, so that what is not told is seen
 
-Block = tuple[int, int]  # a specimen and one of its measured columns
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A measured column beside what the problem gives at its points."""
+
+    specimen: Specimen
+    points: Measured
+    residual: np.ndarray  # (n,) (computed − measured)/σ; NaN where the run failed
+    jacobian: np.ndarray  # (n, m) its derivatives by the unknowns
+    computed: Computed | None = None  # None where the run failed
+
+    @property
+    def label(self) -> str:
+        return self.specimen.experiment.label
+
+    @property
+    def is_fitted(self) -> bool:
+        return self.specimen.experiment.fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,20 +128,20 @@ class Evaluation:
 
     u: np.ndarray  # (m,)
     values: Mapping[str, float]  # of constants and offsets
-    computed: Mapping[Block, Computed]  # empty where a run failed
-    residuals: Mapping[Block, np.ndarray]  # (computed − measured)/σ of each block
-    jacobians: Mapping[Block, np.ndarray]  # (n, m) their derivatives by u
+    columns: tuple[Column, ...]  # all that were run
     cause: str = ""  # why a run failed
 
-    def residual(self, blocks: Sequence[Block]) -> np.ndarray:
-        return np.concatenate([self.residuals[block] for block in blocks])
+    @cached_property
+    def fitted(self) -> list[Column]:
+        return [column for column in self.columns if column.is_fitted]
 
-    def shift(self, block: Block) -> float:
-        """The offset of a curve."""
-        return self.computed[block].shift if block in self.computed else np.nan
+    @property
+    def residual(self) -> np.ndarray:
+        return np.concatenate([column.residual for column in self.fitted])
 
-    def jacobian(self, blocks: Sequence[Block]) -> np.ndarray:
-        return np.concatenate([self.jacobians[block] for block in blocks])
+    @property
+    def jacobian(self) -> np.ndarray:
+        return np.concatenate([column.jacobian for column in self.fitted])
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,19 +155,6 @@ class Fitting:
     @property
     def constants(self) -> tuple[Unknown, ...]:
         return tuple(each for each in self.unknowns if not each.is_offset)
-
-    @property
-    def all_blocks(self) -> list[Block]:
-        return [(i, k) for i, each in enumerate(self.specimens) for k in range(len(each.points))]
-
-    @property
-    def blocks(self) -> list[Block]:
-        """The blocks that are fitted."""
-        return [b for b in self.all_blocks if self.specimens[b[0]].experiment.fitted]
-
-    def free(self, block: Block) -> int:
-        """The number of points of a block."""
-        return len(self.specimens[block[0]].points[block[1]].values)
 
     def finer(self) -> "Fitting | None":
         """The same with finer meshes and shorter steps, where a specimen has such."""
@@ -170,27 +174,25 @@ class Fitting:
         chosen = [
             i for i, each in enumerate(self.specimens) if each.experiment.fitted or not only_fitted
         ]
-        cause = ""
+        cause, columns = "", list[Column]()
         try:
             tasks = [self._task(i, values, widths) for i in chosen]
         except InputError as error:  # the fabric refuses its constants
             rows: list[dict] = [{"status": "refused", "cause": str(error)} for _ in chosen]
         else:
             rows = run_tasks(tasks, replace(self.runs, quiet=True))
-        computed: dict[Block, Computed] = {}
-        residuals, jacobians = {}, {}
         for i, row in zip(chosen, rows, strict=True):
-            specimen, is_ok = self.specimens[i], row["status"] == OK
-            if not is_ok:
-                cause = cause or f"{specimen.experiment.label}: {row['cause']}"
-            results = self._computed(i, row, values) if is_ok else ()
-            for k, points in enumerate(specimen.points):
-                residuals[i, k] = np.full(len(points.values), np.nan)
-            for k, result in enumerate(results):
-                points, computed[i, k] = specimen.points[k], result
-                residuals[i, k] = (result.values - points.values) / points.sigma
-                jacobians[i, k] = self._jacobian(i, result, u) / points.sigma[:, None]
-        return Evaluation(u, values, computed, residuals, jacobians, cause)
+            specimen = self.specimens[i]
+            if row["status"] == OK:
+                results = self._computed(i, row, values)
+                pairs = zip(specimen.points, results, strict=True)
+                columns += [self._column(i, *pair, u) for pair in pairs]
+                continue
+            cause = cause or f"{specimen.experiment.label}: {row['cause']}"
+            for points in specimen.points:
+                nothing = np.full((len(points.values), len(u)), np.nan)
+                columns.append(Column(specimen, points, nothing[:, 0], nothing))
+        return Evaluation(u, values, tuple(columns), cause)
 
     def _task(self, i: int, values: Mapping[str, float], widths: Mapping[str, float]) -> Task:
         specimen = self.specimens[i]
@@ -213,25 +215,16 @@ class Fitting:
                 offset = best_shift(curve, points, specimen.reach / 2) if free else None
             yield curve(offset)
 
-    def _jacobian(self, i: int, result: Computed, u: np.ndarray) -> np.ndarray:
-        """(n, m) ∂(computed)/∂u; the constants' widths are dp/du already."""
-        J = np.zeros((len(result.values), len(self.unknowns)))
-        names = self.specimens[i].names
-        for column, each in enumerate(self.unknowns):
+    def _column(self, i: int, points: Measured, result: Computed, u: np.ndarray) -> Column:
+        """The column of a run; the widths of constants are dp/du already."""
+        J, names = np.zeros((len(result.values), len(self.unknowns))), self.specimens[i].names
+        for k, each in enumerate(self.unknowns):
             if each.specimen == i:
-                J[:, column] = -result.along_slope * each.slope(float(u[column]))
+                J[:, k] = -result.along_slope * each.slope(float(u[k]))
             elif each.name in names:
-                J[:, column] = result.slopes[:, names.index(each.name)]
-        return J
-
-    def check_signs(self, at: Evaluation) -> None:
-        """Refuse a column whose values all have the sign opposite to the computed values."""
-        for i, k in self.blocks:
-            points = self.specimens[i].points[k]
-            if (at.computed[i, k].values * points.values < 0).all():
-                what = f"{self.specimens[i].experiment.label}: column {points.column!r}"
-                allowed = f"has the sign opposite to {points.quantity} of the first run"
-                raise InputError(what, allowed, "fit", "Turn the signs of the column.")
+                J[:, k] = result.slopes[:, names.index(each.name)]
+        residual = (result.values - points.values) / points.sigma
+        return Column(self.specimens[i], points, residual, J / points.sigma[:, None], result)
 
     def report(self, number: int, at: Evaluation, phase: str) -> None:
         """Print a line for an evaluation."""
@@ -244,6 +237,15 @@ class Fitting:
         if at.cause:
             words = f"failed ({at.cause.splitlines()[0]}) with {words}"
         else:
-            residual = at.residual(self.blocks)
-            words = f"misfit {(residual @ residual) / len(residual):.3g} with {words}"
+            words = f"misfit {(at.residual @ at.residual) / len(at.residual):.3g} with {words}"
         print(f"[{phase}evaluation {number}] {words}", file=sys.stderr, flush=True)
+
+
+def check_signs(at: Evaluation) -> None:
+    """Refuse a column whose values all have the sign opposite to the computed values."""
+    for column in at.fitted:
+        points, computed = column.points, column.computed
+        if computed and (computed.values * points.values < 0).all():
+            what = f"{column.label}: column {points.column!r}"
+            allowed = f"has the sign opposite to {points.quantity} of the first run"
+            raise InputError(what, allowed, "fit", "Turn the signs of the column.")

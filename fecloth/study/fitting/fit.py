@@ -1,22 +1,32 @@
 """`fit`: constants of a fabric from several experiments, and what these do not tell."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fecloth.errors import InputError
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from fecloth.errors import FeclothError, InputError
 from fecloth.fabric.fabric import Fabric
-from fecloth.study.fitting.evaluation import Fitting
+from fecloth.study.fitting.evaluation import Evaluation, Fitting, check_signs
 from fecloth.study.fitting.experiment import Experiment
 from fecloth.study.fitting.result import Fit, summarise
-from fecloth.study.fitting.search import Place, refine, search
 from fecloth.study.fitting.specimens import open_specimens
+from fecloth.study.fitting.statistics import statistics
 from fecloth.study.fitting.unknowns import make_unknowns
 from fecloth.study.run_problems import Runs
 from fecloth.study.workload import check_size
 
 EVALUATIONS = 8  # that a start usually takes
 HOW = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
+PULL = 0.3  # towards the center, per unit of u: it holds what the data do not tell
+EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}
+HOLD = 10.0  # the same for what is known not to be told
+MOST, FEW = 60, 8  # evaluations of a start, and on finer meshes
+SPREAD = np.log(3.0)  # of other starts, in u: between a third and three times the first
+SAME = 0.02  # of u: ends of two starts that are the same place
 
 
 def fit(
@@ -106,7 +116,9 @@ def fit(
     _check_cost(fitting, starts, refined)
     place = search(fitting, starts)
     finer = fitting.finer() if refined else None
-    end, coarse, remarks = place.best, None, list(_describe_starts(place))
+    end, coarse, remarks = place.best, None, list[str]()
+    if starts > 1:
+        remarks.append(f"{place.same} of {starts} starts end at these constants")
     why = "no problem has h or dt to refine"
     if finer:
         better = refine(finer, end)
@@ -129,6 +141,90 @@ def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
 
-def _describe_starts(place: Place) -> Iterator[str]:
-    if place.starts > 1:
-        yield f"{place.same} of {place.starts} starts end at these constants"
+# --- the search: Gauss-Newton steps in a trust region, from several starts ------------------------
+
+
+class FitFailed(FeclothError):
+    """No start of a fit ran."""
+
+
+@dataclass(eq=False)
+class Search:
+    """The search from one start; it keeps what it has evaluated."""
+
+    fitting: Fitting
+    center: np.ndarray  # (m,) where the pull is to
+    pull: np.ndarray  # (k, m) its rows, beside the residuals
+    most: int = MOST
+    phase: str = ""  # a word for the lines of progress
+    known: dict[bytes, Evaluation] = field(default_factory=dict)
+
+    def at(self, u: np.ndarray) -> Evaluation:
+        key = u.tobytes()
+        if key not in self.known:
+            self.known[key] = self.fitting.evaluate(u)
+            self.fitting.report(len(self.known), self.known[key], self.phase)
+        return self.known[key]
+
+    def residual(self, u: np.ndarray) -> np.ndarray:
+        pulled = self.pull @ (u - self.center)
+        return np.append(self.at(u).residual, pulled)
+
+    def jacobian(self, u: np.ndarray) -> np.ndarray:
+        return np.concatenate([self.at(u).jacobian, self.pull])
+
+    def run(self, begin: np.ndarray) -> Evaluation:
+        """Search from `begin`; a failed run there ends it."""
+        first = self.at(begin)
+        if first.cause:
+            return first
+        check_signs(first)
+        limits = np.array([each.bounds for each in self.fitting.unknowns]).T
+        bounds = (-np.inf, np.inf) if np.isinf(limits).all() else limits
+        solved = least_squares(
+            self.residual, begin, self.jacobian, bounds, x_scale=1.0, max_nfev=self.most, **EXACT
+        )
+        return self.at(solved.x)
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where the searches ended."""
+
+    best: Evaluation
+    same: int  # number of the starts that ended there
+
+
+def search(fitting: Fitting, starts: int) -> Place:
+    """Search from the given start, and from others around it; the least misfit counts.
+
+    It raises `FitFailed` if no start runs.
+    """
+    if not (isinstance(starts, int) and 1 <= starts <= 100):
+        raise InputError(f"starts = {starts!r}", "must be an integer from 1 to 100", "fit")
+    ends = []
+    for begin in _begins(fitting, starts):
+        ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
+    ran = [end for end in ends if not end.cause]
+    if not ran:
+        remedy = "Begin elsewhere, or give starts = 5."
+        raise FitFailed(f"no start of the fit runs: {ends[0].cause}. {remedy}")
+    best = min(ran, key=lambda end: float((end.residual**2).sum()))
+    same = [end for end in ran if np.abs(end.u - best.u).max() < SAME]
+    return Place(best, len(same))
+
+
+def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
+    """Go on from the end of a search, with finer meshes and shorter steps.
+
+    Combinations that the data do not tell stay as they are.
+    """
+    untold = statistics(end).untold
+    pull = np.concatenate([PULL * np.eye(len(end.u)), HOLD * untold])
+    return Search(fitting, end.u, pull, FEW, "finer mesh, ").run(end.u)
+
+
+def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:
+    count = len(fitting.unknowns)
+    others = qmc.LatinHypercube(count, seed=0).random(starts - 1) if starts > 1 else []
+    return [np.zeros(count), *(SPREAD * (2 * np.asarray(place) - 1) for place in others)]

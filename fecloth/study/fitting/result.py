@@ -12,9 +12,8 @@ from fecloth import errors
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.fitting import words
-from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
-from fecloth.study.fitting.experiment import Experiment
-from fecloth.study.fitting.measured import ASSUMED, Measured
+from fecloth.study.fitting.evaluation import Evaluation, Fitting
+from fecloth.study.fitting.measured import ASSUMED
 from fecloth.study.fitting.specimens import fabric_with
 from fecloth.study.fitting.statistics import statistics
 from fecloth.study.parameters import numbers_of
@@ -114,7 +113,7 @@ def summarise(
     fitting: Fitting, end: Evaluation, coarse: Evaluation | None, title: str, remarks: list[str]
 ) -> Fit:
     """The result at the end of a fit; `coarse` is the end before h and dt were halved."""
-    facts = statistics(fitting, end)
+    facts = statistics(end)
     constants = fitting.constants
     count = len(constants)
     at = [float(u) for u in end.u[:count]]
@@ -131,13 +130,14 @@ def summarise(
     }
     slopes = np.array([each.slope(u) for each, u in zip(constants, at, strict=True)])
     covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
+    rows: list[Any] = _experiments(end)
     verdict = [
-        words.describe_fit(fitting, facts),
+        words.describe_fit(fitting, end, facts),
         *(words.describe_value(name, values[name], intervals[name]) for name in values),
         *words.describe_untold(fitting, facts),
         *words.describe_resolution(numerical, intervals),
         *words.describe_law(fitting, end, facts),
-        *words.describe_predictions(fitting, end),
+        *words.describe_predictions(end),
     ]
     return Fit(
         title=title,
@@ -150,15 +150,11 @@ def summarise(
         misfit=facts.misfit,
         numerical=numerical,
         law_fails=facts.law_fails,
-        offsets={
-            each.experiment.label: end.shift((i, 0))
-            for i, each in enumerate(fitting.specimens)
-            if each.experiment.offset
-        },
-        experiments=_experiments(fitting, end),
-        points=_points(fitting, end),
+        offsets={row["experiment"]: row["offset"] for row in rows if row["offset"] is not None},
+        experiments=Table(tuple(rows)),
+        points=_points(end),
         fabric=_fabric(fitting, values, intervals, covariance),
-        remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(fitting)),
+        remarks=(*remarks, *_describe_held(fitting), *_describe_assumed(end)),
     )
 
 
@@ -176,13 +172,8 @@ def _describe_held(fitting: Fitting) -> Iterator[str]:
         yield f"taken as given, and not measured: {listed}"
 
 
-def _describe_assumed(fitting: Fitting) -> Iterator[str]:
-    names = {
-        fitting.specimens[i].experiment.label
-        for i, k in fitting.blocks
-        if fitting.specimens[i].points[k].is_assumed
-    }
-    if names:
+def _describe_assumed(end: Evaluation) -> Iterator[str]:
+    if names := {column.label for column in end.fitted if column.points.is_assumed}:
         share = in_percent(ASSUMED)
         listed = ", ".join(sorted(names))
         yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
@@ -209,21 +200,15 @@ def _table(
     return Table(tuple(rows))
 
 
-def _blocks(fitting: Fitting) -> Iterator[tuple[Block, Experiment, Measured, str]]:
-    """All measured columns, with the name of what orders their points."""
-    for block in fitting.all_blocks:
-        specimen = fitting.specimens[block[0]]
-        order = specimen.experiment.order
-        yield block, specimen.experiment, specimen.points[block[1]], order[0] if order else "number"
-
-
-def _experiments(fitting: Fitting, end: Evaluation) -> Table:
+def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
     rows: list[dict[str, Cell]] = []
-    for block, experiment, points, along in _blocks(fitting):
-        r, apart = end.residuals[block], end.residuals[block] * points.sigma
+    for column in end.columns:
+        experiment, points, r = column.specimen.experiment, column.points, column.residual
+        along, apart = experiment.order[0] if experiment.order else "number", r * points.sigma
+        shift = column.computed.shift if column.computed else np.nan
         rows.append(
             {
-                "experiment": experiment.label,
+                "experiment": column.label,
                 "column": points.column,
                 "unit": points.unit,
                 "along": f"{along} [{points.along_unit}]" if points.along_unit else along,
@@ -232,23 +217,22 @@ def _experiments(fitting: Fitting, end: Evaluation) -> Table:
                 "rms / sigma": float(np.sqrt(np.mean(r**2))),
                 "rms %": 100 * float(np.sqrt(np.mean(apart**2))) / points.largest,
                 "largest %": 100 * float(np.abs(apart).max()) / points.largest,
-                "offset": end.shift(block) if experiment.offset else None,
+                "offset": shift if experiment.offset else None,
                 "fitted": "yes" if experiment.fitted else "no",
             }
         )
-    return Table(tuple(rows))
+    return rows
 
 
-def _points(fitting: Fitting, end: Evaluation) -> Table:
+def _points(end: Evaluation) -> Table:
     rows: list[dict[str, Cell]] = []
-    for block, experiment, points, _ in _blocks(fitting):
-        count = len(points.values)
-        places = np.arange(count) if points.along is None else points.along
-        computed = end.computed[block].values if block in end.computed else np.full(count, np.nan)
+    for column in end.columns:
+        points, r = column.points, column.residual
+        places = np.arange(len(r)) if points.along is None else points.along
+        computed = points.values + r * points.sigma
         names = "experiment", "column", "along", "measured", "sigma", "computed", "residual"
-        columns = places, points.values, points.sigma, computed, end.residuals[block]
-        for numbers in zip(*columns, strict=True):
-            cells: list[Cell] = [experiment.label, points.column, *map(float, numbers)]
+        for numbers in zip(places, points.values, points.sigma, computed, r, strict=True):
+            cells: list[Cell] = [column.label, points.column, *map(float, numbers)]
             rows.append(dict(zip(names, cells, strict=True)))
     return Table(tuple(rows))
 

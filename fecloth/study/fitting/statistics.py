@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
+from fecloth.study.fitting.evaluation import Column, Evaluation
 
 UNTOLD = 0.5  # standard uncertainty of u above which the data do not tell it: a factor of 1.65
 LEAST_SINGULAR = 1e-2  # below it, a combination is known to no better than exp(100)
@@ -39,9 +39,8 @@ class Statistics:
         return self.probability < LEVEL
 
 
-def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
-    blocks = fitting.blocks
-    J, r = end.jacobian(blocks), end.residual(blocks)
+def statistics(end: Evaluation) -> Statistics:
+    J, r = end.jacobian, end.residual
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     if len(s) < J.shape[1]:  # fewer points than unknowns
         U, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((J.shape[1] - len(s), J.shape[1]))]))
@@ -51,7 +50,7 @@ def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
     inverse = (Vt.T / kept) @ U[: len(r), : len(s)].T  # J⁺
     freedom = len(r) - int((s > LEAST_SINGULAR).sum())
     misfit = float(r @ r) / freedom if freedom > 0 else np.nan
-    covariance = _covariance(fitting, blocks, inverse)
+    covariance = _covariance(end.fitted, inverse)
     told = np.fmax(spread, np.sqrt(np.diag(covariance))) <= UNTOLD  # repeats may scatter by more
     return Statistics(
         covariance * np.fmax(misfit, 1.0),
@@ -59,17 +58,17 @@ def statistics(fitting: Fitting, end: Evaluation) -> Statistics:
         Vt[~known],
         _groups(Vt[~known], spread > UNTOLD),
         misfit,
-        _probability(fitting, end, blocks, freedom / len(r)),
-        float(stats.t.ppf(0.5 + COVERAGE / 2, _free_repeats(fitting, blocks, freedom))),
+        _probability(end.fitted, freedom / len(r)),
+        float(stats.t.ppf(0.5 + COVERAGE / 2, _free_repeats(end.fitted, freedom))),
     )
 
 
-def _covariance(fitting: Fitting, blocks: Sequence[Block], inverse: np.ndarray) -> np.ndarray:
-    """Σ over the blocks of J⁺ Σ J⁺ᵀ."""
-    ends = np.cumsum([fitting.free(block) for block in blocks])[:-1]
+def _covariance(columns: Sequence[Column], inverse: np.ndarray) -> np.ndarray:
+    """Σ over the columns of J⁺ Σ J⁺ᵀ."""
+    ends = np.cumsum([len(column.residual) for column in columns])[:-1]
     total = np.zeros((len(inverse), len(inverse)))
-    for block, part in zip(blocks, np.split(inverse, ends, axis=1), strict=True):
-        points = fitting.specimens[block[0]].points[block[1]]
+    for column, part in zip(columns, np.split(inverse, ends, axis=1), strict=True):
+        points = column.points
         if points.scatter is None:
             total += part @ part.T
         else:
@@ -79,9 +78,9 @@ def _covariance(fitting: Fitting, blocks: Sequence[Block], inverse: np.ndarray) 
     return total
 
 
-def _free_repeats(fitting: Fitting, blocks: Sequence[Block], freedom: int) -> int:
+def _free_repeats(columns: Sequence[Column], freedom: int) -> int:
     """The least degrees of freedom of an uncertainty."""
-    scatters = [fitting.specimens[i].points[k].scatter for i, k in blocks]
+    scatters = [column.points.scatter for column in columns]
     return min([max(freedom, 1), *(len(each) - 1 for each in scatters if each is not None)])
 
 
@@ -98,21 +97,18 @@ def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], .
     return tuple(tuple(int(i) for i in group) for group in groups if len(group))
 
 
-def _probability(fitting: Fitting, end: Evaluation, blocks: Sequence[Block], share: float) -> float:
+def _probability(columns: Sequence[Column], share: float) -> float:
     """The probability that scatter alone gives such residuals, by the least likely part.
 
     Independent errors follow χ². The mean of R repeats follows F with R − 1 degrees of freedom
     below, and above with the number of ways in which the repeats differ, (tr Σ)²/tr Σ².
     """
-    points = {block: fitting.specimens[block[0]].points[block[1]] for block in blocks}
-    single = [block for block in blocks if points[block].scatter is None]
-    probabilities = [1.0]
-    if single:
-        r = end.residual(single)
-        if (freedom := share * len(r)) > 0:
-            probabilities.append(float(stats.chi2.sf(r @ r, freedom)))
-    for block in blocks:
-        scatter, r = points[block].scatter, end.residuals[block]
+    single = [column.residual for column in columns if column.points.scatter is None]
+    r, probabilities = np.concatenate([*single, []]), [1.0]
+    if (freedom := share * len(r)) > 0:
+        probabilities.append(float(stats.chi2.sf(r @ r, freedom)))
+    for column in columns:
+        scatter, r = column.points.scatter, column.residual
         if scatter is not None and share > 0:
             values = np.linalg.svd(scatter, compute_uv=False) ** 2
             ways = values.sum() ** 2 / (values**2).sum()

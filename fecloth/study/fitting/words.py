@@ -8,7 +8,7 @@ import numpy as np
 from fecloth.errors import amount
 from fecloth.fabric.fabric import Fabric
 from fecloth.quantities.units import Dimension
-from fecloth.study.fitting.evaluation import Block, Evaluation, Fitting
+from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.statistics import Statistics
 from fecloth.study.result import in_percent, with_uncertainty
 
@@ -65,21 +65,19 @@ def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterat
         "the law is wrong, not the constants: the residuals are "
         f"{np.sqrt(facts.misfit):.2g} times the uncertainty of the points"
     )
-    wants = [want for block in fitting.blocks for want in _wants(fitting, end, block)]
+    wants = [want for column in end.fitted for want in _wants(fitting, end, column)]
     for _, sentence in sorted(wants, reverse=True)[:SHOWN]:
         yield sentence
 
 
-def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[float, str]]:
+def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[float, str]]:
     """How far each part of a curve is off, and the value that it wants of what matters most."""
-    specimen = fitting.specimens[block[0]]
-    points = specimen.points[block[1]]
+    points = column.points
     is_curve = points.along is not None
     places = np.zeros(len(points.values)) if points.along is None else points.along
     order = np.argsort(places, kind="stable")
     for rows in np.array_split(order, PARTS if is_curve and len(order) >= PARTS else 1):
-        r, J = end.residuals[block][rows], end.jacobians[block][rows]
-        J = J[:, : len(fitting.constants)]
+        r, J = column.residual[rows], column.jacobian[rows, : len(fitting.constants)]
         far = float(np.abs((r * points.sigma[rows]).mean()))
         if far < TELLING * points.largest or not J.any():
             continue
@@ -90,7 +88,7 @@ def _wants(fitting: Fitting, end: Evaluation, block: Block) -> Iterator[tuple[fl
         wanted = each.at(at + float(np.clip(change, -5.0, 5.0)))
         span = f" from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
         where = span.rstrip() if is_curve else ""
-        begin = f"{specimen.experiment.label}{where} wants {each.name} = "
+        begin = f"{column.label}{where} wants {each.name} = "
         yield far / points.largest, f"{begin}{wanted:.3g}, not {each.at(at):.3g}"
 
 
@@ -107,26 +105,24 @@ def describe_resolution(
             )
 
 
-def describe_predictions(fitting: Fitting, end: Evaluation) -> Iterator[str]:
+def describe_predictions(end: Evaluation) -> Iterator[str]:
     """How far the fit is off where an experiment is compared only."""
-    for block in fitting.all_blocks:
-        specimen = fitting.specimens[block[0]]
-        if not specimen.experiment.fitted:
-            points, r = specimen.points[block[1]], end.residuals[block]
+    for column in end.columns:
+        if not column.is_fitted:
+            points, r = column.points, column.residual
             share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
             yield (
-                f"not fitted: {specimen.experiment.label}: {points.column} is off by "
+                f"not fitted: {column.label}: {points.column} is off by "
                 f"{in_percent(share)} of the largest value (rms), {np.sqrt(np.mean(r**2)):.2g} "
                 "times the uncertainty of the points"
             )
 
 
-def describe_fit(fitting: Fitting, facts: Statistics) -> str:
+def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
     """How many constants were fitted to how many points, and the misfit."""
-    blocks = fitting.blocks
     constants = amount(len(fitting.constants), "constant")
-    points = amount(sum(map(fitting.free, blocks)), "point")
-    experiments = amount(len({i for i, _ in blocks}), "experiment")
+    points = amount(len(end.residual), "point")
+    experiments = amount(sum(each.experiment.fitted for each in fitting.specimens), "experiment")
     size = f"misfit {facts.misfit:.3g} (1 is the scatter)"
     misfit = size if np.isfinite(facts.misfit) else "as many unknowns as points: no misfit is known"
     return f"{constants} fitted to {points} of {experiments}: {misfit}"

@@ -6,22 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fecloth.study.fitting.evaluation import Evaluation, Fitting
+from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
 from fecloth.study.fitting.statistics import LEVEL, UNTOLD, statistics
-from fecloth.study.fitting.unknowns import Unknown
-from fecloth.study.run_problems import Runs
 
 
 def facts_of(J, r, scatter=None, names=None):
     """Statistics of residuals r, in units of their uncertainty, with ∂r/∂u = J."""
     J, r = np.array(J, dtype=float), np.array(r, dtype=float)
     points = Measured("f", "f", "N", 0 * r, 1 + 0 * r, np.arange(len(r)), scatter)
-    specimen = SimpleNamespace(points=(points,), experiment=SimpleNamespace(fitted=True))
-    unknowns = [Unknown(f"p{i}", 1.0, 0.0) for i in range(J.shape[1])]
-    fitting = Fitting((specimen,), tuple(unknowns), Runs())
-    u = np.zeros(J.shape[1])
-    return statistics(fitting, Evaluation(u, {}, {}, {(0, 0): r}, {(0, 0): J}))
+    specimen = SimpleNamespace(experiment=SimpleNamespace(fitted=True))
+    return statistics(Evaluation(np.zeros(J.shape[1]), {}, (Column(specimen, points, r, J),)))
 
 
 X = np.linspace(1.0, 10.0, 10)
