@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -44,33 +44,17 @@ class Recorded:
     only_start: bool = False  # whether nothing runs
 
 
-@dataclass(frozen=True, eq=False)
-class Derivation:
-    """A run, and the derivatives of what it recorded by each parameter over its width."""
-
-    result: Any  # the `Result`, or the `Equilibrium`
-    times: np.ndarray  # (s + 1,) [s]
-    columns: Mapping[str, np.ndarray]  # column → (s + 1,)
-    slopes: tuple[Mapping[str, np.ndarray], ...]  # of each parameter: column → (s + 1,)
-    starts: tuple[Along, ...]  # of each parameter, at the start
-    ends: tuple[Along, ...]  # and at the end
-    sides: tuple[Sides, ...]  # the systems of each parameter, at changes of 1e-4
-    sizes: tuple[float, ...] = ()  # the steps [s]
-    method: str = ""  # the name of the method that `Auto` chose, or ""
-    why: str = ""  # how the steps were chosen, or ""
-
-
 @dataclass(eq=False)
 class Follower:
-    """Follows the derivatives by a parameter along a run."""
+    """Follows the derivatives by a parameter over its width along a run."""
 
     parameter: Parameter
     setup_at: Callable[[float], Setup]  # of a value of the parameter
     base: Setup
     recorded: Recorded
     both: dict[float, list[Setup]] = field(default_factory=dict)  # at p + size and p − size
-    along: Along = field(init=False)
     start: Along = field(init=False)
+    along: Along = field(init=False)  # now, and in the end
     rows: list[Row] = field(default_factory=list)
     flows: Any = None  # slopes of the ledger
 
@@ -83,13 +67,18 @@ class Follower:
         self.flows = records.slope(plus.ledger, minus.ledger, 2 * LARGEST)
         self._add([plus.row(), minus.row()], LARGEST)
 
+    @cached_property
+    def slopes(self) -> dict[str, np.ndarray]:
+        """Column → (s + 1,) derivatives of what the run recorded, when it has ended."""
+        return columns(self.rows)
+
     def size(self, dt: float) -> float:
         """ε, a power of ten: so small that nodes move little, so large that they move at all."""
         far = self.along.longest(dt)
         wanted = SMALL * shortest_length(self.base) / far if far else LARGEST
         return float(10.0 ** math.floor(math.log10(min(max(wanted, LEAST), LARGEST)) + 1e-9))
 
-    def sides(self, size: float) -> Sides:
+    def sides(self, size: float = LARGEST) -> Sides:
         plus, minus = self._setups(size)
         return Sides(plus.system, minus.system, size)
 
@@ -137,6 +126,19 @@ class Follower:
         self.rows.append({name: (plus[name] - minus[name]) / (2 * size) for name in plus})
 
 
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """A run, and the derivatives of what it recorded by each parameter."""
+
+    result: Any  # the `Result`, or the `Equilibrium`
+    times: np.ndarray  # (s + 1,) [s]
+    columns: Mapping[str, np.ndarray]  # column → (s + 1,)
+    followers: Sequence[Follower]  # of each parameter
+    sizes: tuple[float, ...] = ()  # the steps [s]
+    method: str = ""  # the name of the method that `Auto` chose, or ""
+    why: str = ""  # how the steps were chosen, or ""
+
+
 def shortest_length(setup: Setup) -> float:
     """The shortest edge of a right triangle of the mean area, or the least gap [m]."""
     cloth = setup.cloth
@@ -157,7 +159,7 @@ def derive_run(
     # of a derivative over a step.
     followers = [Follower(p, partial(setup_at, p), setup, recorded) for p in parameters]
     if recorded.only_start:
-        return _derivation(setup.start, np.array([setup.start.t]), {}, followers)
+        return Derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
         return _derive_rest(setup, followers, max(REST * tolerance, SHARPEST), report)
     return _derive_motion(setup, followers, recorded, tolerance, report)
@@ -209,22 +211,7 @@ def _derive_motion(
     stay = setup.steps.dt is None and not isinstance(steps, LoadSteps)
     why = "the steps that were chosen stay as they are" if stay else ""
     chosen_method = type(method).__name__ if chooses_method(setup.steps) else ""
-    return _derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
-
-
-def _derivation(
-    result: Any,
-    times: np.ndarray,
-    columns_of: Mapping[str, np.ndarray],
-    followers: Sequence[Follower],
-    sizes: tuple[float, ...] = (),
-    method: str = "",
-    why: str = "",
-) -> Derivation:
-    slopes = tuple(columns(each.rows) for each in followers)
-    starts, ends = tuple(f.start for f in followers), tuple(f.along for f in followers)
-    sides = tuple(each.sides(LARGEST) for each in followers)
-    return Derivation(result, times, columns_of, slopes, starts, ends, sides, sizes, method, why)
+    return Derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
 
 
 def find_rest(
@@ -261,7 +248,7 @@ def _derive_rest(
     state, tangent = _polish(equilibrium(system, start, report=report), whole)
     solved = SolvedIncrement(whole, state.x)
     for each in followers:
-        sides = each.sides(LARGEST)
+        sides = each.sides()
         derived = derive_increment(solved, each.start, sides, tangent, tolerance)
         each.along = derived.end
         # The error of a central difference goes with the square of how far nodes move.
@@ -270,5 +257,5 @@ def _derive_rest(
             derived = derive_increment(solved, each.start, sides, tangent, tolerance)
             each.along = derived.end
         each.rest(derived.states, sides)
-    rows = [setup.row(), setup.row(state)]
-    return _derivation(state, np.array([start.t, state.t]), columns(rows), followers)
+    rows = columns([setup.row(), setup.row(state)])
+    return Derivation(state, np.array([start.t, state.t]), rows, followers)

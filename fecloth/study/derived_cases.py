@@ -13,7 +13,6 @@ import numpy as np
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
-from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
@@ -89,10 +88,9 @@ def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupA
         of_mode, numbers = quantity.how == "mode", range(len(sought.parameters))
         if of_mode:
             values.append(float(shapes.frequencies[quantity.mode - 1]))
-            ends = derivation.ends
-            at = [_at_both(state, *pair) for pair in zip(ends, derivation.sides, strict=True)]
-            pairs = zip(derivation.sides, at, strict=True)
-            rows.append([slope_of_frequency(shapes, quantity.mode, *pair) for pair in pairs])
+            of = shapes, quantity.mode, state
+            pairs = [(each.along, each.sides()) for each in derivation.followers]
+            rows.append([slope_of_frequency(*of, *pair) for pair in pairs])
         else:
             values.append(slopes.value(quantity))
             if not math.isfinite(values[-1]):
@@ -120,11 +118,6 @@ def _derive_columns(slopes: Slopes, sought: Sought) -> dict:
 def _modes(system: System, state: State, quantities: Sequence[Quantity]) -> Any:
     count = max((quantity.mode for quantity in quantities), default=0)
     return modes(system, state, count=count) if count else None
-
-
-def _at_both(state: State, end: Along, sides: Sides) -> tuple[State, State]:
-    plus, minus = (end.shift(state, size) for _, size in sides.signed)
-    return plus, minus
 
 
 def run_twin(

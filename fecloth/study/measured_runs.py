@@ -56,10 +56,8 @@ def measure(
         setup = setup.recording(recorded)
         whole = bool(recorded or function)  # over the run: each step has a row
         solve: Solve = partial(_march, whole=whole)
-        if setup.t_end is None:
-            solve = partial(_solve, rest=rest)
-        if modes and not setup.is_static:
-            solve = _nothing_run
+        if setup.t_end is None or (modes and not setup.is_static):
+            solve = partial(_solve, rest=rest if setup.t_end is None else None)
         if timed:
             row, seconds = _run_timed(solve, setup, repeats, most)
         else:
@@ -134,24 +132,23 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
     }
 
 
-def _solve(setup: Setup, report: Callable[..., None], rest: Rest) -> dict:
-    """Solve for the equilibrium; the rows are the start and the end."""
-    with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # they are in the row
-        state = rest(setup.system, setup.start, report=report)
-    nothing = {"time_error": math.nan, "time_order": 0, "warnings": list(state.warnings)}
-    counted = {"steps": 1, "step": math.nan, "newton": state.iterations}
-    return counted | nothing | _ends(setup, columns([setup.row(), setup.row(state)]), state, state)
-
-
-def _nothing_run(setup: Setup, report: Callable[..., None]) -> dict:
-    both = columns([setup.row()] * 2)
-    counted = {"steps": 0, "step": math.nan, "newton": 0, "time_error": math.nan, "time_order": 0}
-    return counted | {"warnings": []} | _ends(setup, both, setup.start, setup.start)
-
-
-def _ends(setup: Setup, both: Mapping, end, result) -> dict:
-    times = np.array([setup.start.t, end.t])
-    return {"times": times, "columns": both, "end": end, "result": result}
+def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict:
+    """Solve for the equilibrium, or do nothing without `rest`; the rows are start and end."""
+    state: Any = setup.start
+    counted: dict[str, Any] = {"steps": 0, "newton": 0, "warnings": []}
+    if rest:
+        with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # in the row
+            state = rest(setup.system, setup.start, report=report)
+        counted = {"steps": 1, "newton": state.iterations, "warnings": list(state.warnings)}
+    return counted | {
+        "times": np.array([setup.start.t, state.t]),
+        "columns": columns([setup.row(), setup.row(state if rest else None)]),
+        "end": state,
+        "result": state,
+        "step": math.nan,
+        "time_error": math.nan,
+        "time_order": 0,
+    }
 
 
 def columns_to_record(quantity: Quantity) -> list[str]:

@@ -58,12 +58,12 @@ class Slopes:
     def _size(self, quantity: Quantity, number: int) -> float:
         """The change of the parameter by which values move by a small part."""
         d = self.derivation
-        end, start = d.ends[number], self.setup.start.x
-        pairs = [(start, end.x), (start, self._moved(number).x)]
+        start, follower = self.setup.start.x, d.followers[number]
+        pairs = [(start, follower.along.x), (start, self._moved(number).x)]
         kind = quantity.column.split(".")[0]
         for name, values in d.columns.items():
             if kind and name.split(".")[0] == kind:
-                pairs.append((values, d.slopes[number][name]))
+                pairs.append((values, follower.slopes[name]))
         sizes = [(_largest(values) or 1.0, _largest(slopes)) for values, slopes in pairs]
         known = [PART * v / s for v, s in sizes if s > ROUND_OFF * v]
         # A function may be of energies, too, which change where nothing moves.
@@ -71,12 +71,12 @@ class Slopes:
 
     def _moved(self, number: int) -> Along:
         """Derivatives of the displacement and the velocity at the end."""
-        start, end = self.derivation.starts[number], self.derivation.ends[number]
-        return Along(end.x - start.x, end.v)
+        each = self.derivation.followers[number]
+        return Along(each.along.x - each.start.x, each.along.v)
 
     def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
         d = self.derivation
-        slopes, moved = d.slopes[number], self._moved(number)
+        slopes, moved = d.followers[number].slopes, self._moved(number)
         columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
         state = d.result.state
         fields = {
@@ -90,7 +90,7 @@ class Slopes:
         return self.read(quantity, record)
 
     def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
-        result, end = self.derivation.result, self.derivation.ends[number]
+        result, end = self.derivation.result, self.derivation.followers[number].along
         if isinstance(result, Equilibrium):
             return replace(result, x=result.x + size * end.x)
         energies = {name: columns[name] for name in result.energies}
@@ -104,12 +104,10 @@ def _largest(values: np.ndarray) -> float:
     return float(known.max()) if known.size else 0.0
 
 
-def slope_of_frequency(
-    shapes: Modes, mode: int, sides: Sides, states: tuple[State, State]
-) -> float:
+def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides: Sides) -> float:
     """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1."""
     # It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
-    # with the states there.
+    # with the states there, which `end` has the derivatives of.
     # Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
     # It raises `InputError` for an unstable mode, or a mode without stiffness.
     omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
@@ -118,8 +116,7 @@ def slope_of_frequency(
         raise InputError(what, "must be > 0 for a derivative", "sensitivity")
     phi = shapes.shapes[mode - 1]
     plus, minus = (
-        _energy(system, state, phi, omega2)
-        for (system, _), state in zip(sides.signed, states, strict=True)
+        _energy(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
     )
     return (plus - minus) / (2 * sides.size) / (8 * math.pi**2 * f)
 
