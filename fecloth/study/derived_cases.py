@@ -13,18 +13,20 @@ import numpy as np
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import method_of
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.options import Newton
+from fecloth.simulation.equilibrium import Equilibrium
 from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.study import status
-from fecloth.study.derivation import derive_run, find_rest
+from fecloth.study.derivation import Derivation, Recorded, derive_run, find_rest
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
-from fecloth.study.modes import modes
+from fecloth.study.modes import Modes, modes
 from fecloth.study.parameters import Parameter, setup_with
 from fecloth.study.problems import Problem
-from fecloth.study.quantity_slopes import Slopes, slope_of_frequency, what_to_record
 from fecloth.study.setups import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -64,60 +66,46 @@ def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
         return setup_with(problem, {parameter.name: value}, setup)
 
     with _quietly(setup):
-        answer = _derive_run(problem, setup, asked, setup_at)
+        answer = _derive(problem, setup, asked, setup_at)
     return answer | {"cpu_seconds": time.process_time() - begin}
 
 
 SetupAt = Callable[[Parameter, float], Setup]
 
 
-def _derive_run(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
-    recorded = what_to_record(sought.quantities, setup)
+def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
     setup = setup.recording(quantity.column for quantity in sought.quantities)
-    exactly = sought.tolerance * OF_STEPS, status.check_time_limit
+    recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
         recorded = replace(recorded, whole=True, only_start=False)
+    exactly = sought.tolerance * OF_STEPS, status.check_time_limit
     derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
-    if sought.whole:
-        return _derive_columns(Slopes(setup, derivation, problem.probes, _column), sought)
-    slopes = Slopes(setup, derivation, problem.probes)
+    read: Callable[..., Any] = _column if sought.whole else value_of
+    slopes = Slopes(setup, derivation, problem.probes, read)
     state = getattr(derivation.result, "state", setup.start)
-    shapes = _modes(setup.system, state, sought.quantities)
+    count = max(quantity.mode for quantity in sought.quantities)
+    shapes = modes(setup.system, state, count=count) if count else None
     values, rows = [], []
     for quantity in sought.quantities:
-        of_mode, numbers = quantity.how == "mode", range(len(sought.parameters))
-        if of_mode:
-            values.append(float(shapes.frequencies[quantity.mode - 1]))
+        if shapes and quantity.how == "mode":
+            value: Any = shapes.frequencies[quantity.mode - 1]
             of = shapes, quantity.mode, state
             pairs = [(each.along, each.sides()) for each in derivation.followers]
-            rows.append([slope_of_frequency(*of, *pair) for pair in pairs])
+            row: list[Any] = [slope_of_frequency(*of, *pair) for pair in pairs]
         else:
-            values.append(slopes.value(quantity))
-            if not math.isfinite(values[-1]):
-                raise InputError(
-                    f"{quantity} = {values[-1]}", "must be a finite number", "quantity"
-                )
-            rows.append([slopes.slope(quantity, i) for i in numbers])
-    steps: dict[str, Any] = {"sizes": list(derivation.sizes), "method": derivation.method}
-    steps["why"] = derivation.why
-    return {"values": values, "slopes": rows, **steps}
+            value = slopes.value(quantity)
+            row = [slopes.slope(quantity, i) for i in range(len(sought.parameters))]
+        if not (sought.whole or math.isfinite(value)):
+            raise InputError(f"{quantity} = {value}", "must be a finite number", "quantity")
+        values.append(np.asarray(value).tolist())
+        rows.append([np.asarray(slope).tolist() for slope in row])
+    steps = {"sizes": list(derivation.sizes), "method": derivation.method, "why": derivation.why}
+    times = {"times": derivation.times.tolist()} if sought.whole else {}
+    return {"values": values, "slopes": rows, **steps, **times}
 
 
 def _column(quantity: Quantity, record: RunRecord) -> np.ndarray:
     return record.column(quantity)[:, 0]
-
-
-def _derive_columns(slopes: Slopes, sought: Sought) -> dict:
-    """The rows of each quantity, and of its derivative by each parameter over its width."""
-    numbers = range(len(sought.parameters))
-    rows = [[slopes.slope(q, i).tolist() for i in numbers] for q in sought.quantities]
-    values = [slopes.value(quantity).tolist() for quantity in sought.quantities]
-    return {"values": values, "slopes": rows, "times": slopes.derivation.times.tolist()}
-
-
-def _modes(system: System, state: State, quantities: Sequence[Quantity]) -> Any:
-    count = max((quantity.mode for quantity in quantities), default=0)
-    return modes(system, state, count=count) if count else None
 
 
 def run_twin(
@@ -161,3 +149,115 @@ def _quietly(setup: Setup) -> Iterator[None]:
         warnings.catch_warnings(action="ignore", category=FeclothWarning),
     ):
         yield
+
+
+# --- slopes of quantities -------------------------------------------------------------------------
+
+PART = 1e-7  # of the largest value: how far values are moved for differences
+OF_FUNCTIONS = 1e-4  # of the width of a parameter: its largest change, for functions
+ROUND_OFF = 1e-12  # of the largest value: slopes below it are none
+FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
+
+
+def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
+    """Whether rows of each step, and the flows of the ledger, are needed, or no step at all."""
+    functions = any(quantity.function for quantity in quantities)
+    flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
+    whole = any(columns_to_record(quantity) for quantity in quantities)
+    start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
+    return Recorded(whole or functions or flows, functions or flows, start)
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Values of quantities, and their derivatives by each parameter over its width."""
+
+    setup: Setup
+    derivation: Derivation
+    probes: tuple[str, ...]
+    read: Callable[[Quantity, RunRecord], Any] = value_of  # a number, or values over the run
+
+    def value(self, quantity: Quantity) -> Any:
+        return self._value_at(quantity, 0, 0.0)
+
+    def slope(self, quantity: Quantity, number: int) -> Any:
+        """The derivative by the parameter of this number, from 0."""
+        size = self._size(quantity, number)
+        if not size:
+            return 0.0 * self.value(quantity)
+        plus, minus = (self._value_at(quantity, number, sign * size) for sign in (1.0, -1.0))
+        return (plus - minus) / (2 * size)
+
+    def _size(self, quantity: Quantity, number: int) -> float:
+        """The change of the parameter by which values move by a small part."""
+        d = self.derivation
+        start, follower = self.setup.start.x, d.followers[number]
+        pairs = [(start, follower.along.x), (start, self._moved(number).x)]
+        kind = quantity.column.split(".")[0]
+        for name, values in d.columns.items():
+            if kind and name.split(".")[0] == kind:
+                pairs.append((values, follower.slopes[name]))
+        sizes = [(_largest(values) or 1.0, _largest(slopes)) for values, slopes in pairs]
+        known = [PART * v / s for v, s in sizes if s > ROUND_OFF * v]
+        # A function may be of energies, too, which change where nothing moves.
+        return min([*known, OF_FUNCTIONS] if quantity.function else known, default=0.0)
+
+    def _moved(self, number: int) -> Along:
+        """Derivatives of the displacement and the velocity at the end."""
+        each = self.derivation.followers[number]
+        return Along(each.along.x - each.start.x, each.along.v)
+
+    def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
+        d = self.derivation
+        slopes, moved = d.followers[number].slopes, self._moved(number)
+        columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
+        state = d.result.state
+        fields = {
+            "displacement": state.x - self.setup.start.x + size * moved.x,
+            "velocity": state.v + size * moved.v,
+        }
+        record = RunRecord(d.times, columns, self.setup.cloth, fields, self.probes)
+        if quantity.function:
+            value = float(quantity.function(self._result_at(number, size, columns)))
+            record = replace(record, values={quantity.text: value})
+        return self.read(quantity, record)
+
+    def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
+        result, end = self.derivation.result, self.derivation.followers[number].along
+        if isinstance(result, Equilibrium):
+            return replace(result, x=result.x + size * end.x)
+        energies = {name: columns[name] for name in result.energies}
+        observed = {name: columns[name] for name in result.observed}
+        state = end.shift(result.state, size)
+        return replace(result, state=state, energies=energies, observed=observed)
+
+
+def _largest(values: np.ndarray) -> float:
+    known = np.abs(values[np.isfinite(values)])
+    return float(known.max()) if known.size else 0.0
+
+
+def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides: Sides) -> float:
+    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1."""
+    # It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
+    # with the states there, which `end` has the derivatives of.
+    # Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
+    # It raises `InputError` for an unstable mode, or a mode without stiffness.
+    omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
+    if not omega2 > 0:
+        what = f"frequency({mode}) = {f:.3g} Hz"
+        raise InputError(what, "must be > 0 for a derivative", "sensitivity")
+    phi = shapes.shapes[mode - 1]
+    plus, minus = (
+        _energy(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
+    )
+    return (plus - minus) / (2 * sides.size) / (8 * math.pi**2 * f)
+
+
+def _energy(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
+    """φ · (K − ω² M) φ."""
+    J = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
+    part = system.coupling(state, wx=1.0)
+    Kphi = (J if part is None else J.plus(part)) @ phi
+    total = np.vdot(phi, Kphi - omega2 * system.mass_times(phi))
+    return float(total + sum(c * np.vdot(u, phi) ** 2 for c, u in system.dense(state)))
