@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fecloth.compiled.jit import Array, kernel, rounded_kernel
 from fecloth.errors import InputError, flag
 from fecloth.integrators.numerical_dissipation import explicit_dissipation
 from fecloth.integrators.protocol import ALL_STUDIES, MethodTraits
@@ -156,8 +155,7 @@ class SymplecticEuler(Explicit):
 
 def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step:
     begin, dt = opening.begin, opening.dt
-    x, v = np.empty((2, *begin.x.shape))
-    move(begin.x, begin.v, a, dt, new_velocity, x, v)
+    x, v = move(begin, a, dt, new_velocity)
     new = set_held(opening.system, State(begin.t + dt, x, v), opening.end)
     return Step(new, begin, None, opening.counts(), **ending(opening, new))
 
@@ -192,17 +190,16 @@ class CentralDifference(Explicit):
         opened, (system, state, dt, memory, history) = time.perf_counter(), begin
         last = memory or LastForce(acceleration(system.with_history(history), state), state)
         end = begin.end
-        x, ahead = np.empty((2, *state.x.shape))
-        move(state.x, state.v, last.a, dt, 0.5, x, ahead)
+        x, ahead = move(state, last.a, dt, 0.5)
         at = set_held(system, State(state.t + dt, x, ahead), end)
         over = over_explicit_step(begin)
         return ExplicitOpening(system, over, at, state, end, dt, last, history, opened)
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
         """The step to the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
-        at, last, v = opening.at, opening.memory, np.empty_like(a)
+        at, last = opening.at, opening.memory
         assert last is not None
-        kick(opening.begin.v, last.a, a, opening.dt, v)
+        v = opening.begin.v + 0.5 * opening.dt * (last.a + a)
         opening.system.constraints.set_held(v, opening.end.v)
         new, forces = State(at.t, at.x, v), ((last.at, last.a), (at, a))
         memory, counts = LastForce(a, at), opening.counts()
@@ -219,9 +216,7 @@ def over_explicit_step(begin: Begin) -> System:
 
 def acceleration(system: System, state: State) -> np.ndarray:
     """Return M⁻¹ f (n, 3) [m/s²]; `set_held` removes what it does along held directions."""
-    a = system.force(state)
-    divide(system.nodal_mass, a)
-    return a
+    return system.force(state) * (1.0 / system.nodal_mass)[:, None]
 
 
 def set_held(system: System, state: State, end: State) -> State:
@@ -231,28 +226,7 @@ def set_held(system: System, state: State, end: State) -> State:
     return state
 
 
-@rounded_kernel
-def move(x: Array, v: Array, a: Array, dt: float, share: float, x_new: Array, v_new: Array) -> None:
-    """v_new = v + dt a, x_new = x + dt (v + share dt a)."""
-    for i in range(len(x)):
-        for k in range(3):
-            dv = dt * a[i, k]
-            x_new[i, k] = x[i, k] + dt * (v[i, k] + share * dv)
-            v_new[i, k] = v[i, k] + dv
-
-
-@rounded_kernel
-def kick(v: Array, a: Array, b: Array, dt: float, v_new: Array) -> None:
-    """v_new = v + dt (a + b)/2."""
-    for i in range(len(v)):
-        for k in range(3):
-            v_new[i, k] = v[i, k] + 0.5 * dt * (a[i, k] + b[i, k])
-
-
-@kernel
-def divide(mass: Array, f: Array) -> None:
-    """f_i ← f_i / m_i."""
-    for i in range(len(f)):
-        inverse = 1.0 / mass[i]
-        for k in range(3):
-            f[i, k] *= inverse
+def move(begin: State, a: np.ndarray, dt: float, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """x + dt (v + share dt a), and v + dt a."""
+    dv = dt * a
+    return begin.x + dt * (begin.v + share * dv), begin.v + dv

@@ -91,7 +91,7 @@ def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> No
 
 @rounded_kernel
 def turn(f: Array, inverse_mass: Array, dt: float, v: Array, a: Array) -> None:
-    """As `explicit.divide` and `explicit.kick`, in place: the new a takes the place of the old."""
+    """As `explicit`, in place: a = f/m, v += dt/2 (a + the old a)."""
     f, v, a = f.reshape(-1), v.reshape(-1), a.reshape(-1)
     for i in range(len(f)):
         b = f[i] * inverse_mass[i]
@@ -101,7 +101,7 @@ def turn(f: Array, inverse_mass: Array, dt: float, v: Array, a: Array) -> None:
 
 @rounded_kernel
 def set_rows(at: Array, P: Array, target: Array, y: Array) -> None:
-    """As `constraints._set_held`, with a row of `target` for each of the nodes `at`."""
+    """As `Constraints.set_held`, with a row of `target` for each of the nodes `at`."""
     for n in range(len(at)):
         i = at[n]
         d1, d2, d3 = y[i, 0] - target[n, 0], y[i, 1] - target[n, 1], y[i, 2] - target[n, 2]

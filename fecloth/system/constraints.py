@@ -8,13 +8,14 @@ from typing import Self
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.jit import kernel, rounded_kernel
+from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.pins import Motion, Pin
 
 AT_ONCE = 64  # times at which formulas are evaluated together
+QUIET = np.errstate(over="ignore", invalid="ignore")  # who solves looks at what is not finite
 
 
 class _MovedGroup:
@@ -93,10 +94,16 @@ class Constraints:
         each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
         return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
 
+    @QUIET
     def project(self, y: np.ndarray) -> np.ndarray:
         """P y in place, y (n, 3)."""
-        _project_nodes(self.nodes, self.projectors, y)
+        y[self.nodes] = self._free_part(y[self.nodes])
         return y
+
+    def _free_part(self, rows: np.ndarray) -> np.ndarray:
+        """P of rows (c, 3) of the constrained nodes, with sums in the order of `fused_loops`."""
+        P: np.ndarray = self.projectors
+        return P[:, :, 0] * rows[:, :1] + P[:, :, 1] * rows[:, 1:2] + P[:, :, 2] * rows[:, 2:]
 
     def project_matrix(self, A: sparse.spmatrix) -> sparse.csr_matrix:
         """P A P of a matrix (3n, 3n)."""
@@ -108,19 +115,20 @@ class Constraints:
         projected: sparse.csr_matrix = P @ A @ P
         return projected
 
+    @QUIET
     def held_part(self, y: np.ndarray) -> np.ndarray:
         """(I − P) y of the constrained nodes, (c, 3)."""
-        part = np.empty((len(self.nodes), 3))
-        _fill_held_part(self.nodes, self.projectors, y, part)
-        return part
+        return y[self.nodes] - self._free_part(y[self.nodes])
 
     def hold(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, a copy: exactly the target where P is 0."""
         return self.set_held(y.copy(), target)
 
+    @QUIET
     def set_held(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, in place."""
-        _set_held(self.nodes, self.projectors, target, y)
+        there = target[self.nodes]
+        y[self.nodes] = there + self._free_part(y[self.nodes] - there)
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +145,8 @@ class Constraints:
                 x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
                 v[group.nodes] += speed
                 continue
-            _prescribe(group.nodes, _rows(after - before), _rows(speed), x, v)
+            x[group.nodes] += after - before
+            v[group.nodes] = speed
         return x, v
 
     def expect(self, times: np.ndarray) -> None:
@@ -206,52 +215,9 @@ def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
     return rotation.point + after + arm, np.cross(rotation.rate(later), arm)
 
 
-def _rows(value: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(value.reshape(-1, 3))
-
-
 def _free_name(name: str, taken) -> str:
     numbered = (f"{name}.{number}" for number in count(2))
     return next(free for free in chain([name], numbered) if free not in taken)
-
-
-@kernel
-def _prescribe(nodes, change, speed, x, v):
-    """x += change and v = speed at the nodes; one row is for all of them."""
-    for n in range(len(nodes)):
-        i, a, b = nodes[n], min(n, len(change) - 1), min(n, len(speed) - 1)
-        for k in range(3):
-            x[i, k] += change[a, k]
-            v[i, k] = speed[b, k]
-
-
-@rounded_kernel
-def _project_nodes(nodes, projectors, y):
-    """y ← P y at the nodes."""
-    for n in range(len(nodes)):
-        P, i = projectors[n], nodes[n]
-        y1, y2, y3 = y[i, 0], y[i, 1], y[i, 2]
-        for k in range(3):
-            y[i, k] = P[k, 0] * y1 + P[k, 1] * y2 + P[k, 2] * y3
-
-
-@rounded_kernel
-def _fill_held_part(nodes, projectors, y, part):
-    """part = y − P y at the nodes."""
-    for n in range(len(nodes)):
-        P, i = projectors[n], nodes[n]
-        for k in range(3):
-            part[n, k] = y[i, k] - (P[k, 0] * y[i, 0] + P[k, 1] * y[i, 1] + P[k, 2] * y[i, 2])
-
-
-@rounded_kernel
-def _set_held(nodes, projectors, target, y):
-    """y ← target + P (y − target) at the nodes."""
-    for n in range(len(nodes)):
-        P, i = projectors[n], nodes[n]
-        d1, d2, d3 = y[i, 0] - target[i, 0], y[i, 1] - target[i, 1], y[i, 2] - target[i, 2]
-        for k in range(3):
-            y[i, k] = target[i, k] + (P[k, 0] * d1 + P[k, 1] * d2 + P[k, 2] * d3)
 
 
 @dataclass(frozen=True, eq=False)

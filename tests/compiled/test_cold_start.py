@@ -32,7 +32,7 @@ KERNELS = {
     "pcg": {"invert_blocks"},
     "protocol": {"residual"},
     "reductions": {"dot", "weighted_dot", "weighted_sum"},
-    "constraints": {"_fill_held_part", "_project", "_project_nodes", "_set_held"},
+    "constraints": {"_project"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
     "recovery": {"_fit", "_add_blend"},
