@@ -19,7 +19,6 @@ from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.simulation.time_error_words import LEAST, WARNED, describe_time_error
 from fecloth.simulation.within_step import acceleration
-from fecloth.system.pieces import mean_of_nodes
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.bound_contact import BoundContact
@@ -347,7 +346,7 @@ def _sample(system: System, state: State, step: int, others: Accounts) -> Sample
 def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
     """Return x (n, 3) as seen from pins that move: a method makes no error in their motion."""
     moved = [nodes for pin, nodes in system.constraints.groups.values() if pin.moves]
-    return x - mean_of_nodes(np.concatenate(moved), x, np.zeros(3)) if moved else x
+    return x - x[np.concatenate(moved)].mean(axis=0) if moved else x
 
 
 def _mean_step(a, b):

@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fecloth.system.pieces import Piece
+from fecloth.linalg.reductions import longest
+from fecloth.system.pieces import Piece, fit_motion, turns
 from fecloth.system.system import System
 
 PASSES, SMALL = 20, 1e-12  # of the rigid motion, and the angle [rad] at which they end
@@ -32,29 +33,15 @@ def _along(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     here = start
     for _ in range(PASSES):  # finite rotations, by the least one that fits
         centre = there.mean(axis=0)
-        turned = np.cross(np.eye(3), (there - centre)[:, None])  # e_k × y
-        u, omega = _fit(outside, turned.transpose(0, 2, 1), goal - there)
+        u, omega = fit_motion(outside, turns(there - centre), goal - there, RANK)
         R = Rotation.from_rotvec(omega).as_matrix()
         there, here = (centre + u + (points - centre) @ R.T for points in (there, here))
         if np.linalg.norm(omega) < SMALL:
             break
     centre = there.mean(axis=0)
     stretched = np.einsum("ij,hk->hijk", np.eye(3), there - centre).reshape(len(there), 3, 9)
-    u, G = _fit(outside, stretched, goal - there)
+    u, G = fit_motion(outside, stretched, goal - there, RANK)
     here = here + u + (here - centre) @ G.reshape(3, 3).T
-    if _longest(here - start) > FARTHEST * _longest(way):
+    if longest(here - start) > FARTHEST * longest(way):
         here = start + way.mean(axis=0)
     return here
-
-
-def _fit(outside: np.ndarray, basis: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all."""
-    size = np.abs(basis).max() or 1.0
-    A = np.concatenate([outside, outside @ basis / size], axis=2)
-    b = np.einsum("hij,hj->hi", outside, way)
-    q = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=RANK)[0]
-    return q[:3], q[3:] / size
-
-
-def _longest(way: np.ndarray) -> float:
-    return float(np.linalg.norm(way, axis=1).max())

@@ -8,7 +8,6 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 
-from fecloth.compiled.jit import rounded_kernel
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints
 
@@ -34,8 +33,9 @@ class Piece:
         # `held_v` (n, 3) velocities of the pins, of which only the held directions count.
         m, r = mass[self.nodes], x[self.nodes]
         if len(self.held):
-            centre = mean_of_nodes(self.held, x, np.zeros(3))
-            velocity = _follow(x[self.held] - centre, held_v[self.held], self.outside, r - centre)
+            centre = x[self.held].mean(axis=0)
+            basis = turns(x[self.held] - centre)
+            velocity = _turn(*fit_motion(self.outside, basis, held_v[self.held], TINY), r - centre)
             if not self.free_directions.any():
                 return velocity
             momentum = p[self.nodes].sum(axis=0) - np.einsum("a,ai->i", m, velocity)
@@ -47,7 +47,7 @@ class Piece:
         spread = np.einsum("ai,aj->ij", r, mass_x[self.nodes] - np.outer(m, centre))
         inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
         omega = np.linalg.pinv(inertia, rcond=TINY, hermitian=True) @ moment
-        return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r, np.empty(r.shape))
+        return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r)
 
     @cached_property
     def free_directions(self) -> np.ndarray:
@@ -59,17 +59,8 @@ class Piece:
     def place(self, x, mass) -> np.ndarray:
         """Mean position (3,) of the held nodes, or the centre of mass of a free piece [m]."""
         if len(self.held):
-            return mean_of_nodes(self.held, x, np.zeros(3))
+            return x[self.held].mean(axis=0)
         return np.einsum("a,ai->i", mass[self.nodes], x[self.nodes]) / mass[self.nodes].sum()
-
-
-@rounded_kernel
-def mean_of_nodes(nodes, x, total):
-    """Return the mean of x (n, 3) at nodes, (3,), in place of zeros."""
-    for node in nodes:
-        for k in range(3):
-            total[k] += x[node, k]
-    return total / len(nodes)
 
 
 def movable_pieces(
@@ -108,33 +99,25 @@ def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
     return count, label
 
 
-def _follow(y, v, outside, r) -> np.ndarray:
-    """Return u + ω × r with the least Σ |(I − P)(v − u − ω × y)|², and the least |u, ω|."""
-    size = np.sqrt((y**2).sum(axis=1).mean()) or 1.0
-    A, b = np.empty((len(y), 3, 6)), np.empty((len(y), 3))
-    _fill_equations(outside, y / size, v, A, b)
-    q = np.linalg.lstsq(A.reshape(-1, 6), b.ravel(), rcond=TINY)[0]
-    return _turn(q[:3], q[3:] / size, r, np.empty(r.shape))
+def turns(y: np.ndarray) -> np.ndarray:
+    """(h, 3, 3) the matrix of ω ↦ ω × y of each y (h, 3)."""
+    return np.cross(np.eye(3), y[:, None]).transpose(0, 2, 1)
 
 
-@rounded_kernel
-def _fill_equations(outside, y, v, A, b):
-    """A [u, ω] = b at each held node: (I − P)(u + ω × y) = (I − P) v."""
-    for h in range(len(y)):
-        y0, y1, y2 = y[h]
-        for i in range(3):
-            o0, o1, o2 = outside[h, i]
-            b[h, i] = o0 * v[h, 0] + o1 * v[h, 1] + o2 * v[h, 2]
-            A[h, i, 0], A[h, i, 1], A[h, i, 2] = o0, o1, o2
-            A[h, i, 3], A[h, i, 4] = o2 * y1 - o1 * y2, o0 * y2 - o2 * y0
-            A[h, i, 5] = o1 * y0 - o0 * y1
+def fit_motion(
+    outside: np.ndarray, basis: np.ndarray, way: np.ndarray, rank: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all."""
+    # `outside` (h, 3, 3) are I − P, `basis` (h, 3, k); a singular value that is less than `rank`
+    # times the largest counts as zero.
+    size = np.abs(basis).max() or 1.0
+    A = np.concatenate([outside, outside @ basis / size], axis=2)
+    b = np.einsum("hij,hj->hi", outside, way)
+    q = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=rank)[0]
+    return q[:3], q[3:] / size
 
 
-@rounded_kernel
-def _turn(u, omega, r, velocity):
-    """Return u + ω × r, (k, 3)."""
-    for a in range(len(r)):
-        velocity[a, 0] = u[0] + (omega[1] * r[a, 2] - omega[2] * r[a, 1])
-        velocity[a, 1] = u[1] + (omega[2] * r[a, 0] - omega[0] * r[a, 2])
-        velocity[a, 2] = u[2] + (omega[0] * r[a, 1] - omega[1] * r[a, 0])
+def _turn(u: np.ndarray, omega: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """u + ω × r, (k, 3)."""
+    velocity: np.ndarray = u + np.einsum("ji,aj->ai", np.cross(omega, np.eye(3)), r)
     return velocity
