@@ -1,7 +1,7 @@
 """Arithmetic written as text, e.g. "0.1*sin(2*pi*t)": parsed once, and never executed as code."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NoReturn
@@ -51,7 +51,7 @@ class Formula:
                 raise InputError(f"derivative by {variable!r}", allowed, "Formula")
 
     @cached_property
-    def _value(self) -> "_CompiledFormula":
+    def _value(self) -> Closure:
         return _compile(self.text, self.variables, self.condition, self.by)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -59,12 +59,26 @@ class Formula:
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
         """Value at the variables, broadcast against each other; a float if all are scalars."""
-        return self._value(values)
+        arrays = [np.asarray(values[name], dtype=float) for name in self.variables]
+        shape = np.broadcast_shapes(*(array.shape for array in arrays))
+        if not shape:
+            return self.at(*map(float, arrays))
+        with np.errstate(all="ignore"):
+            value = np.broadcast_to(self._value(arrays), shape)
+        finite = np.isfinite(value)
+        if not finite.all():
+            place = tuple(np.argwhere(~finite)[0])
+            self._refuse(value[place], [np.broadcast_to(a, shape)[place] for a in arrays])
+        return value.copy()
 
     def at(self, *numbers: float) -> float:
         """Value at one float for each variable, in their order; faster than a call."""
-        value: float = self._value.at(numbers)
-        return value
+        with np.errstate(all="ignore"):
+            value = self._value([*map(np.float64, numbers)])
+        if not math.isfinite(value):
+            self._refuse(value, numbers)
+        number: float = value.item()
+        return number
 
     def derivative(self, variable: str) -> "Formula":
         """The exact derivative by a variable, to be called as the formula itself."""
@@ -72,41 +86,11 @@ class Formula:
         # that is not finite is refused.
         return replace(self, by=(*self.by, variable))
 
-
-@dataclass(frozen=True)
-class _CompiledFormula:
-    """The closure of a formula, or of a derivative, and what errors call it."""
-
-    name: str
-    variables: tuple[str, ...]
-    value: Closure
-
-    def __call__(self, values: Mapping[str, Any]) -> float | np.ndarray:
-        arrays = [np.asarray(values[name], dtype=float) for name in self.variables]
-        shape = np.broadcast_shapes(*(array.shape for array in arrays))
-        if not shape:
-            number: float = self.at(arrays)
-            return number
-        with np.errstate(all="ignore"):
-            value = np.broadcast_to(self.value(arrays), shape)
-        finite = np.isfinite(value)
-        if not finite.all():
-            place = tuple(np.argwhere(~finite)[0])
-            self._refuse(value[place], [np.broadcast_to(a, shape)[place] for a in arrays])
-        return value.copy()
-
-    def at(self, numbers: Sequence[Any]) -> Any:
-        """A float, or the truth of a condition."""
-        with np.errstate(all="ignore"):
-            value = self.value([*map(np.float64, numbers)])
-        if not math.isfinite(value):
-            self._refuse(value, numbers)
-        return value.item()
-
-    def _refuse(self, value: Any, numbers: Sequence[Any]) -> NoReturn:
+    def _refuse(self, value: float, numbers: Sequence[float]) -> NoReturn:
+        what = f"the derivative by {' and '.join(self.by)} of " if self.by else ""
         pairs = zip(self.variables, numbers, strict=True)
         at = ", ".join(f"{name} = {number:g}" for name, number in pairs)
-        what = f"{self.name} is {value:g}" + (f" at {at}" if at else "")
+        what += f"formula {self.text!r} is {value:g}" + (f" at {at}" if at else "")
         raise InputError(what, "must be finite", "Formula")
 
 
@@ -116,10 +100,8 @@ _parse = lru_cache(maxsize=256)(parse)
 @lru_cache(maxsize=256)
 def _compile(
     text: str, variables: tuple[str, ...], condition: bool, by: tuple[str, ...]
-) -> _CompiledFormula:
-    closure, name = compile_tree(_parse(text, variables, condition), variables, bool(by)), ""
+) -> Closure:
+    closure = compile_tree(_parse(text, variables, condition), variables, bool(by))
     for level, variable in enumerate(by):
         closure = derivative(closure, variables.index(variable), level)
-    if by:
-        name = f"the derivative by {' and '.join(by)} of "
-    return _CompiledFormula(f"{name}formula {text!r}", variables, closure)
+    return closure
