@@ -8,11 +8,10 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import SuperLU as SuperLUFactor
 from scipy.sparse.linalg import splu
 
-from fecloth.compiled.jit import Array, kernel
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
+from fecloth.linalg.protocol import SolveInfo, check_arguments, relative_residual
 
 EPS = np.finfo(float).eps
 REFINEMENTS = 2  # of a solution, at the most
@@ -54,7 +53,8 @@ class Direct:
             reached = relative_residual(A, b, bb, x, r)
             step += 1
         if not reached <= rtol:
-            roundoff = 32 * EPS * np.sqrt(_rounding(*block_rows(A), b, x) / bb)
+            terms = abs(b.ravel()) + abs(A.to_scipy()) @ abs(x.ravel())
+            roundoff = 32 * EPS * np.linalg.norm(terms) / np.sqrt(bb)
             if not reached <= min(roundoff, 1e-6):
                 raise SolveFailed(f"{self.name}: A is singular or nearly singular", reached, rtol)
         refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
@@ -169,75 +169,24 @@ class SuperLU(Direct):
         return x.reshape(b.shape)
 
 
-@kernel
-def _rounding(indptr: Array, indices: Array, values: Array, b: Array, x: Array) -> float:
-    """‖ |b| + |A| |x| ‖²; times eps² this is the square of the round-off error of b − A x."""
-    total = 0.0
-    for i in range(len(b)):
-        for c in range(3):
-            row = abs(b[i, c])
-            for s in range(indptr[i], indptr[i + 1]):
-                for d in range(3):
-                    row += abs(values[s, c, d] * x[indices[s], d])
-            total += row * row
-    return total
-
-
 class ScalarRows:
-    """A block matrix as compressed rows of numbers: the full matrix or its upper triangle.
-
-    Row 3 i + c has row c of the blocks `first[i]` … of block row i, in their order. For the upper
-    triangle the first block is the diagonal block, of which only the entries from column c on are
-    used.
-    """
+    """A block matrix as compressed rows of numbers: the full matrix or its upper triangle."""
 
     def __init__(self, pattern: BlockPattern, upper: bool):
-        self.pattern, self.upper = pattern, upper
-        self.first = pattern.diagonal if upper else pattern.indptr[:-1]
-        n, blocks = len(pattern), int((pattern.indptr[1:] - self.first).sum())
-        count = 9 * blocks - 3 * n * upper
-        columns, starts = np.empty(count, np.int32), np.empty(3 * n + 1, np.int32)
-        _expand_pattern(pattern.indptr, pattern.indices, self.first, upper, columns, starts)
-        self.arrays = np.empty(count), columns, starts
+        self.pattern, n = pattern, 3 * len(pattern)
+        places = np.arange(9 * len(pattern.indices)).reshape(-1, 3, 3)  # in the values
+        blocks = sparse.bsr_matrix((places, pattern.indices, pattern.indptr), shape=(n, n))
+        rows = blocks.tocsr()
+        if upper:
+            kept = rows.indices >= np.repeat(np.arange(n), np.diff(rows.indptr))
+            starts = np.append(0, np.cumsum(kept, dtype=np.int32))[rows.indptr]
+            rows = sparse.csr_matrix((rows.data[kept], rows.indices[kept], starts), shape=(n, n))
+        self.places = rows.data
+        self.arrays = np.empty(len(rows.data)), rows.indices, rows.indptr
 
     def refill(self, A: BlockMatrix) -> None:
         """Copy the values of A; raise `SolveFailed` if one is not finite."""
-        if not _expand_values(A.pattern.indptr, self.first, A.values, self.upper, self.arrays[0]):
+        np.take(A.values.reshape(-1), self.places, out=self.arrays[0], mode="clip")
+        if not np.isfinite(self.arrays[0]).all():
             node = A.pattern.rows[~np.isfinite(A.values).all(axis=(1, 2))][0]
             raise SolveFailed(f"A is not finite, first in the row of node {node}")
-
-
-@kernel
-def _expand_pattern(
-    indptr: Array, indices: Array, first: Array, upper: bool, columns: Array, starts: Array
-) -> None:
-    k = 0
-    for i in range(len(first)):
-        for c in range(3):
-            starts[3 * i + c] = k
-            for d in range(c if upper else 0, 3):
-                columns[k] = 3 * indices[first[i]] + d
-                k += 1
-            for s in range(first[i] + 1, indptr[i + 1]):
-                for d in range(3):
-                    columns[k + d] = 3 * indices[s] + d
-                k += 3
-    starts[3 * len(first)] = k
-
-
-@kernel
-def _expand_values(indptr: Array, first: Array, values: Array, upper: bool, data: Array) -> bool:
-    """Fill `data`; return True if all values are finite, that is if 0 times their sum is 0."""
-    k, zero = 0, 0.0
-    for i in range(len(first)):
-        for c in range(3):
-            for d in range(c if upper else 0, 3):
-                data[k] = values[first[i], c, d]
-                zero += 0.0 * data[k]
-                k += 1
-            for s in range(first[i] + 1, indptr[i + 1]):
-                v1, v2, v3 = values[s, c, 0], values[s, c, 1], values[s, c, 2]
-                data[k], data[k + 1], data[k + 2] = v1, v2, v3
-                zero += 0.0 * (v1 + v2 + v3)
-                k += 3
-    return zero == 0.0
