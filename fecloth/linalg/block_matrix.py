@@ -93,38 +93,26 @@ class BlockMatrix:
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """A x for x of shape (n, 3)."""
-        x = np.ascontiguousarray(x, dtype=float)
-        y = np.empty_like(x)
-        multiply(self.pattern.indptr, self.pattern.indices, self.values, x, y)
-        return y
+        product: np.ndarray = self._shared @ np.ravel(x).astype(float, copy=False)
+        return product.reshape(-1, 3)
+
+    @property
+    def _shared(self) -> sparse.bsr_matrix:
+        """A SciPy matrix with the arrays of this one."""
+        n = 3 * len(self.pattern)
+        arrays = self.values, self.pattern.indices, self.pattern.indptr
+        return sparse.bsr_matrix(arrays, shape=(n, n))
 
     def plus(self, other: sparse.spmatrix) -> "BlockMatrix":
         """The sum with a SciPy matrix (3n, 3n), whose pattern is a new object."""
-        n = 3 * len(self.pattern)
-        arrays = self.values, self.pattern.indices, self.pattern.indptr
-        total = sparse.bsr_matrix(arrays, shape=(n, n)) + other.tobsr((3, 3))
+        total = self._shared + other.tobsr((3, 3))
         total.sort_indices()
         starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
         return BlockMatrix(BlockPattern(starts, columns), total.data, self.team)
 
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""
-        n = 3 * len(self.pattern)
-        arrays = self.values, self.pattern.indices, self.pattern.indptr
-        return sparse.bsr_matrix(tuple(array.copy() for array in arrays), shape=(n, n))
-
-
-@kernel
-def multiply(indptr: Array, indices: Array, values: Array, x: Array, y: Array) -> None:
-    for i in range(len(indptr) - 1):
-        y1 = y2 = y3 = 0.0
-        for s in range(indptr[i], indptr[i + 1]):
-            j = indices[s]
-            x1, x2, x3 = x[j, 0], x[j, 1], x[j, 2]
-            y1 += values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
-            y2 += values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
-            y3 += values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
-        y[i, 0], y[i, 1], y[i, 2] = y1, y2, y3
+        return self._shared.copy()
 
 
 @kernel

@@ -27,7 +27,7 @@ KERNELS = {
     | {"fill_gradients", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},
     # Newton's equations
-    "block_matrix": {"_find_slots", "add_mass", "multiply"},
+    "block_matrix": {"_find_slots", "add_mass"},
     "conjugate_gradients": {"conjugate_gradients"},
     "pcg": {"invert_blocks"},
     "protocol": {"residual"},
