@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fecloth import validation
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError, flag, is_number
 from fecloth.quantities.arguments import checks_arguments
 
 RESIDUAL = 1e-6  # where the tolerance is "auto" and there is no estimate
@@ -77,8 +77,7 @@ class Newton:
         if not (isinstance(most, int) and not isinstance(most, bool) and most >= 1):
             raise InputError(f"max_iterations = {most!r}", "must be an integer >= 1", "Newton")
         validation.one_of("definiteness", self.definiteness, DEFINITENESS, "Newton")
-        if not isinstance(self.reuse, bool):
-            raise InputError(f"reuse = {self.reuse!r}", "must be True or False", "Newton")
+        flag("reuse", self.reuse, "Newton")
 
     @property
     def residual(self) -> float:

@@ -10,7 +10,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from fecloth.errors import FeclothError, InputError, brief, is_number
+from fecloth import validation
+from fecloth.errors import FeclothError, InputError, brief, flag, is_number
 from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Formula
@@ -136,8 +137,7 @@ class Pin:
     rotate: Rotation | None = None
 
     def __post_init__(self):
-        if not isinstance(self.clamp, bool):
-            raise InputError(f"clamp = {self.clamp!r}", "must be true or false", self._label)
+        flag("clamp", self.clamp, self._label)
         if self.rotate is not None and not isinstance(self.rotate, Rotation):
             allowed = "must be a Rotation(point, axis, angle)"
             raise InputError(f"rotate = {self.rotate!r}", allowed, self._label)
@@ -275,17 +275,16 @@ class Slide(Pin):
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
             raise InputError(f"{given} of direction and normal", "needs one of them", self._label)
+        _ = self._axis
+
+    @cached_property
+    def _axis(self) -> np.ndarray:
+        """(3,) unit vector along the line, or across the plane."""
         name = "direction" if self.normal is None else "normal"
-        value = getattr(self, name)
-        y = np.asarray(value)
-        if y.shape != (3,) or y.dtype.kind not in "iuf" or not np.isfinite(y).all() or not y.any():
-            allowed = "must be three finite numbers, not all zero"
-            raise InputError(f"{name} = {value!r}", allowed, self._label)
+        return validation.direction(name, getattr(self, name), self._label)
 
     @property
     def projector(self) -> np.ndarray:
         """(3, 3) projector onto the line or the plane."""
-        along = np.array(self.normal if self.direction is None else self.direction, dtype=float)
-        along /= abs(along).max()  # so that no square overflows
-        P = np.outer(along, along) / np.dot(along, along)
+        P = np.outer(self._axis, self._axis)
         return P if self.normal is None else np.eye(3) - P
