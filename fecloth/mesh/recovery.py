@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.jit import inner, kernel
-from fecloth.mesh.elements import ELEMENTS
+from fecloth.mesh.elements import ELEMENTS, blocks
 
 TERMS = {1: 3, 2: 6}  # coefficients of a polynomial by its degree
 LEAST = 0.02  # pivot, in patch sizes; below it (its square for degree 2) the patch is widened
 SINGULAR = 1e-9  # pivot below which the points do not tell a coefficient
+AT_ONCE = 1 << 14  # triangles or patches: their arrays take up to 50 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,12 @@ def recovery_gap(
     node, corner = pairs // groups, corner.reshape(-1, 3)
     size, fit = _fit_all(X, triangles, node, corner, values, samples)
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
-    terms = np.empty(TERMS[samples.degree])
-    _add_blend(X, triangles, node, size, corner, samples.rule, fit, terms, gap)
+    for part in blocks(len(triangles), AT_ONCE):
+        at, around = samples.rule @ X[triangles[part]], corner[part]
+        for i in range(3):  # the three polynomials, by the barycentric coordinates
+            s = around[:, i]
+            terms = _monomials((at - X[node[s], None]) / size[s, None, None], samples.degree)
+            gap[part] += samples.rule[:, i, None] * np.einsum("tri,tic->trc", terms, fit[s])
     return gap
 
 
@@ -67,106 +71,51 @@ def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, n
     rows = corner.ravel(), np.repeat(np.arange(m), 3)
     around = sparse.csr_matrix((np.ones(3 * m), rows), shape=(s, m))
     size, fit = np.zeros(s), np.zeros((s, TERMS[samples.degree], values.shape[2]))
-    left, patch, d = np.arange(s), around, fit.shape[1]
-    gram, terms = np.empty((d, d)), np.empty(d)
+    left, patch = np.arange(s), around
     for ring in range(3):
-        data = X, triangles, node, samples.points, values, patch.indptr, patch.indices
         poor = np.zeros(len(left), bool)
-        fit[left] = 0.0
-        _fit(*data, left, LEAST if ring < 2 else 0.0, gram, terms, size, fit, poor)
+        for part in blocks(len(left), AT_ONCE):
+            fitted = _fit(X[node[left[part]]], X[triangles], values, samples, patch[part])
+            size[left[part]], fit[left[part]], pivot, few = fitted
+            poor[part] = few | (pivot < LEAST**samples.degree)
         left = left[poor]
-        if not len(left):
+        if ring == 2 or not len(left):
             break
         patch = patch[poor] @ around.T @ around
     return size, fit
 
 
-@inner
-def _fill_monomials(x, y, terms):
-    """terms = 1, x, y, and of degree 2 also x², xy, y²."""
-    terms[0], terms[1], terms[2] = 1.0, x, y
-    if len(terms) == 6:
-        terms[3], terms[4], terms[5] = x * x, x * y, y * y
+def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
+    """(…, d) 1, x, y at points (…, 2), and of degree 2 also x², xy, y²."""
+    x, y = at[..., 0], at[..., 1]
+    terms = [np.ones_like(x), x, y]
+    return np.stack(terms if degree == 1 else [*terms, x * x, x * y, y * y], axis=-1)
 
 
-@inner
-def _solve(gram, right, least):
-    """right = gram⁻¹ right by Cholesky's factor; return whether a pivot lies below `least`."""
-    # The coefficient of a pivot below `SINGULAR` is zero.
-    d, columns, poor = len(gram), right.shape[1], False
+def _fit(centre, corners, values, samples, patch):
+    """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2)."""
+    # Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether there
+    # are too few points (k,).
+    starts, entries, count = patch.indptr[:-1], patch.indices, np.diff(patch.indptr)
+    row = np.repeat(np.arange(len(centre)), count)
+    arms = corners[entries] - centre[row, None]
+    length = np.sqrt(np.add.reduceat((arms**2).sum(axis=(1, 2)), starts) / (3 * count))
+    terms = _monomials(samples.points @ arms / length[row, None, None], samples.degree)
+    known = np.concatenate([terms, values[entries]], axis=2)
+    sums = np.add.reduceat(np.einsum("eqi,eqj->eij", terms, known), starts)
+    points = count * len(samples.points)
+    pivot, solution = _solve(sums / points[:, None, None])
+    return length, solution, pivot, points <= terms.shape[2]
+
+
+def _solve(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least pivots (k,) of A (k, d, d + c), and A₁⁻¹ A₂ (k, d, c) of its two parts."""
+    # By Gauss and Jordan. The coefficient of a pivot below `SINGULAR` is zero.
+    least, d = np.full(len(A), np.inf), A.shape[1]
     for i in range(d):
-        for j in range(i + 1):
-            total = gram[i, j]
-            for k in range(j):
-                total -= gram[i, k] * gram[j, k]
-            if i > j:
-                gram[i, j] = total / gram[j, j]
-            else:
-                poor = poor or total < least
-                gram[i, i] = np.sqrt(total) if total > SINGULAR else np.inf
-    for c in range(columns):
-        for i in range(d):
-            for k in range(i):
-                right[i, c] -= gram[i, k] * right[k, c]
-            right[i, c] /= gram[i, i]
-        for i in range(d - 1, -1, -1):
-            for k in range(i + 1, d):
-                right[i, c] -= gram[k, i] * right[k, c]
-            right[i, c] /= gram[i, i]
-    return poor
-
-
-@kernel
-def _fit(
-    X, triangles, node, points, values, start, entries, pairs, least, gram, terms, size, fit, poor
-):
-    """Fit the polynomials of `pairs`, zero so far, to the triangles `entries` of their patches."""
-    d, columns = fit.shape[1], fit.shape[2]
-    for p in range(len(pairs)):
-        s = pairs[p]
-        right = fit[s]
-        x0, y0 = X[node[s], 0], X[node[s], 1]
-        far, first, last = 0.0, start[p], start[p + 1]
-        for e in range(first, last):
-            for i in range(3):
-                a = triangles[entries[e], i]
-                far += (X[a, 0] - x0) ** 2 + (X[a, 1] - y0) ** 2
-        length = np.sqrt(far / (3 * (last - first)))
-        for i in range(d):  # one by one: a slice would take longer to compile than all the rest
-            for j in range(d):
-                gram[i, j] = 0.0
-        count = (last - first) * len(points)
-        for e in range(first, last):
-            t = entries[e]
-            for q in range(len(points)):
-                x = y = 0.0
-                for i in range(3):
-                    x += points[q, i] * (X[triangles[t, i], 0] - x0) / length
-                    y += points[q, i] * (X[triangles[t, i], 1] - y0) / length
-                _fill_monomials(x, y, terms)
-                for i in range(d):
-                    for j in range(i + 1):
-                        gram[i, j] += terms[i] * terms[j] / count
-                    for c in range(columns):
-                        right[i, c] += terms[i] * values[t, q, c] / count
-        poor[p] = _solve(gram, right, least ** (1 if d == 3 else 2)) or (count <= d and least > 0.0)
-        size[s] = length
-
-
-@kernel
-def _add_blend(X, triangles, node, size, corner, rule, fit, terms, out):
-    """out (m, r, c) += the three polynomials of each triangle, by the barycentric coordinates."""
-    d, columns = fit.shape[1], fit.shape[2]
-    for t in range(len(triangles)):
-        for r in range(len(rule)):
-            x = y = 0.0
-            for i in range(3):
-                x += rule[r, i] * X[triangles[t, i], 0]
-                y += rule[r, i] * X[triangles[t, i], 1]
-            for i in range(3):
-                s = corner[t, i]
-                dx, dy = x - X[node[s], 0], y - X[node[s], 1]
-                _fill_monomials(dx / size[s], dy / size[s], terms)
-                for k in range(d):
-                    for c in range(columns):
-                        out[t, r, c] += rule[r, i] * terms[k] * fit[s, k, c]
+        pivot = A[:, i, i].copy()
+        least = np.minimum(least, pivot)
+        row = A[:, i] / np.where(pivot > SINGULAR, pivot, np.inf)[:, None]
+        A -= A[:, :, i, None] * row[:, None]
+        A[:, i] = row
+    return least, A[:, :, d:]

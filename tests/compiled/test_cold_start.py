@@ -35,7 +35,6 @@ KERNELS = {
     "constraints": {"_project"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
-    "recovery": {"_fit", "_add_blend"},
     "rigid_motion": {"_add_difference", "_rms_without_rigid"},
     "kinematics": {"_extreme_stretches"},
     "probes": {"_area"},
