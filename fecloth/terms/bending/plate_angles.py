@@ -13,7 +13,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops
-from fecloth.terms.bending.plate_stiffness import panel_stiffness
+from fecloth.terms.bending.plate_stiffness import panel_plate
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 
 
@@ -208,7 +208,7 @@ class PlateAngles:
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     """The hinge angles of a panel, coupled by the stiffness of its plate."""
-    slopes, Q = panel.cloth.edge_slopes, panel_stiffness(panel, where)
+    slopes, (_, Q) = panel.cloth.edge_slopes, panel_plate(panel, where)
     nodes, gradient = slopes.edges.hinges.nodes, slopes.edges.hinges.flat_gradient
     held, moved = np.empty((0, 3)), None
     if panel.clamps:

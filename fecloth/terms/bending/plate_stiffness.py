@@ -12,7 +12,8 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.edge_slopes import EdgeSlopes, turn_curvature
 
-_last: WeakKeyDictionary[EdgeSlopes, Any] = WeakKeyDictionary()  # Q of the last panel of a cloth
+# κ of the hinge angles and Q, of the last panel of a cloth
+_last: WeakKeyDictionary[EdgeSlopes, tuple[bytes, Any, Any]] = WeakKeyDictionary()
 
 
 def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
@@ -30,16 +31,23 @@ def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
     return np.einsum("eki,ekl,elj->eij", R, D, R, optimize=True)
 
 
-def panel_stiffness(panel: Panel, where: str) -> sparse.csr_matrix:
-    """Q of a panel, on P2 of the four parts of each triangle, for the term `where`."""
+def panel_plate(panel: Panel, where: str) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
+    """κ = R Δθ of a panel and Q, on P2 of the four parts of each triangle, for the term `where`."""
+    # R (3m, h + c) [1/m] gives (κ₁₁, κ₂₂, 2κ₁₂) along X and Y; see `angle_curvature`.
     slopes = panel.cloth.edge_slopes
-    copies = len(slopes.edges.triangles) // len(panel.cloth.triangles)
-    D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
-    given = D, np.repeat(panel.material, copies), clamped_edges(panel)
+    D = of_parts(panel, plate_rigidity(panel, where))
+    given = D, of_parts(panel, panel.material), clamped_edges(panel)
     key = blake2b(b"".join(array.tobytes() for array in given)).digest()
-    if _last.get(slopes, (b"",))[0] != key:
-        _last[slopes] = key, angle_stiffness(slopes, *given)
-    return _last[slopes][1]
+    if key != _last.get(slopes, (b"",))[0]:
+        R = angle_curvature(slopes, *given)
+        _last[slopes] = key, R, angle_stiffness(R, D, slopes.edges.area)
+    return _last[slopes][1:]
+
+
+def of_parts(panel: Panel, values: np.ndarray) -> np.ndarray:
+    """Values of each triangle (m, …), on P2 of the four parts of each."""
+    parts = len(panel.cloth.edge_slopes.edges.triangles) // len(panel.cloth.triangles)
+    return np.repeat(values, parts, axis=0)
 
 
 def clamped_edges(panel: Panel) -> np.ndarray:
@@ -49,40 +57,37 @@ def clamped_edges(panel: Panel) -> np.ndarray:
 
 def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
     """κ (m, 3) [1/m] as (κ₁₁, κ₂₂, 2κ₁₂) from changes (h + c,) of the angles, and D (m, 3, 3)."""
-    # Both in X and Y, on P2 of the four parts of each triangle. The slope of a free edge is that
-    # without a moment.
-    slopes = panel.cloth.edge_slopes
-    edges, m = slopes.edges, len(slopes.edges.triangles)
-    copies = m // len(panel.cloth.triangles)
-    D = np.repeat(plate_rigidity(panel, where), copies, axis=0)
-    material = np.repeat(panel.material, copies)
-    C, hinge = slopes.of_plate(D, material, clamped_edges(panel))
-    B, alpha = edges.curvature_of_slopes, (C @ change).reshape(m, 3)
-    K = np.einsum("eki,ekl,elj->eij", B, D, B, optimize=True)
+    # Both in X and Y, on P2 of the four parts of each triangle.
+    R, _ = panel_plate(panel, where)
+    return (R @ change).reshape(-1, 3), of_parts(panel, plate_rigidity(panel, where))
+
+
+def angle_curvature(
+    slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
+) -> sparse.csr_matrix:
+    """(3m, h + c) R with the curvature κ = R Δθ of each triangle along X and Y [1/m]."""
+    # κ = B α with the slopes α = C Δθ. The slope of a free edge is the one without a moment: the
+    # rows of BᵀDB of the free edges vanish. The arguments are as in `EdgeSlopes.of_plate`.
+    C, hinge = slopes.of_plate(rigidity, material, clamped)
+    m, B = len(rigidity), slopes.edges.curvature_of_slopes
+    K = np.einsum("eki,ekl,elj->eij", B, rigidity, B, optimize=True)
     K /= np.trace(K, axis1=1, axis2=2)[:, None, None]
     free = (hinge < 0).reshape(m, 3)
     matrix = np.where(free[:, :, None], K, np.eye(3))
-    alpha = np.linalg.solve(matrix, np.where(free, 0.0, alpha)[:, :, None])
-    return (B @ alpha)[:, :, 0], D
+    known = np.eye(3) * ~free[:, None, :]
+    return (block_diagonal(B @ np.linalg.solve(matrix, known)) @ C).tocsr()
 
 
-def angle_stiffness(
-    slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
-) -> sparse.csr_matrix:
-    """(h + c, h + c) Q = Cᵀ K C [N m] with the energy ½ θᵀ Q θ of small angles."""
-    # K has a block A Bᵀ D B for each triangle, from which the slopes of free edges are eliminated.
-    # The arguments are as in `EdgeSlopes.of_plate`.
-    edges = slopes.edges
-    C, hinge = slopes.of_plate(rigidity, material, clamped)
-    m, B = len(edges.triangles), edges.curvature_of_slopes
-    K = np.einsum("eki,ekl,elj,e->eij", B, rigidity, B, edges.area, optimize=True)
-    for i, free in enumerate((hinge < 0).reshape(m, 3).T):
-        e = np.flatnonzero(free)
-        column = K[e, :, i]
-        K[e] -= column[:, :, None] * column[:, None, :] / column[:, i, None, None]
-        K[e, :, i] = K[e, i, :] = 0.0
-    blocks = sparse.bsr_matrix((K, np.arange(m), np.arange(m + 1)), shape=(3 * m, 3 * m))
-    Q = C.T @ (blocks.tocsr() @ C)
+def angle_stiffness(R: sparse.csr_matrix, rigidity: np.ndarray, area: np.ndarray):
+    """(h + c, h + c) Q = Σ A Rᵀ D R [N m] with the energy ½ θᵀ Q θ of small angles."""
+    Q = R.T @ (block_diagonal(area[:, None, None] * rigidity) @ R)
     Q = (0.5 * (Q + Q.T)).tocsr()
     Q.sort_indices()
     return Q
+
+
+def block_diagonal(blocks: np.ndarray) -> sparse.csr_matrix:
+    """The matrix with the blocks (m, k, k) on its diagonal."""
+    m, k = blocks.shape[:2]
+    place = blocks, np.arange(m), np.arange(m + 1)
+    return sparse.bsr_matrix(place, shape=(k * m, k * m)).tocsr()
