@@ -56,6 +56,7 @@ from .system.system import System
 from .terms import (
     BaraffWitkin,
     BendingDamping,
+    BendingFriction,
     Drag,
     Gas,
     Gravity,
@@ -95,6 +96,7 @@ __all__ = [
     "BackwardEuler",
     "BaraffWitkin",
     "BendingDamping",
+    "BendingFriction",
     "BoundTerm",
     "CentralDifference",
     "Cloth",

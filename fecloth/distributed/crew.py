@@ -121,6 +121,7 @@ class RemoteTerm(BoundTerm):
     has_energy, dissipative = map(_as_here, ("has_energy", "dissipative"))
     velocity_dependent, stores_strain = map(_as_here, ("velocity_dependent", "stores_strain"))
     needs_path, needs_end = map(_as_here, ("needs_path", "needs_end"))
+    lags, load_steps = map(_as_here, ("lags", "load_steps"))
     needs_difference, steady_air = map(_as_here, ("needs_difference", "steady_air"))
     supplies, has_stress = map(_as_here, ("supplies", "has_stress"))
     recovers_strain, objective = map(_as_here, ("recovers_strain", "objective"))

@@ -52,8 +52,8 @@ class Fabric:
         rigidity of twist is D₆₆ = (1 − ν_b) √(B₁ B₂) / 2. It must exceed
         (B₁ + B₂ + 2 ν_b √(B₁ B₂)) / 4.
     bending_hysteresis
-        2HB, difference of the moment per width between bending and unbending [N]. It is stored
-        only; no term uses it.
+        2HB, difference of the moment per width between bending and unbending [N]; one number or
+        (warp, weft), 0 for none. `BendingFriction` needs it; no other term uses it.
     source
         Who measured the constants, and how.
     uncertainty
@@ -103,7 +103,7 @@ class Fabric:
         for value in self.bending or ():
             _check_positive("bending_rigidity", value, "N m")
         self._check_bending()
-        for value in _optional_pair("bending_hysteresis", self.bending_hysteresis) or ():
+        for value in filter(None, self.hysteresis or ()):
             _check_positive("bending_hysteresis", value, "N")
 
     def _check_bending(self) -> None:
@@ -296,6 +296,11 @@ class Fabric:
     def bending(self) -> tuple[float, float] | None:
         """(B₁, B₂), bending rigidity along warp and weft [N m], or None."""
         return _optional_pair("bending_rigidity", self.bending_rigidity)
+
+    @property
+    def hysteresis(self) -> tuple[float, float] | None:
+        """(2HB₁, 2HB₂), hysteresis of bending along warp and weft [N], or None."""
+        return _optional_pair("bending_hysteresis", self.bending_hysteresis)
 
     def plate(self) -> np.ndarray:
         """(3, 3) bending stiffness D [N m] on (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft.

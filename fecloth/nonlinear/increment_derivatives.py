@@ -38,8 +38,8 @@ class StaticTangent:
     def at(cls, solved: SolvedIncrement) -> Self:
         """Factorise K; raise `SolveFailed` where it is singular."""
         increment, x = solved
-        needs_path = any(term.needs_path for term in increment.system.bound)
-        equation = increment.equation(x if needs_path else None)
+        lags = any(term.lags for term in increment.system.bound)
+        equation = increment.equation(x if lags else None)
         system = equation.system
         linear, J, _ = system.linear_solver("direct", system.symmetric)
         equation.assemble(x, EXACT, J)
@@ -112,8 +112,8 @@ class _Side:
         at = replace(increment, system=system, start=start, history=history)
         span = increment.end - increment.begin
         target, _ = system.constraints.target(increment.begin, span, start.x)
-        needs_path = any(term.needs_path for term in system.bound)
-        return cls(at, target, None if needs_path else at.equation())
+        lags = any(term.lags for term in system.bound)
+        return cls(at, target, None if lags else at.equation())
 
     def place(self, x: np.ndarray) -> np.ndarray:
         """Positions (n, 3) with held directions at the target."""

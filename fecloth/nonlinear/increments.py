@@ -32,6 +32,7 @@ NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
 LAGGED = 1e-6  # of the forces: the error of friction whose normal forces belong to the pass before
 FIRST_PASS = 4  # iterations with the first normal forces; twice as many with each of the next ones
 PASSES = 40  # of an increment: how often the normal forces of friction are taken anew
+SHAKEN = tuple(np.linspace(0.9, 0.0, 10))  # of the friction inside the fabric, when it is shaken
 MANY = 4  # times `max_iterations`: the most iterations of all passes of an increment
 
 
@@ -108,6 +109,7 @@ class LoadIncrement:
     begin: float
     end: float
     history: History | None = None  # what the terms remember at its begin
+    friction: float = 1.0  # part that is left of the friction inside the fabric
 
     @cached_property
     def carried(self) -> np.ndarray:
@@ -125,7 +127,7 @@ class LoadIncrement:
 def over_increment(increment: LoadIncrement, place: np.ndarray | None = None) -> System:
     """The system over an increment, for terms with a record and for contact."""
     step = StepDifference.between(increment.start.x, increment.size, increment.begin)
-    step = replace(step, increment=Increment(increment.end, place))
+    step = replace(step, increment=Increment(increment.end, place, increment.friction))
     return increment.system.over_step(step, increment.history, rates=False)
 
 
@@ -166,8 +168,10 @@ def increase_loads(
     rate: np.ndarray | float = 0.0,
     history: History | None = None,
     report: Report = lambda iteration: None,
+    at: float | None = None,
 ) -> Increase:
     """Increase the factor on the loads from the first to the second of `loads`."""
+    # The factor is also the time of what moves, unless all stands still `at` a time.
     # `start` is the state at the first factor: in equilibrium, or the start of all where the factor
     # is 0. No increment of the factor is larger than `largest`, but where none of these is solved
     # and the path does not count: a small load may hold a cloth less than the whole. `rate` is
@@ -181,7 +185,8 @@ def increase_loads(
         to = reached + size
         load = to if to < end - 1e-9 else end
         here = State(start.t, x, np.zeros_like(x))
-        increment = LoadIncrement(system, here, load, load - reached, reached, load, history)
+        times = (reached, load) if at is None else (at, at)
+        increment = LoadIncrement(system, here, load, load - reached, *times, history)
         try:
             solved, over = solve_increment(increment, rate, context, report)
         except EquilibriumFailed as failure:
@@ -203,6 +208,24 @@ def increase_loads(
     return Increase(solved._replace(counts=total), rate, over, history, tuple(path))
 
 
+def shake(increase: Increase, context: SolverContext, report: Report = lambda iteration: None):
+    """Let the friction inside the fabric sink to zero in ten increments, under the whole loads."""
+    # What is left is an equilibrium without it, the one beside the way there. Returns the
+    # `Increase` with these increments.
+    before, path, total = increase.path[-1].increment, list(increase.path), increase.solved.counts
+    over, history, x = increase.over, increase.history, increase.solved.x
+    for left in SHAKEN:
+        here = replace(before.start, x=x)
+        increment = replace(before, start=here, size=1 / len(SHAKEN), begin=before.end)
+        increment = replace(increment, history=history, friction=left)
+        solved, over = solve_increment(increment, 0.0, context, report)
+        x, total = solved.x, total.plus(solved.counts)
+        history = over.commit(replace(here, x=x), history)
+        path.append(SolvedIncrement(increment, x))
+    solved = solved._replace(counts=total)
+    return Increase(solved, increase.rate, over, history, tuple(path))
+
+
 def solve_increment(
     increment: LoadIncrement,
     rate: np.ndarray | float,
@@ -217,7 +240,7 @@ def solve_increment(
     # where nothing touches at the begin, so the first passes are short.
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)
-    if not any(term.needs_path for term in equation.system.bound):
+    if not any(term.lags for term in equation.system.bound):
         return solve_static(equation, x, context, report), equation.system
     options, total, solved, residual = context.options, Counts(), None, math.inf
     allowed = LAGGED if options.tolerance == "auto" else options.tolerance
@@ -307,7 +330,7 @@ def _check_travel(
     distance = float(np.linalg.norm(way))
     if distance > FAR * equation.longest:
         towards = ", ".join(f"{c:.2g}" for c in way / distance)
-        has_friction = any(term.needs_path for term in equation.system.bound)
+        has_friction = any(term.lags for term in equation.system.bound)
         what = "neither pins nor friction hold" if has_friction else "nothing holds"
         reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
         kinds = {traits_of(term).kind for term in equation.system.terms}

@@ -112,7 +112,10 @@ class EquilibriumTable(Table):
     """On the sum of all forces, relative to them. "auto": the error left in the positions is below
     1e-6 of the largest displacement, or as small as round-off allows."""
     load_steps: int = Field(1, ge=1)
-    """Equal steps in which the loads grow to their value."""
+    """Equal steps in which the loads grow to their value; at least 20 with `BendingFriction`."""
+    friction: Literal["laid", "shaken"] = "laid"
+    """Of `BendingFriction`. "laid": as the loads grow; "shaken": then its moments sink to zero in
+    ten more steps, and the elastic equilibrium is left."""
     max_iterations: int = Field(500, ge=1)
     """Newton iterations of a load step after which it has failed."""
 
@@ -133,7 +136,7 @@ class EquilibriumTable(Table):
 
     def steps(self) -> LoadSteps:
         """Return the search in load steps, as `march` takes it."""
-        return LoadSteps(self.load_steps, self.tolerance, self.max_iterations)
+        return LoadSteps(self.load_steps, self.tolerance, self.max_iterations, self.friction)
 
 
 class Output(Table):

@@ -53,6 +53,7 @@ def equilibrium(
     state: State,
     *,
     load_steps: int | None = None,
+    friction: Literal["laid", "shaken"] = "laid",
     tolerance: float | Literal["auto"] = "auto",
     max_iterations: int = 500,
     solver: str = "direct",
@@ -88,7 +89,12 @@ def equilibrium(
         down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
         1/n. With friction the result depends on this path, and `reason` says so: in each
         increment friction acts against the way along the surface since the solution before. Load
-        steps serve loads that turn the cloth far, and give the states between.
+        steps serve loads that turn the cloth far, and give the states between. With
+        `BendingFriction` there are at least 20 steps; for None the time stays as in `state`.
+    friction
+        Of `BendingFriction`. "laid": as the loads grow. "shaken": then its moments sink to zero in
+        ten more steps, and the elastic equilibrium is left, beside which a cloth rests that is
+        shaken.
     tolerance
         A number: on ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same
         positions; the forces on what the pins hold are the reactions. "auto": the iteration ends
@@ -132,28 +138,35 @@ def equilibrium(
     38 mm
     """
     _check(system, state, load_steps, tolerance, max_iterations, solver, report)
+    validation.one_of("friction", friction, ("laid", "shaken"), "equilibrium")
     start = State(state.t, state.x.copy(), np.zeros_like(state.x))
-    planned = PlannedRun(system, start, LoadSteps(load_steps or 1), np.ones(1))
+    least = max((term.load_steps for term in system.bound), default=1)
+    number = max(load_steps or 1, least)
+    planned = PlannedRun(system, start, LoadSteps(number), np.ones(1))
     foreseen = tuple(find_warnings(planned, OF_EQUILIBRIA))
     _warn(foreseen)
     context = increments.static_context(system, tolerance, max_iterations, solver)
     history = system.start_history(start)
-    if load_steps is None:
+    if load_steps is None and least == 1:
         whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
         solved, _ = increments.solve_increment(whole, 0.0, context, report)
     else:
-        run = system, start, context, 1 / load_steps
-        solved = increments.increase_loads(*run, history=history, report=report).solved
+        at = None if load_steps else start.t
+        run = system, start, context, 1 / number
+        increase = increments.increase_loads(*run, history=history, report=report, at=at)
+        if friction == "shaken":
+            increase = increments.shake(increase, context, report)
+        solved = increase.solved
     x, counts = solved.x, solved.counts
     t = 1.0 if load_steps and _moves(system) else start.t
-    path = increments.describe_path(system, load_steps)
+    path = increments.describe_path(system, number)
     reason = f"{solved.reason(tolerance)}; {path}" if path else solved.reason(tolerance)
     work = counts.newton, counts.factorisations, reason
     still = np.zeros_like(x)
     error = space_error(system, State(start.t, x, still))
     space = error.relative, error.reason
     end = State(1.0 if load_steps else start.t, x, still)
-    unstable = _find_instability(system, end, load_steps or 1, solved)
+    unstable = _find_instability(system, end, number, solved)
     _warn(unstable)
     doubts = *foreseen, *unstable
     return Equilibrium(t, x, still, counts.residual, *work, *space, solved.error, doubts)

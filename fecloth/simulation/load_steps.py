@@ -15,7 +15,7 @@ from fecloth.integrators.numerical_dissipation import load_forces
 from fecloth.integrators.protocol import MethodTraits
 from fecloth.integrators.step import UNCOUNTED, Solution, Step
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.increments import increase_loads, static_context
+from fecloth.nonlinear.increments import increase_loads, shake, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.nonlinear.statistics import Counts
@@ -64,6 +64,7 @@ class LoadSteps:
     load_steps: int = 1
     tolerance: float | Literal["auto"] = "auto"
     max_iterations: int = 500
+    friction: Literal["laid", "shaken"] = "laid"  # inside the fabric; shaken: at the end it is gone
 
     traits: ClassVar[MethodTraits] = MethodTraits(
         order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True
@@ -114,6 +115,8 @@ class LoadSteps:
             increase = increase_loads(
                 system, start, solver, horizon, (state.t, load), rate, history
             )
+            if self.friction == "shaken" and load > 1 - 1e-9:
+                increase = shake(increase, solver)
         except EquilibriumFailed as failure:
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
         solved, over = increase.solved, increase.over

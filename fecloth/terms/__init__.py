@@ -10,6 +10,7 @@ on each node by itself, and `MembraneLaw`, for a membrane. studies/examples has 
 """
 
 from fecloth.quantities.arguments import checks_arguments
+from fecloth.terms.bending.friction import BendingFriction
 from fecloth.terms.bending.hinge import HingeBending, QuadraticBending
 from fecloth.terms.bending.plate import PlateBending
 from fecloth.terms.contact.obstacle import MeshObstacle, Obstacle
@@ -34,6 +35,7 @@ from fecloth.terms.traits import traits_of
 __all__ = [
     "BaraffWitkin",
     "BendingDamping",
+    "BendingFriction",
     "Drag",
     "Gas",
     "Gravity",

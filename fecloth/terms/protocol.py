@@ -93,8 +93,12 @@ class BoundTerm:
         False for a term whose energy is not the energy of a strain: the error in space leaves it
         out.
     needs_path
-        True where an equilibrium depends on the way there, as with friction. Part of the force over
-        an `Increment` of the loads is then that of its `place`: the increment is solved again.
+        True where an equilibrium depends on the way there, as with friction.
+    lags
+        True where a part of the force over an `Increment` of the loads is that of its `place`: the
+        increment is solved again.
+    load_steps
+        The least number of load steps in which an equilibrium follows the way.
     needs_end
         Why only methods that solve for the forces at the end of a step may be used:
         `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
@@ -122,6 +126,8 @@ class BoundTerm:
     load: Any = False
     stores_strain: Any = True
     needs_path: Any = False
+    lags: Any = False
+    load_steps: Any = 1
     restitution: Any = 0.0
     needs_end: Any = ""
     needs_difference: Any = False

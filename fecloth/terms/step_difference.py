@@ -15,6 +15,7 @@ class Increment(NamedTuple):
     t: float  # at its end, of what moves with t
     # (n, 3) positions at its end [m] where friction has its normal forces; None: at its begin
     place: np.ndarray | None = None
+    friction: float = 1.0  # part that is left of the moments of `BendingFriction`
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,17 +170,6 @@ class BoundPlate(BoundTerm):
         return panel_curvatures(self.panel, change, self.name)
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
-        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp."""
-        # p are the points that stand for the normals. In a translation the work cancels with the
-        # work of the pinned nodes, which take the opposite forces.
-        if self.plate.moved is None:
-            return 0.0
-        path = self.plate.held_at(new[1]) - self.plate.held_at(old[1])
-        force = sum(self._force_on_clamps(*at) for at in stages) / len(stages)
-        return float(np.sum(force * path))
-
-    def _force_on_clamps(self, x: np.ndarray, t: float) -> np.ndarray:
-        mu, g = self.plate.gradients(x, t)
-        first = len(mu) - len(self.plate.held)
-        moment = self.plate.loop.select(self.plate.stiffness @ (mu - self.rest))
-        return moment[first:, None] * g[first:, 3]
+        """Work [J] that moves the normals of clamps over a step."""
+        Q, rest = self.plate.stiffness, self.rest
+        return self.plate.work_of_clamps(old, new, stages, lambda mu: Q @ (mu - rest))

@@ -1,9 +1,9 @@
 """The hinge angles of a plate, the matrix that couples them, and its place in the system matrix."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -15,6 +15,7 @@ from fecloth.linalg.block_matrix import FindSlots
 from fecloth.terms.bending import plate_loops
 from fecloth.terms.bending.plate_stiffness import panel_plate
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
+from fecloth.terms.protocol import At
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,27 +171,35 @@ class PlateAngles:
     def rate_call(self, g: np.ndarray, v: np.ndarray, rate: np.ndarray) -> SharedCall:
         return self.loop.shared_each(partial(self._rates, g, v, rate))
 
-    def add_force(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> None:
+    def add_force(
+        self, change: np.ndarray, g: np.ndarray, f: np.ndarray, matrix: Any = None
+    ) -> None:
         """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
-        self.loop.add(partial(self._force, change, g), f)
+        # A `matrix` (h, …) stands in place of Q.
+        self.loop.add(partial(self._force, change, g, matrix=matrix), f)
 
     def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> SharedCall:
         return self.loop.shared_add(partial(self._force, change, g), f)
 
-    def _force(self, change: np.ndarray, g: np.ndarray, part: slice, f: np.ndarray) -> Call:
-        Q = self.stiffness
+    def _force(
+        self, change: np.ndarray, g: np.ndarray, part: slice, f: np.ndarray, matrix: Any = None
+    ) -> Call:
+        Q = self.stiffness if matrix is None else matrix
         data = self.nodes[part], pointers(Q, part), Q.indices, Q.data
         return plate_loops.add_force, (*data, change, g[part], f)
 
-    def add_products(self, left: np.ndarray, right: np.ndarray, scale: float, J) -> None:
-        """J += scale leftᵀ Q right, both (h, 4, 3)."""
+    def add_products(
+        self, left: np.ndarray, right: np.ndarray, scale: float, J, entries: Any = None
+    ) -> None:
+        """J += scale leftᵀ Q right, both (h, 4, 3); `entries` stand in place of those of Q."""
         Q, rows = self.stiffness, self.rows
+        values = Q.data if entries is None else entries
 
-        def call(part: slice, values: np.ndarray) -> Call:
+        def call(part: slice, blocks: np.ndarray) -> Call:
             own = rows.start[part], rows.width[part], rows.slots, left[part]
-            data = pointers(Q, part), Q.indices, Q.data, rows.place, *own, right
+            data = pointers(Q, part), Q.indices, values, rows.place, *own, right
             work = np.empty(3 * rows.width.max(initial=0))
-            return plate_loops.add_products, (*data, scale, work, values)
+            return plate_loops.add_products, (*data, scale, work, blocks)
 
         self.loop.add_blocks(call, J)
 
@@ -204,6 +213,26 @@ class PlateAngles:
             return plate_loops.add_curvatures, (*at, *own, moment[part], scale, values)
 
         self.loop.add_blocks(call, J)
+
+    def work_of_clamps(
+        self,
+        old: At,
+        new: At,
+        stages: Sequence[At],
+        moments: Callable[[np.ndarray], np.ndarray],
+    ) -> float:
+        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp."""
+        # p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m]. In a
+        # translation the work cancels with the work of the pinned nodes, which take the opposite
+        # forces.
+        if self.moved is None:
+            return 0.0
+        path = self.held_at(new[1]) - self.held_at(old[1])
+        first, force = len(self.nodes) - len(self.held), np.zeros_like(path)
+        for x, t in stages:
+            mu, g = self.gradients(x, t)
+            force += self.loop.select(moments(mu))[first:, None] * g[first:, 3]
+        return float(np.sum(force * path)) / len(stages)
 
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:

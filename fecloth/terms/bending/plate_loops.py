@@ -141,6 +141,27 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
 
 
 @kernel
+def fill_products(
+    indptr, indices, of_hinge, triangles, left, of_triangle, hinges, right, H, position, Q
+):
+    """Q_fg = Σ_e L_feᵀ H_e R_eg over the triangles e that two hinges f and g have in common."""
+    # `position` (hinges,) is work space: where the entry of hinge g is in row f.
+    for f in range(len(indptr) - 1):
+        for s in range(indptr[f], indptr[f + 1]):
+            position[indices[s]] = s
+            Q[s] = 0.0
+        for p in range(of_hinge[f], of_hinge[f + 1]):
+            e = triangles[p]
+            l0, l1, l2 = left[p, 0], left[p, 1], left[p, 2]
+            w0 = l0 * H[e, 0, 0] + l1 * H[e, 1, 0] + l2 * H[e, 2, 0]
+            w1 = l0 * H[e, 0, 1] + l1 * H[e, 1, 1] + l2 * H[e, 2, 1]
+            w2 = l0 * H[e, 0, 2] + l1 * H[e, 1, 2] + l2 * H[e, 2, 2]
+            for q in range(of_triangle[e], of_triangle[e + 1]):
+                s = position[hinges[q]]
+                Q[s] += w0 * right[q, 0] + w1 * right[q, 1] + w2 * right[q, 2]
+
+
+@kernel
 def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, moment, scale, J):
     """J += scale Σ m_e ∂²μ_e/∂x∂x; own[e] is the entry of Q on the diagonal of row e."""
     y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))

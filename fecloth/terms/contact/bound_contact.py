@@ -65,6 +65,8 @@ class BoundContact(BoundTerm):
     def needs_path(self) -> bool:
         return self.friction > 0.0
 
+    lags = needs_path
+
     @property
     def supplies(self) -> bool:
         """Whether it moves, and so does work."""
@@ -198,6 +200,7 @@ class ContactOverStep(BoundTerm):
     limit = taken_from("contact.limit")
     dissipates_over_step = taken_from("contact.dissipative")
     needs_path, end = taken_from("contact.needs_path"), taken_from("step.end")
+    lags = needs_path
 
     @cached_property
     def last(self) -> Touched:

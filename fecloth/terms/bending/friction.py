@@ -1,0 +1,260 @@
+"""Friction between the threads of a fabric that bends, on the curvature of a plate's triangles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sparse
+
+from fecloth import validation
+from fecloth.compiled.calls import Call
+from fecloth.fabric.panel import Panel
+from fecloth.linalg.block_matrix import FindSlots
+from fecloth.mesh.cloth import Cloth
+from fecloth.mesh.edge_slopes import turn_curvature
+from fecloth.terms.bending import plate_loops
+from fecloth.terms.bending.plate_angles import PlateAngles, bind_angles, pointers
+from fecloth.terms.bending.plate_stiffness import block_diagonal, of_parts, panel_plate
+from fecloth.terms.bending.sliders import Sliders
+from fecloth.terms.loops.shared_loop import SharedLoop
+from fecloth.terms.protocol import At, BoundTerm
+from fecloth.terms.records import remembered
+from fecloth.terms.step_difference import StepDifference
+from fecloth.terms.traits import BOTH, DAMPING
+
+NAME = "BendingFriction"
+
+
+@dataclass(frozen=True)
+class BendingFriction:
+    """Dry friction inside a fabric: bent and let go, it stays a little bent.
+
+    Beside the elastic moment of a bending term acts the moment of a slider, at most HB, half of the
+    fabric's `bending_hysteresis` 2HB, which is the height of the loop that bending instruments
+    draw. With the curvature κ of `PlateBending`'s triangles along warp and weft, the slid curvature
+    κ_s that each triangle remembers, e = κ − κ_s, and
+
+        z = (M₁ e₁₁, M₂ e₂₂, √(2 M₁M₂) e₁₂),   s = ‖z‖,   s_y = M₁M₂/(m √(B₁B₂)),   M = HB
+
+    the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the end of
+    the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
+    ``dissipated:BendingFriction``. See `fecloth.terms.bending.sliders`, with the source, and the
+    page fecloth/terms/bending/FRICTION.md.
+
+    At the start κ_s = κ: there is no moment. The place of rest depends on the way there, not on the
+    time it takes. An equilibrium takes at least 20 load steps, in which κ_s follows.
+
+    Valid for hysteresis that does not depend on the curvature; in one loop 2HB is measured at one
+    curvature. The moments M₁ = M₂ act independently of the axes.
+
+    Cost of a triangle relative to `PlateBending`: force at most 1.5, tangent 1.6; m raises the
+    stiffness that limits explicit steps.
+
+    Parameters
+    ----------
+    stiffness
+        m > 0 [-]: the slider is m times as stiff as the fabric before it slips, at the curvature
+        HB/(m B).
+
+    Raises
+    ------
+    InputError
+        For a stiffness that is not > 0; when the term is bound, for a fabric without
+        `bending_rigidity` or `bending_hysteresis`, or with 0 in one direction only. With 0 for both
+        the term does nothing.
+    """
+
+    stiffness: float = 20.0
+
+    traits = replace(DAMPING, elements=BOTH, reach=8)
+
+    def __post_init__(self) -> None:
+        validation.positive("stiffness", self.stiffness, "", NAME)
+
+    def stencil(self, cloth: Cloth) -> np.ndarray:
+        """(p, 2) pairs of nodes whose positions the curvature of one triangle depends on."""
+        return cloth.edge_slopes.pairs
+
+    def bind(self, panel: Panel, slots: FindSlots) -> BoundTerm:
+        each = [Sliders.of_fabric(fabric, self.stiffness) for fabric in panel.fabrics]
+        moments, limit = (
+            of_parts(panel, np.concatenate(rows)[panel.region])
+            for rows in ([one.moments for one in each], [one.limit for one in each])
+        )
+        turn = block_diagonal(turn_curvature(of_parts(panel, panel.grain)))
+        curvature = Curvature.make((turn @ panel_plate(panel, NAME)[0]).tocsr())
+        plate = replace(bind_angles(panel, slots, NAME), stiffness=curvature.coupled())
+        edges = panel.cloth.edge_slopes.edges
+        loop = SharedLoop.over_elements(panel, edges.triangles)
+        return BoundFriction(plate, curvature, Sliders(moments, limit), edges.area, loop)
+
+
+@remembered
+@dataclass(frozen=True, eq=False)
+class Slid:
+    """How far the sliders of `BendingFriction` have slid."""
+
+    curvature: np.ndarray  # (m, 3) κ_s as (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft [1/m]
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """κ = R μ: the curvatures of m triangles along warp and weft as sums of the hinges' angles."""
+
+    matrix: sparse.csr_matrix  # (3m, h) R [1/m]
+    transposed: sparse.csr_matrix  # (h, 3m) Rᵀ
+    by_triangle: sparse.bsr_matrix  # R in blocks (3, 1)
+    by_hinge: sparse.bsr_matrix  # Rᵀ in blocks (1, 3)
+
+    @classmethod
+    def make(cls, R: sparse.csr_matrix) -> "Curvature":
+        T = R.T.tocsr()
+        return cls(R, T, R.tobsr((3, 1)), T.tobsr((1, 3)))
+
+    def __call__(self, mu: np.ndarray) -> np.ndarray:
+        """(m, 3) κ [1/m] of the measures μ (h,)."""
+        return (self.matrix @ mu).reshape(-1, 3)
+
+    def coupled(self) -> sparse.csr_matrix:
+        """(h, h) with an entry for each two hinges of one triangle's curvature."""
+        R = self.by_triangle
+        ones = np.ones(len(R.indices))
+        of_triangle = sparse.csr_matrix((ones, R.indices, R.indptr))
+        pattern = (of_triangle.T @ of_triangle).tocsr()
+        pattern.sort_indices()
+        return pattern
+
+    def products(self, H: np.ndarray, Q: sparse.csr_matrix, loop: SharedLoop) -> np.ndarray:
+        """The entries of Rᵀ H R with H (m, 3, 3) of the triangles, in the order of those of Q."""
+        entries, T, R = np.empty(Q.nnz), self.by_hinge, self.by_triangle
+        left, right = T.data.reshape(-1, 3), R.data.reshape(-1, 3)
+
+        def call(part: slice) -> Call:
+            rows = pointers(Q, part), Q.indices, pointers(T, part), T.indices, left
+            work = np.empty(Q.shape[0], np.int64)
+            return plate_loops.fill_products, (*rows, R.indptr, R.indices, right, H, work, entries)
+
+        loop.each(call)
+        return entries
+
+
+@dataclass(frozen=True, eq=False)
+class BoundFriction(BoundTerm):
+    """`BendingFriction` on a cloth; without a record, before a run, no slider has a moment."""
+
+    plate: PlateAngles  # its matrix couples the hinges of each triangle
+    curvature: Curvature
+    sliders: Sliders
+    area: np.ndarray  # (m,) of the triangles, on P2 of their parts [m²]
+    loop: SharedLoop  # over the triangles
+    slid: Slid | None = None
+    end: float = 0.0  # time [s] at the end of the step, over a step
+
+    name = NAME
+    symmetric = True
+    has_energy = True
+    stores_strain = False
+
+    @property
+    def objective(self) -> bool:
+        return not len(self.plate.held)  # the normals of clamps do not turn with the cloth
+
+    @property
+    def acts(self) -> bool:
+        """Whether a fabric has a hysteresis."""
+        return bool(self.sliders.moments.any())
+
+    dissipative = needs_path = acts
+
+    @property
+    def load_steps(self) -> int:
+        return 20 if self.acts else 1
+
+    def elastic(self, mu: np.ndarray) -> np.ndarray:
+        """(m, 3) e = κ − κ_s [1/m]."""
+        kappa = self.curvature(mu)
+        return np.zeros_like(kappa) if self.slid is None else kappa - self.slid.curvature
+
+    def _moments(self, mu: np.ndarray) -> np.ndarray:
+        """(3m,) A ∂φ/∂κ of the triangles [N m²]."""
+        return (self.area[:, None] * self.sliders.moment(self.elastic(mu))).ravel()
+
+    def _total(self, density: np.ndarray) -> float:
+        return float(self.loop.select(self.area * density).sum())
+
+    def energy(self, x: np.ndarray, t: float) -> float:
+        """Σ A φ [J]; of a record after a step, what the sliders store."""
+        if self.slid is None:
+            return 0.0
+        return self._total(self.sliders.energy(self.elastic(self.plate.measures(x, t))))
+
+    def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
+        """Zero: it has no force that depends on v. Its heat is that of the step, `dissipation`."""
+        return 0.0
+
+    def dissipation(self, x: np.ndarray) -> float:
+        """Σ A (s − s_y) [J] of the triangles that slid."""
+        return self._total(self.sliders.heat(self.elastic(self.plate.measures(x, self.end))))
+
+    def add_force(self, x, v, t, f) -> None:
+        """f_a −= Σ m ∂μ/∂x_a with the moments m = Rᵀ A ∂φ/∂κ [N m]."""
+        if self.slid is None:
+            return
+        mu, g = self.plate.gradients(x, t)
+        self.plate.add_force(self._moments(mu), g, f, self.curvature.transposed)
+
+    def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
+        """J += wx (Gᵀ Rᵀ A φ″ R G + Σ m ∂²μ/∂x∂x), G = ∂μ/∂x; `definite` drops the second part."""
+        if not self.acts:
+            return
+        mu, g = self.plate.gradients(x, t)
+        H = self.area[:, None, None] * self.sliders.tangent(self.elastic(mu))
+        entries = self.curvature.products(H, self.plate.stiffness, self.plate.loop)
+        self.plate.add_products(g, g, wx, J, entries)
+        if not definite and self.slid is not None:
+            moments = self.curvature.transposed @ self._moments(mu)
+            self.plate.add_curvatures(x, t, moments, wx, J)
+
+    def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
+        """Work [J] that moves the normals of clamps over a step."""
+        if self.slid is None:
+            return 0.0
+        T = self.curvature.transposed
+        return self.plate.work_of_clamps(old, new, stages, lambda mu: T @ self._moments(mu))
+
+    # --- over a step, and between two -------------------------------------------------------------
+
+    def start_history(self, x: np.ndarray, t: float) -> Slid | None:
+        """κ_s = κ at the start; None without a hysteresis."""
+        return Slid(self.curvature(self.plate.measures(x, t))) if self.acts else None
+
+    def with_history(self, record: Slid) -> "BoundFriction":
+        return replace(self, slid=record)
+
+    def over_step(self, step: StepDifference) -> BoundTerm:
+        sliders = self.sliders
+        if step.increment and step.increment.friction != 1.0:
+            sliders = sliders.weakened(step.increment.friction)
+        record = step.history or self.start_history(step.start, step.t)
+        return replace(self, sliders=sliders, slid=record, end=step.end)
+
+    def commit(self, x: np.ndarray, t: float) -> Slid | None:
+        """κ_s at the end of the step at x."""
+        if self.slid is None:
+            return None
+        mu = self.plate.measures(x, t)
+        return Slid(self.curvature(mu) - self.sliders.left(self.elastic(mu)))
+
+    def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
+        """κ_s [1/m] and the moment of the sliders [N], (11, 22, 12); on P2 means of the parts."""
+        if self.slid is None:
+            return {}
+        kappa_s = self.slid.curvature * (1.0, 1.0, 0.5)
+        moment = self.sliders.moment(self.elastic(self.plate.measures(x, t)))
+        parts = len(self.area) // len(self.plate.panel.cloth.triangles)
+        means = (each.reshape(-1, parts, 3).mean(axis=1) for each in (kappa_s, moment))
+        return dict(zip(("slid_curvature", "friction_moment"), means, strict=True))
+
+    def nbytes(self, explicit: bool) -> int:
+        R = self.curvature.matrix
+        return self.plate.nbytes(explicit) + 4 * int(R.data.nbytes + R.indices.nbytes)

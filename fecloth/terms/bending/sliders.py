@@ -1,0 +1,98 @@
+"""The law of friction in bending: sliders on the curvature, at each of m places.
+
+With the moments M₁, M₂ = HB at which threads of warp and weft slip [N], half of the 2HB that
+instruments print, the curvature κ and the slid curvature κ_s, both along warp and weft,
+
+    e = κ − κ_s,   z = (M₁ e₁₁, M₂ e₂₂, √(2 M₁M₂) e₁₂),   s = ‖z‖ [N/m],   s_y = M₁M₂/(m √(B₁B₂))
+
+the energy per area over a step is, convex and with a continuous slope,
+
+    φ = s²/(2 s_y)  where s ≤ s_y,   s − s_y/2  beyond.
+
+Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end of the
+step z_s, the z of κ_s, moves along z until s = s_y: what is left is stored, s²/(2 s_y), and the rest
+is heat, ‖Δz_s‖ = s − s_y per area. In one direction it is an elastic spring in series with a dry
+friction, beside the fabric (Jenkins' element; Iwan 1966, A distributed-element model for hysteresis
+and its steady-state dynamic response, J. Appl. Mech. 33); φ is then Huber's function.
+
+Where both are 0 there is no slider.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from fecloth.errors import InputError
+from fecloth.fabric.fabric import Fabric
+
+TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True, eq=False)
+class Sliders:
+    """The sliders at m places; e (m, 3) are differences (e₁₁, e₂₂, 2e₁₂) of curvature [1/m]."""
+
+    moments: np.ndarray  # (m, 3) M₁, M₂ and √(M₁M₂/2) [N]
+    limit: np.ndarray  # (m,) s_y [N/m]
+
+    @classmethod
+    def of_fabric(cls, fabric: Fabric, stiffness: float) -> Self:
+        """The slider of a fabric, m = 1.
+
+        Raises `InputError` if it has no bending rigidity or no hysteresis, or no hysteresis in one
+        of warp and weft only.
+        """
+        where = "BendingFriction"
+        for name in ("bending_rigidity", "bending_hysteresis"):
+            if getattr(fabric, name) is None:
+                remedy = f"Give it in the fabric, one number or (warp, weft), as {EXAMPLES[name]}."
+                raise InputError(f"the fabric has no {name}", f"{where} needs it", where, remedy)
+        M1, M2 = (0.5 * each for each in fabric.hysteresis)
+        if (M1 == 0.0) != (M2 == 0.0):
+            what = f"bending_hysteresis = {fabric.bending_hysteresis!r}"
+            allowed = "must be > 0 for warp and weft, or 0 for both"
+            remedy = "A small number, as 1e-6 N, stands for a direction that hardly rubs."
+            raise InputError(what, allowed, where, remedy)
+        limit = M1 * M2 / (stiffness * np.sqrt(np.prod(fabric.bending)))
+        return cls(np.array([[M1, M2, np.sqrt(0.5 * M1 * M2)]]), np.array([limit]))
+
+    def weakened(self, factor: float) -> Self:
+        """The sliders with `factor` times the moments M₁ and M₂, and the stiffness as before."""
+        return type(self)(factor * self.moments, factor**2 * self.limit)
+
+    def _stretch(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """z (m, 3) and s (m,) [N/m]."""
+        z = self.moments * e
+        return z, np.sqrt(np.einsum("ei,ei->e", z, z))
+
+    def energy(self, e: np.ndarray) -> np.ndarray:
+        """(m,) φ [J/m²]."""
+        _, s = self._stretch(e)
+        elastic = 0.5 * s**2 / np.maximum(self.limit, TINY)
+        return np.where(s <= self.limit, elastic, s - 0.5 * self.limit)
+
+    def heat(self, e: np.ndarray) -> np.ndarray:
+        """(m,) what is dissipated in the step, s − s_y or 0 [J/m²]."""
+        return np.maximum(self._stretch(e)[1] - self.limit, 0.0)
+
+    def moment(self, e: np.ndarray) -> np.ndarray:
+        """(m, 3) ∂φ/∂κ on (κ₁₁, κ₂₂, 2κ₁₂) [N]."""
+        z, s = self._stretch(e)
+        return self.moments * z / np.maximum(np.maximum(s, self.limit), TINY)[:, None]
+
+    def tangent(self, e: np.ndarray) -> np.ndarray:
+        """(m, 3, 3) ∂²φ/∂κ∂κ [N m], positive semi-definite."""
+        z, s = self._stretch(e)
+        larger = np.maximum(np.maximum(s, self.limit), TINY)
+        n = np.where(s > self.limit, 1.0, 0.0)[:, None] * z / larger[:, None]
+        H = (np.eye(3) - n[:, :, None] * n[:, None, :]) / larger[:, None, None]
+        return self.moments[:, :, None] * H * self.moments[:, None, :]
+
+    def left(self, e: np.ndarray) -> np.ndarray:
+        """(m, 3) e after the sliders have slid, s = s_y where it was above [1/m]."""
+        _, s = self._stretch(e)
+        return e * np.minimum(1.0, self.limit / np.maximum(s, TINY))[:, None]
+
+
+EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
