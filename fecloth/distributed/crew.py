@@ -10,7 +10,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from fecloth.distributed.partition import Part, PartDescription
-from fecloth.distributed.worker import ABILITIES, Worker
+from fecloth.distributed.worker import ABILITIES, Worker, rows
 from fecloth.errors import InputError
 from fecloth.terms.protocol import BoundTerm, has_own
 from fecloth.terms.step_difference import StepDifference
@@ -91,7 +91,7 @@ def cut(value: Any, nodes: np.ndarray) -> Any:
     return value
 
 
-OFFERED = {*ABILITIES, "add_force", "add_tangent", "over_step"}
+OFFERED = {*ABILITIES, "add_force", "add_tangent", "over_step", "with_history"}
 NOT_NEEDED = {"here", "nbytes", "force_calls"}  # on several processes
 _new_keys = count()
 
@@ -129,7 +129,17 @@ class RemoteTerm(BoundTerm):
 
     energy, power, supply = map(_on_all, ("energy", "power", "supply"))
     dissipation, work_of_clamps = map(_on_all, ("dissipation", "work_of_clamps"))
-    strain_error = _on_all("strain_error")
+    strain_error, cells = map(_on_all, ("strain_error", "cells"))
+    commit = _on_all("commit")
+
+    def start_history(self, x: np.ndarray, t: float) -> Any:
+        """The record of the whole cloth; raises `InputError` if it has no rows of triangles."""
+        record = self.local.start_history(x[self.crew.parts[0].nodes], t)
+        triangles = len(self.crew.parts[0].cells)
+        if record and any(np.shape(each)[:1] != (triangles,) for each in vars(record).values()):
+            allowed = "must have arrays with a row for each triangle, on several processes"
+            raise InputError(f"the history of {self.name}", allowed, "mpiexec", "Run on one.")
+        return record and self.crew.ask(self.key, "start_history", x, t)
 
     def add_stress(self, x, out) -> None:
         out += self.crew.ask(self.key, "add_stress", x)
@@ -145,14 +155,24 @@ class RemoteTerm(BoundTerm):
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The term over a step, which each process keeps until the last one forgets it."""
-        crew = self.crew
-        if self.local.over_step(cut(step, crew.parts[0].nodes)) is self.local:
+        def share(part: Part) -> StepDifference:
+            return replace(cut(step, part.nodes), history=rows(step.history, part.cells))
+
+        if self.local.over_step(share(self.crew.parts[0])) is self.local:
             return self
-        new = "step", next(_new_keys)
-        crew.each("over_step", lambda part: (self.key, new, cut(step, part.nodes)))
-        over = RemoteTerm(crew, new, crew.here.terms[new])
-        weakref.finalize(over, crew.forgotten.append, new)
-        return over
+        return self._new("over_step", share)
+
+    def with_history(self, record: Any) -> BoundTerm:
+        """The term with the record of the whole cloth, whose arrays have a row a triangle."""
+        return self._new("with_history", lambda part: rows(record, part.cells))
+
+    def _new(self, name: str, share: Callable[[Part], Any]) -> BoundTerm:
+        """What a function of the term gives for the share of each part, kept until forgotten."""
+        crew, new = self.crew, ("step", next(_new_keys))
+        crew.each(name, lambda part: (self.key, new, share(part)))
+        term = RemoteTerm(crew, new, crew.here.terms[new])
+        weakref.finalize(term, crew.forgotten.append, new)
+        return term
 
     def here(self) -> BoundTerm:
         return self.local

@@ -1,8 +1,8 @@
 """What each process does for its part of the cloth, when the first one asks."""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,28 @@ def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
     return float(sum(shares))
 
 
-def cells(parts: Sequence[Part], shares: Sequence[Rows]) -> Rows:
+def cells(parts: Sequence[Part], shares: Sequence[Any]) -> Any:
     """The rows of all triangles, each from the part where it counts."""
+    if isinstance(first := shares[0], Mapping):
+        return {name: cells(parts, [share[name] for share in shares]) for name in first}
+    if is_dataclass(first):
+        whole = cells(parts, [vars(share) for share in shares])
+        return replace(first, **whole)
+    if first is None:
+        return None
     out = np.zeros((sum(map(len, shares)), *shares[0].shape[1:]))
     for part, own in zip(parts, shares, strict=True):
         out[part.cells[part.counted(part.triangles)]] = own
     return out
+
+
+def rows(value: Any, which: np.ndarray) -> Any:
+    """The rows `which` of an array with a row for each triangle; of all in a mapping or record."""
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return {name: rows(each, which) for name, each in value.items()}
+    return replace(value, **rows(vars(value), which)) if is_dataclass(value) else value[which]
 
 
 @dataclass(frozen=True)
@@ -46,6 +62,9 @@ ABILITIES = {
     "dissipation": Ability(total),
     "work_of_clamps": Ability(total, placed=0),
     "strain_error": Ability(cells),
+    "cells": Ability(cells),
+    "start_history": Ability(cells),
+    "commit": Ability(cells),
     "add_stress": Ability(cells, width=4),
 }
 
@@ -94,7 +113,7 @@ class Worker:
             function(*placed, *arguments, out)
         else:
             out = function(*placed, *arguments)
-        return out[self.own_cells] if ability.gather is cells else out
+        return rows(out, self.own_cells) if ability.gather is cells else out
 
     def reaction_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of the whole cloth, and their limits, of `ReactionLimits`."""
@@ -105,6 +124,10 @@ class Worker:
     def over_step(self, key, new, step: StepDifference) -> None:
         """Keep the term over a step by the key `new`."""
         self.terms[new] = self.terms[key].over_step(step)
+
+    def with_history(self, key, new, record: Any) -> None:
+        """Keep the term with its record by the key `new`."""
+        self.terms[new] = self.terms[key].with_history(record)
 
     def forget(self, keys: Sequence) -> None:
         for key in keys:

@@ -36,6 +36,8 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     points = _points(cloth, state) | {"held": held} | _contact(system, state)
     cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
+    for term in system.bound:
+        cells |= term.cells(state.x, state.t)
     if error_density:
         cells["error_density"] = space_error(system, state).density
     return points, cells

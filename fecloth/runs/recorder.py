@@ -22,7 +22,7 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.growth import MOST_GROWTH
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.march import Memory, StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts
 from fecloth.simulation.shapes import Shapes
@@ -75,7 +75,7 @@ class Recorder:
         problem = self.problem
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
-        accounts = self._frame(problem.state, accounts)
+        accounts = self._frame(problem.state, problem.first_memory, accounts)
         check_space(self.folder.path, problem, self.files.frames.files(0)[0].stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
@@ -167,7 +167,9 @@ class Recorder:
                 steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
-                accounts = self._frame(record.state, accounts, info.t >= self.problem.t_end)
+                accounts = self._frame(
+                    record.state, info.memory, accounts, info.t >= self.problem.t_end
+                )
             later = before.warnings, record.wanted
             self.progress = self._progress(record.state, info.memory, accounts, *later)
         except BaseException:
@@ -175,9 +177,11 @@ class Recorder:
             self.files.cut(before)
             raise
 
-    def _frame(self, state: State, accounts: Accounts, ended: bool = False) -> Accounts:
+    def _frame(
+        self, state: State, memory: Memory | None, accounts: Accounts, ended: bool = False
+    ) -> Accounts:
         """Write a frame with its row of strains.csv, and return the accounts after it."""
-        cells = self.files.add_frame(state)
+        cells = self.files.add_frame(state, memory)
         shape, step = accounts[Shapes], accounts[Solves].steps
         apart = APART[self.problem.method.traits.explicit]
         counts = self.problem.intersections and (ended or step - shape.counted >= apart)
@@ -213,7 +217,8 @@ class Recorder:
         try:
             with self.watch.phase("output"):
                 if state.t > self.files.frames.times[-1] and not isinstance(error, WriteError):
-                    accounts = self._frame(state, self.progress.accounts, ended=True)
+                    memory, accounts = self.progress.memory, self.progress.accounts
+                    accounts = self._frame(state, memory, accounts, ended=True)
                     self.progress = replace(self.progress, accounts=accounts)
         except InputError as full:
             status, error = FAILED, error or full

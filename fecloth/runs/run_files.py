@@ -16,6 +16,7 @@ from fecloth.output.vtu_writer import Arrays
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.restart import Progress
 from fecloth.scene.problem import Problem
+from fecloth.simulation.march import Memory
 from fecloth.system.state import State
 from fecloth.view.web_page import keep_shown
 
@@ -58,13 +59,15 @@ class RunFiles:
         for name, row in rows.items():
             self.tables[name].add(row)
 
-    def add_frame(self, state: State) -> Arrays:
-        """Write the state as a frame, and return its cell data."""
+    def add_frame(self, state: State, memory: Memory | None) -> Arrays:
+        """Write the state as a frame, with what terms remember, and return its cell data."""
         self.folder.check_in_place()
         if len(self.frames.times) >= MOST_FRAMES:
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
-        problem = self.problem
-        points, cells = fields(problem.system, state, problem.error_density)
+        problem, system = self.problem, self.problem.system
+        history = memory.term_history if memory else None
+        known = system.with_history(history or system.start_history(state))
+        points, cells = fields(known, state, problem.error_density)
         self.obstacles.add(len(self.frames.times), state)
         self.frames.add(state, (points, cells))
         self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))

@@ -29,6 +29,7 @@ from fecloth.scene.table_model import Table, as_tuples, require_exactly_one
 from fecloth.scene.tables import FabricTable
 from fecloth.scene.toml_text import override
 from fecloth.system.system import System
+from fecloth.terms.bending.friction import LOAD_STEPS
 
 
 class Scene(Table):
@@ -111,6 +112,7 @@ class Scene(Table):
         require_exactly_one(self, "time", "equilibrium")
         if self.equilibrium:
             self._refuse_time()
+            self._follow_friction()
         if self.schedule.dt != "auto" and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
@@ -130,6 +132,15 @@ class Scene(Table):
         if self.solver.make() != Newton():
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
             raise InputError("[solver] has more than linear", static, "", remedy)
+
+    def _follow_friction(self) -> None:
+        """Take at least 20 load steps where a fabric has friction inside."""
+        fabrics = [self.fabric] if self.fabric else self.fabrics.values()
+        has_friction = any(term.type == "BendingFriction" for term in self.terms)
+        if has_friction and any(any(each.make().hysteresis or ()) for each in fabrics):
+            number = max(self.equilibrium.load_steps, LOAD_STEPS)
+            static = self.equilibrium.model_copy(update={"load_steps": number})
+            object.__setattr__(self, "equilibrium", static)
 
     @property
     def schedule(self) -> Time | EquilibriumTable:

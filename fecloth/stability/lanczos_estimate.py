@@ -74,7 +74,9 @@ class _Products:
     """y ↦ M^-½ P (wx K + wv D) P M^-½ y at a state, one force evaluation each."""
 
     def __init__(self, system, state, a, b):
-        self.system, self.state, self.a, self.b = system, state, a, b
+        # A term that remembers, as friction, is as stiff as before it yields.
+        self.system = system = system.with_history(system.start_history(state))
+        self.state, self.a, self.b = state, a, b
         part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
         self.root_mass = np.sqrt(part * system.diagonal_mass)[:, None]
         self.edge = math.sqrt(system.cloth.area / len(system.cloth.triangles))

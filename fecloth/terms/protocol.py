@@ -212,6 +212,10 @@ class BoundTerm:
     def add_stress(self, x: np.ndarray, out: np.ndarray) -> None:
         """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and energy per area [J/m²] of a membrane."""
 
+    def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
+        """Arrays (triangles, …) that frames show, by their names; asked of `with_history`."""
+        return {}
+
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(triangles,) energy [J] of the recovered strain minus the strain of the mesh.
 

@@ -20,6 +20,7 @@ FABRIC = fc.Fabric(
     poisson_ratio=0.2,
     shear_stiffness=60.0,
     bending_rigidity=(2e-5, 1e-5),
+    bending_hysteresis=(4e-4, 2e-4),
 )
 EVEN = fc.Fabric(areal_density=0.2, tensile_stiffness=900.0, bending_rigidity=1e-5)
 LIFT = fc.Pin("left", motion=("0", "0", "0.1*t*(1+Y)"))
@@ -38,6 +39,8 @@ CASES = {
         [fc.TensorCondition(300.0), fc.PlateBending(rest="start"), fc.Drag(0.5)],
         [HELD],
     ),
+    "friction": ("P1", FABRIC, [fc.StVK(), fc.PlateBending(), fc.BendingFriction()], [HELD]),
+    "P2 friction": ("P2", FABRIC, [fc.StVK(), fc.BendingFriction(5.0)], [LIFT]),
     "springs": (
         *("P1", EVEN),
         [
@@ -141,6 +144,26 @@ def test_tangents(case, parts):
         assert difference <= 1e-11 * np.abs(J.values).max()
 
 
+@pytest.mark.parametrize("case", ["friction", "P2 friction"])
+@pytest.mark.parametrize("parts", [2, 3])
+def test_the_history_of_friction_over_a_step(case, parts):
+    whole, apart, state = both(case, parts)
+    begin = whole.state(whole.rest().x * [1, 1, 0] + 0.3 * state.x * [0, 0, 1])
+    records = whole.start_history(begin), apart.start_history(begin)
+    step = StepDifference.between(begin.x, 0.1, 0.6)
+    whole, apart = whole.over_step(step, records[0]), apart.over_step(step, records[1])
+    close(apart.force(state), whole.force(state))
+    assert apart.energies(state) == pytest.approx(whole.energies(state), rel=1e-11)
+    ours, theirs = apart.bound[-1], whole.bound[-1]
+    assert ours.dissipation(state.x) == pytest.approx(theirs.dissipation(state.x), 1e-11)
+    assert theirs.dissipation(state.x) > 1e-6
+    slid, expected = (each.commit(state.x, 0.7).curvature for each in (ours, theirs))
+    close(slid, expected)
+    after = [each.with_history(r) for each, r in ((ours, slid), (theirs, expected)) for r in [type(records[0][-1])(r)]]
+    shown = [each.cells(state.x, 0.7) for each in after]
+    close(shown[0]["friction_moment"], shown[1]["friction_moment"])
+
+
 @pytest.mark.parametrize("case", ["step", "damping", "plate", "springs", "P2 damping"])
 @pytest.mark.parametrize("at_mean", [False, True])
 def test_terms_over_a_step(case, at_mean):
@@ -223,5 +246,6 @@ def test_a_term_with_a_history_that_couples_nodes_is_refused_by_name():
             return cloth.stencil
 
     cloth = fc.Cloth.rectangle(1.0, 0.8, 0.4, "right")
+    system = DistributedSystem(cloth, EVEN, [SharedSliders()], link=LocalLink(2))
     with pytest.raises(InputError, match="history of Sliders.*several processes"):
-        _ = DistributedSystem(cloth, EVEN, [SharedSliders()], link=LocalLink(2)).bound
+        system.start_history(system.rest())

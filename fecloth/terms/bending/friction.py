@@ -23,6 +23,7 @@ from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import BOTH, DAMPING
 
 NAME = "BendingFriction"
+LOAD_STEPS = 20  # the least of an equilibrium, over which κ_s follows
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,11 @@ class BendingFriction:
 
 @remembered
 @dataclass(frozen=True, eq=False)
-class Slid:
+class SlidCurvature:
     """How far the sliders of `BendingFriction` have slid."""
 
-    curvature: np.ndarray  # (m, 3) κ_s as (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft [1/m]
+    # (m, p, 3) κ_s as (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft [1/m]; p is 1, on P2 the 4 parts
+    curvature: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,7 @@ class BoundFriction(BoundTerm):
     sliders: Sliders
     area: np.ndarray  # (m,) of the triangles, on P2 of their parts [m²]
     loop: SharedLoop  # over the triangles
-    slid: Slid | None = None
+    slid: SlidCurvature | None = None
     end: float = 0.0  # time [s] at the end of the step, over a step
 
     name = NAME
@@ -168,12 +170,17 @@ class BoundFriction(BoundTerm):
 
     @property
     def load_steps(self) -> int:
-        return 20 if self.acts else 1
+        return LOAD_STEPS if self.acts else 1
 
     def elastic(self, mu: np.ndarray) -> np.ndarray:
         """(m, 3) e = κ − κ_s [1/m]."""
         kappa = self.curvature(mu)
-        return np.zeros_like(kappa) if self.slid is None else kappa - self.slid.curvature
+        if self.slid is None:
+            return np.zeros_like(kappa)
+        return kappa - self.slid.curvature.reshape(-1, 3)
+
+    def _record(self, kappa: np.ndarray) -> SlidCurvature:
+        return SlidCurvature(kappa.reshape(len(self.plate.panel.cloth.triangles), -1, 3))
 
     def _moments(self, mu: np.ndarray) -> np.ndarray:
         """(3m,) A ∂φ/∂κ of the triangles [N m²]."""
@@ -224,11 +231,11 @@ class BoundFriction(BoundTerm):
 
     # --- over a step, and between two -------------------------------------------------------------
 
-    def start_history(self, x: np.ndarray, t: float) -> Slid | None:
+    def start_history(self, x: np.ndarray, t: float) -> SlidCurvature | None:
         """κ_s = κ at the start; None without a hysteresis."""
-        return Slid(self.curvature(self.plate.measures(x, t))) if self.acts else None
+        return self._record(self.curvature(self.plate.measures(x, t))) if self.acts else None
 
-    def with_history(self, record: Slid) -> "BoundFriction":
+    def with_history(self, record: SlidCurvature) -> "BoundFriction":
         return replace(self, slid=record)
 
     def over_step(self, step: StepDifference) -> BoundTerm:
@@ -238,22 +245,22 @@ class BoundFriction(BoundTerm):
         record = step.history or self.start_history(step.start, step.t)
         return replace(self, sliders=sliders, slid=record, end=step.end)
 
-    def commit(self, x: np.ndarray, t: float) -> Slid | None:
+    def commit(self, x: np.ndarray, t: float) -> SlidCurvature | None:
         """κ_s at the end of the step at x."""
         if self.slid is None:
             return None
         mu = self.plate.measures(x, t)
-        return Slid(self.curvature(mu) - self.sliders.left(self.elastic(mu)))
+        return self._record(self.curvature(mu) - self.sliders.left(self.elastic(mu)))
 
     def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
         """κ_s [1/m] and the moment of the sliders [N], (11, 22, 12); on P2 means of the parts."""
         if self.slid is None:
             return {}
-        kappa_s = self.slid.curvature * (1.0, 1.0, 0.5)
-        moment = self.sliders.moment(self.elastic(self.plate.measures(x, t)))
-        parts = len(self.area) // len(self.plate.panel.cloth.triangles)
-        means = (each.reshape(-1, parts, 3).mean(axis=1) for each in (kappa_s, moment))
-        return dict(zip(("slid_curvature", "friction_moment"), means, strict=True))
+        moment = self._record(self.sliders.moment(self.elastic(self.plate.measures(x, t))))
+        return {
+            "slid_curvature": (self.slid.curvature * (1.0, 1.0, 0.5)).mean(axis=1),
+            "friction_moment": moment.curvature.mean(axis=1),
+        }
 
     def nbytes(self, explicit: bool) -> int:
         R = self.curvature.matrix
