@@ -155,6 +155,7 @@ class RemoteTerm(BoundTerm):
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The term over a step, which each process keeps until the last one forgets it."""
+
         def share(part: Part) -> StepDifference:
             return replace(cut(step, part.nodes), history=rows(step.history, part.cells))
 

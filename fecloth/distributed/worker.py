@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,11 +24,11 @@ def cells(parts: Sequence[Part], shares: Sequence[Any]) -> Any:
     """The rows of all triangles, each from the part where it counts."""
     if isinstance(first := shares[0], Mapping):
         return {name: cells(parts, [share[name] for share in shares]) for name in first}
-    if is_dataclass(first):
-        whole = cells(parts, [vars(share) for share in shares])
-        return replace(first, **whole)
     if first is None:
         return None
+    if not isinstance(first, np.ndarray):
+        record: Any = first
+        return replace(record, **cells(parts, [vars(share) for share in shares]))
     out = np.zeros((sum(map(len, shares)), *shares[0].shape[1:]))
     for part, own in zip(parts, shares, strict=True):
         out[part.cells[part.counted(part.triangles)]] = own
@@ -41,7 +41,9 @@ def rows(value: Any, which: np.ndarray) -> Any:
         return None
     if isinstance(value, Mapping):
         return {name: rows(each, which) for name, each in value.items()}
-    return replace(value, **rows(vars(value), which)) if is_dataclass(value) else value[which]
+    if isinstance(value, np.ndarray):
+        return value[which]
+    return replace(value, **rows(vars(value), which))
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ class Scene(Table):
         require_exactly_one(self, "time", "equilibrium")
         if self.equilibrium:
             self._refuse_time()
-            self._follow_friction()
+            self._follow_friction(self.equilibrium)
         if self.schedule.dt != "auto" and self.output.every and self.output.every < self.time.dt:
             allowed = f"must be at least time.dt = {self.time.dt} [s]"
             raise InputError(f"output.every = {self.output.every}", allowed)
@@ -133,14 +133,14 @@ class Scene(Table):
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
             raise InputError("[solver] has more than linear", static, "", remedy)
 
-    def _follow_friction(self) -> None:
+    def _follow_friction(self, static: EquilibriumTable) -> None:
         """Take at least 20 load steps where a fabric has friction inside."""
-        fabrics = [self.fabric] if self.fabric else self.fabrics.values()
+        fabrics = [self.fabric] if self.fabric else (self.fabrics or {}).values()
         has_friction = any(term.type == "BendingFriction" for term in self.terms)
         if has_friction and any(any(each.make().hysteresis or ()) for each in fabrics):
-            number = max(self.equilibrium.load_steps, LOAD_STEPS)
-            static = self.equilibrium.model_copy(update={"load_steps": number})
-            object.__setattr__(self, "equilibrium", static)
+            number = max(static.load_steps, LOAD_STEPS)
+            followed = static.model_copy(update={"load_steps": number})
+            object.__setattr__(self, "equilibrium", followed)
 
     @property
     def schedule(self) -> Time | EquilibriumTable:

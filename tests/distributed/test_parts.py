@@ -159,7 +159,11 @@ def test_the_history_of_friction_over_a_step(case, parts):
     assert theirs.dissipation(state.x) > 1e-6
     slid, expected = (each.commit(state.x, 0.7).curvature for each in (ours, theirs))
     close(slid, expected)
-    after = [each.with_history(r) for each, r in ((ours, slid), (theirs, expected)) for r in [type(records[0][-1])(r)]]
+    after = [
+        each.with_history(r)
+        for each, r in ((ours, slid), (theirs, expected))
+        for r in [type(records[0][-1])(r)]
+    ]
     shown = [each.cells(state.x, 0.7) for each in after]
     close(shown[0]["friction_moment"], shown[1]["friction_moment"])
 

@@ -37,19 +37,25 @@ class BendingFriction:
 
         z = (M₁ e₁₁, M₂ e₂₂, √(2 M₁M₂) e₁₂),   s = ‖z‖,   s_y = M₁M₂/(m √(B₁B₂)),   M = HB
 
-    the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the end of
-    the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
-    ``dissipated:BendingFriction``. See `fecloth.terms.bending.sliders`, with the source, and the
-    page fecloth/terms/bending/FRICTION.md.
+    the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the end
+    of the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
+    ``dissipated:BendingFriction``. `fecloth.terms.bending.sliders` has the law, and the page
+    fecloth/terms/bending/FRICTION.md says when it matters.
 
     At the start κ_s = κ: there is no moment. The place of rest depends on the way there, not on the
     time it takes. An equilibrium takes at least 20 load steps, in which κ_s follows.
 
-    Valid for hysteresis that does not depend on the curvature; in one loop 2HB is measured at one
-    curvature. The moments M₁ = M₂ act independently of the axes.
+    Source: Grosberg (1966), The mechanical properties of woven fabrics, part II: the bending of
+    woven fabrics, Textile Research Journal 36, for a moment of friction beside the elastic moment;
+    Iwan (1966), A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic Response,
+    Journal of Applied Mechanics 33, for the elastic and plastic element. The law of two directions
+    is our own.
 
-    Cost of a triangle relative to `PlateBending`: force at most 1.5, tangent 1.6; m raises the
-    stiffness that limits explicit steps.
+    Valid for a hysteresis that does not depend on the curvature. The moment does not depend on the
+    axes where M₁ = M₂.
+
+    Cost of a triangle relative to `PlateBending`: force FORCE, tangent TANGENT. Its stiffness m
+    counts in the limit of explicit steps.
 
     Parameters
     ----------
@@ -184,7 +190,7 @@ class BoundFriction(BoundTerm):
 
     def _moments(self, mu: np.ndarray) -> np.ndarray:
         """(3m,) A ∂φ/∂κ of the triangles [N m²]."""
-        return (self.area[:, None] * self.sliders.moment(self.elastic(mu))).ravel()
+        return self.sliders.moment(self.elastic(mu), self.area).ravel()
 
     def _total(self, density: np.ndarray) -> float:
         return float(self.loop.select(self.area * density).sum())

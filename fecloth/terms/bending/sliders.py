@@ -9,11 +9,11 @@ the energy per area over a step is, convex and with a continuous slope,
 
     φ = s²/(2 s_y)  where s ≤ s_y,   s − s_y/2  beyond.
 
-Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end of the
-step z_s, the z of κ_s, moves along z until s = s_y: what is left is stored, s²/(2 s_y), and the rest
-is heat, ‖Δz_s‖ = s − s_y per area. In one direction it is an elastic spring in series with a dry
-friction, beside the fabric (Jenkins' element; Iwan 1966, A distributed-element model for hysteresis
-and its steady-state dynamic response, J. Appl. Mech. 33); φ is then Huber's function.
+Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end of
+the step κ_s moves, z along itself, until s = s_y: what is left is stored, s²/(2 s_y), and the rest
+is heat, s − s_y per area. In one direction it is an elastic spring in series with dry friction
+(Iwan 1966, A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic Response, J.
+Appl. Mech. 33), and φ is Huber's function.
 
 Where both are 0 there is no slider.
 """
@@ -23,8 +23,21 @@ from typing import Self
 
 import numpy as np
 
+from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
+
+
+@kernel
+def fill_moments(moments, limit, weight, e, out):
+    """out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y)."""
+    for i in range(len(e)):
+        M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]
+        z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
+        larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
+        scale = weight[i] / larger if larger > 0.0 else 0.0
+        out[i, 0], out[i, 1], out[i, 2] = scale * M1 * z1, scale * M2 * z2, scale * M3 * z3
+
 
 TINY = np.finfo(float).tiny
 
@@ -48,13 +61,13 @@ class Sliders:
             if getattr(fabric, name) is None:
                 remedy = f"Give it in the fabric, one number or (warp, weft), as {EXAMPLES[name]}."
                 raise InputError(f"the fabric has no {name}", f"{where} needs it", where, remedy)
-        M1, M2 = (0.5 * each for each in fabric.hysteresis)
+        M1, M2 = (0.5 * each for each in fabric.hysteresis or ())
         if (M1 == 0.0) != (M2 == 0.0):
             what = f"bending_hysteresis = {fabric.bending_hysteresis!r}"
             allowed = "must be > 0 for warp and weft, or 0 for both"
             remedy = "A small number, as 1e-6 N, stands for a direction that hardly rubs."
             raise InputError(what, allowed, where, remedy)
-        limit = M1 * M2 / (stiffness * np.sqrt(np.prod(fabric.bending)))
+        limit = M1 * M2 / (stiffness * np.sqrt(np.prod(fabric.bending or ())))
         return cls(np.array([[M1, M2, np.sqrt(0.5 * M1 * M2)]]), np.array([limit]))
 
     def weakened(self, factor: float) -> Self:
@@ -76,10 +89,13 @@ class Sliders:
         """(m,) what is dissipated in the step, s − s_y or 0 [J/m²]."""
         return np.maximum(self._stretch(e)[1] - self.limit, 0.0)
 
-    def moment(self, e: np.ndarray) -> np.ndarray:
-        """(m, 3) ∂φ/∂κ on (κ₁₁, κ₂₂, 2κ₁₂) [N]."""
-        z, s = self._stretch(e)
-        return self.moments * z / np.maximum(np.maximum(s, self.limit), TINY)[:, None]
+    def moment(self, e: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+        """(m, 3) ∂φ/∂κ on (κ₁₁, κ₂₂, 2κ₁₂) [N], times a weight (m,)."""
+        out = np.empty_like(e)
+        fill_moments(
+            self.moments, self.limit, np.ones(len(e)) if weight is None else weight, e, out
+        )
+        return out
 
     def tangent(self, e: np.ndarray) -> np.ndarray:
         """(m, 3, 3) ∂²φ/∂κ∂κ [N m], positive semi-definite."""
@@ -95,4 +111,12 @@ class Sliders:
         return e * np.minimum(1.0, self.limit / np.maximum(s, TINY))[:, None]
 
 
-EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
+@kernel
+def fill_moments(moments, limit, weight, e, out):
+    """out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y)."""
+    for i in range(len(e)):
+        M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]
+        z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
+        larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
+        scale = weight[i] / larger if larger > 0.0 else 0.0
+        out[i, 0], out[i, 1], out[i, 2] = scale * M1 * z1, scale * M2 * z2, scale * M3 * z3
