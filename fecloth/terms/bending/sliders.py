@@ -28,17 +28,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 
 
-@kernel
-def fill_moments(moments, limit, weight, e, out):
-    """out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y)."""
-    for i in range(len(e)):
-        M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]
-        z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
-        larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
-        scale = weight[i] / larger if larger > 0.0 else 0.0
-        out[i, 0], out[i, 1], out[i, 2] = scale * M1 * z1, scale * M2 * z2, scale * M3 * z3
-
-
+EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
 TINY = np.finfo(float).tiny
 
 
