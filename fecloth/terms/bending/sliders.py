@@ -27,7 +27,6 @@ from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 
-
 EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
 TINY = np.finfo(float).tiny
 

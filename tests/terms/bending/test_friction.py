@@ -1,0 +1,413 @@
+"""`BendingFriction`: its law, and the law as strips, cantilevers and sheets show it."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.plates import PATTERNS, rolled, square
+from support.tiers import slow_except
+
+import fecloth as fc
+from fecloth.nonlinear.increments import LoadIncrement, solve_increment, static_context
+from fecloth.terms.bending.sliders import Sliders
+from fecloth.terms.step_difference import StepDifference
+
+B, HB = 2e-5, 3e-4  # N m, N
+
+
+def fabric(hysteresis=2 * HB, rigidity=B, **given):
+    given = {"areal_density": 0.1, "tensile_stiffness": 200.0} | given
+    return fc.Fabric(**given, bending_rigidity=rigidity, bending_hysteresis=hysteresis)
+
+
+def follow(bound, states):
+    """The bound term over each step between positions x (n, 3), from the record of the first."""
+    record = bound.start_history(states[0], 0.0)
+    for start, x in pairwise(states):
+        over = bound.over_step(StepDifference(start, 1.0, 1.0, ((1.0, start),), history=record))
+        record = over.commit(x, 0.0)
+        yield over, bound.with_history(record), x
+
+
+# --- the law alone --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("m", [1.0, 20.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_closed_loop_returns_the_rigidity_and_the_hysteresis(m, axis):
+    given = fabric((2 * HB, HB), (B, 3 * B))
+    sliders = Sliders.of_fabric(given, m)
+    most = 8 * HB / B * max(1.0, 4 / m)
+    path = np.concatenate([np.linspace(0, most, 40), np.linspace(most, -most, 81)[1:]])
+    path = np.concatenate([path, np.linspace(-most, most, 81)[1:]])
+    slid, moments, heats = np.zeros((1, 3)), [], 0.0
+    for kappa in path:
+        at = np.zeros((1, 3))
+        at[0, axis] = kappa
+        heats += sliders.heat(at - slid)[0]
+        slid = at - sliders.left(at - slid)
+        moments.append(given.bending[axis] * kappa + sliders.moment(at - slid)[0, axis])
+    down, up = np.array(moments[39:120])[::-1], np.array(moments[119:])
+    middle = np.abs(np.linspace(-most, most, 81)) < 1e-9 + most / 4
+    loop = given.hysteresis[axis]
+    assert up[middle] - down[middle] == pytest.approx(loop, rel=1e-12)
+    slope = np.diff(up[middle]) / (most / 40)
+    assert slope == pytest.approx(given.bending[axis], rel=1e-11)
+    # what the loop encloses is heat, and half a loop more on the way there; elastic parts are not
+    elastic = sliders.limit[0] / sliders.moments[0, axis]
+    assert heats == pytest.approx(loop / 2 * (5 * most - (1 + 2 * 2) * elastic), rel=1e-12)
+
+
+@pytest.mark.parametrize("m", [2.0, 20.0])
+def test_a_slider_is_m_times_as_stiff_before_it_slips_at_the_curvature_of_its_moment(m):
+    sliders = Sliders.of_fabric(fabric(), m)
+    below, above = (np.array([[part * HB / (m * B), 0.0, 0.0]]) for part in (0.8, 1.25))
+    assert sliders.moment(below)[0] == pytest.approx([0.8 * HB, 0, 0], rel=1e-14)
+    assert sliders.moment(above)[0] == pytest.approx([HB, 0, 0], rel=1e-14)
+    assert sliders.heat(below) == 0.0
+    assert sliders.heat(above)[0] == pytest.approx(0.25 * HB**2 / (m * B))
+    assert sliders.tangent(below)[0] == pytest.approx(m * B * np.diag([1, 1, 0.5]))
+    assert sliders.tangent(above)[0] == pytest.approx(m * B * np.diag([0, 0.8, 0.4]), abs=1e-18)
+
+
+@pytest.mark.parametrize("size", [0.3, 0.99, 1.01, 4.0])
+def test_moment_and_tangent_are_derivatives_and_the_energy_is_kept(size):
+    sliders = Sliders.of_fabric(fabric((2 * HB, HB), (B, 2 * B)), 7.0)
+    e = np.array([[0.5, -0.8, 0.9]])
+    e *= size * sliders.limit / np.linalg.norm(sliders.moments * e)
+    step = 1e-6 * np.abs(e).max()
+    for k, d in enumerate(step * np.eye(3)):
+        slope = (sliders.energy(e + d) - sliders.energy(e - d)) / (2 * step)
+        assert slope[0] == pytest.approx(sliders.moment(e)[0, k], rel=1e-8)
+        change = (sliders.moment(e + d) - sliders.moment(e - d))[0] / (2 * step)
+        assert change == pytest.approx(sliders.tangent(e)[0, k], rel=1e-7, abs=1e-12)
+    left = sliders.left(e)
+    kept = sliders.energy(left) + sliders.heat(e)
+    assert kept[0] == pytest.approx(sliders.energy(e)[0], rel=1e-13)
+    assert sliders.moment(left) == pytest.approx(sliders.moment(e), rel=1e-13)
+
+
+def test_the_law_as_it_is_written():
+    """Beside its definition, in numbers that are worked out here."""
+    M1, M2, B1, B2, m = 3e-4, 2e-4, 1e-5, 4e-5, 5.0
+    sliders = Sliders.of_fabric(fabric((2 * M1, 2 * M2), (B1, B2)), m)
+    e11, e22, e12 = 4.0, -3.0, 2.0
+    s = np.sqrt((M1 * e11) ** 2 + (M2 * e22) ** 2 + 2 * M1 * M2 * e12**2)
+    limit = M1 * M2 / (m * np.sqrt(B1 * B2))
+    e = np.array([[e11, e22, 2 * e12]])
+    assert s > limit
+    assert sliders.energy(e)[0] == pytest.approx(s - limit / 2, rel=1e-14)
+    assert sliders.energy(1e-3 * e)[0] == pytest.approx(1e-6 * s**2 / (2 * limit), rel=1e-14)
+    assert sliders.moment(e)[0] == pytest.approx(
+        [M1**2 * e11 / s, M2**2 * e22 / s, M1 * M2 * e12 / s], rel=1e-14
+    )
+
+
+def test_weakened_sliders_have_their_stiffness():
+    sliders = Sliders.of_fabric(fabric(), 20.0)
+    weak, e = sliders.weakened(0.3), np.array([[0.01, 0.02, 0.01]])
+    assert weak.moment(e) == pytest.approx(sliders.moment(e), rel=1e-14)
+    assert weak.moment(1e6 * e) == pytest.approx(0.3 * sliders.moment(1e6 * e), rel=1e-14)
+    gone = sliders.weakened(0.0)
+    assert not gone.moment(e).any()
+    assert not gone.left(e).any()
+    assert not gone.energy(e).any()
+
+
+# --- the term -------------------------------------------------------------------------------------
+
+
+def strip_between_clamps(pattern, element, M):
+    """A strip whose ends are clamped to a cylinder of the curvature t."""
+    cloth = square(pattern, 5, element)
+    turn = fc.Rotation((1, 0, 0), (0, 1, 0), "-t")
+    pins = [
+        fc.Pin(lambda X: X[:, 0] < 1e-9, clamp=True),
+        fc.Pin(lambda X: X[:, 0] > 1 - 1e-9, clamp=True, rotate=turn, motion=ARC),
+    ]
+    terms = [fc.PlateBending(), fc.BendingFriction(20.0)]
+    return cloth, fc.System(cloth, fabric(2 * M, tensile_stiffness=1.0), terms, pins)
+
+
+# without cancellation, as a formula in the curvature t
+ARC = ("sin(t+1e-12)/(t+1e-12)-1", "0", "2*sin(t/2)**2/(t+1e-12)")
+
+
+def bent_to(cloth, kappa):
+    (X, Y), kappa = cloth.X.T, kappa + 1e-12
+    return np.column_stack([np.sin(kappa * X) / kappa, Y, 2 * np.sin(kappa * X / 2) ** 2 / kappa])
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("pattern", slow_except(PATTERNS, "right", "unstructured"))
+def test_a_strip_on_every_pattern_has_the_loop(pattern, element):
+    """The moment is the derivative of the energy over a step by the curvature, κL ≤ 1e-3."""
+    most = 1e-3
+    M = 0.2 * B * most
+    cloth, system = strip_between_clamps(pattern, element, M)
+    plate, friction = system.bound
+    path = np.concatenate([np.linspace(0, most, 9), np.linspace(most, 0, 9)[1:]])
+    record, moments = friction.start_history(system.rest().x, 0.0), []
+    for start, kappa in pairwise(path):
+        step = StepDifference(bent_to(cloth, start), 1.0, 1.0, (), t=kappa - 1.0, history=record)
+        over, d = friction.over_step(step), 1e-3 * most
+        energies = [
+            plate.energy(bent_to(cloth, at), at) + over.energy(bent_to(cloth, at), at)
+            for at in (kappa + d, kappa - d)
+        ]
+        moments.append((energies[0] - energies[1]) / (2 * d * cloth.area))
+        record = over.commit(bent_to(cloth, kappa), kappa)
+    friction_alone = np.array(moments) - B * path[1:]
+    assert friction_alone[4:8] == pytest.approx(M, abs=1e-6 * B * most)
+    assert friction_alone[11:15] == pytest.approx(-M, abs=1e-6 * B * most)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("pattern", slow_except(PATTERNS[:5], "unstructured"))
+@pytest.mark.parametrize("part", [0.1, 3.0], ids=["sticks", "slides"])
+def test_force_and_tangent_are_derivatives_of_the_energy(pattern, element, part):
+    cloth = square(pattern, 4, element)
+    given = fabric((2.0 * part, 1.0 * part), (1.0, 0.5), tensile_stiffness=1.0)
+    pins = [fc.Pin(lambda X: X[:, 0] < 1e-9, clamp=True)]
+    terms = [fc.BendingFriction(5.0), fc.PlateBending()]
+    system = fc.System(cloth, given, terms, pins, grain=0.4)
+    noise = np.random.default_rng(1).normal(0, 0.01, (len(cloth.X), 3))
+    bound = system.bound[0]
+    record = bound.start_history(rolled(cloth.X, 2.0), 0.0)
+    system = system.with_history((record, None))
+    x, d = rolled(cloth.X, 1.0) + noise, np.random.default_rng(5).normal(size=noise.shape)
+    bound, errors = system.bound[0], []
+    system = system.with_bound([bound])
+    f, K = system.force(system.state(x)), system.stiffness(system.state(x))
+    assert np.abs(f).max() > 1e-6
+    for step in (4e-5, 1e-5):
+        plus, minus = (system.state(x + s * step * d) for s in (1, -1))
+        work = (bound.energy(plus.x, 0.0) - bound.energy(minus.x, 0.0)) / (2 * step)
+        change = (system.force(plus) - system.force(minus)) / (2 * step)
+        errors.append([work + np.sum(f * d), np.abs(change + (K @ d.ravel()).reshape(-1, 3)).max()])
+    assert np.abs(np.divide(*errors)) == pytest.approx([16, 16], rel=0.3)
+
+
+def test_the_definite_tangent_has_no_negative_eigenvalue():
+    from fecloth.linalg.block_matrix import BlockMatrix
+
+    cloth = square("unstructured", 4)
+    system = fc.System(cloth, fabric(), [fc.BendingFriction()])
+    system = system.with_history(system.start_history(system.rest()))
+    x = system.rest().x + np.random.default_rng(0).normal(0, 0.1, (len(cloth.X), 3))
+    J = system.assemble(BlockMatrix.zeros(system.pattern), system.state(x), wx=1.0, definite=True)
+    values = np.linalg.eigvalsh(J.to_scipy().toarray())
+    assert values[-1] > 0
+    assert values[0] > -1e-12 * values[-1]
+
+
+def bent_state(cloth):
+    X, Y = cloth.X.T
+    return np.column_stack([X, Y, 0.1 * np.sin(3 * X + Y) + 0.1 * X * Y])
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_nothing_depends_on_the_frame(element):
+    cloth = square("unstructured", 4, element)
+    system = fc.System(cloth, fabric((2 * HB, HB)), [fc.BendingFriction()], grain=0.3)
+    R = Rotation.from_rotvec([0.5, -1.0, 0.25]).as_matrix()
+    flat = system.rest().x
+    states = [flat, 0.3 * bent_state(cloth) + 0.7 * flat, bent_state(cloth)]
+    ours = list(follow(system.bound[0], states))[-1]
+    theirs = list(follow(system.bound[0], [x @ R.T + [1, 2, 3] for x in states]))[-1]
+    assert theirs[0].dissipation(theirs[2]) == pytest.approx(ours[0].dissipation(ours[2]), 1e-11)
+    assert ours[0].dissipation(ours[2]) > 0
+    f, g = np.zeros((2, *flat.shape))
+    ours[1].add_force(ours[2], 0 * flat, 0.0, f)
+    theirs[1].add_force(theirs[2], 0 * flat, 0.0, g)
+    assert g == pytest.approx(f @ R.T, abs=1e-11 * np.abs(f).max())
+    assert np.abs(f.sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
+    assert np.abs(np.cross(ours[2], f).sum(axis=0)).max() < 1e-12 * np.abs(f).sum()
+
+
+@pytest.mark.parametrize(("weft", "same"), [(2 * HB, True), (HB, False)])
+def test_equal_moments_do_not_depend_on_the_axes(weft, same):
+    cloth = square("unstructured", 5)
+    energies = []
+    for grain in (0.0, 0.7):
+        terms = [fc.BendingFriction()]
+        system = fc.System(cloth, fabric((2 * HB, weft)), terms, grain=grain)
+        states = [system.rest().x, bent_state(cloth)]
+        over, _, x = next(follow(system.bound[0], states))
+        energies.append(over.energy(x, 0.0))
+    assert (abs(energies[0] / energies[1] - 1) < 1e-12) == same
+
+
+def test_regions_and_seams_have_the_moments_of_their_fabrics():
+    cloth = square("right", 6)
+    left = cloth.X[cloth.triangles].mean(axis=1)[:, 0] < 0.5
+    regions = {"a": np.flatnonzero(left), "b": np.flatnonzero(~left)}
+    cloth = fc.Cloth.from_arrays(cloth.X, cloth.triangles, regions=regions)
+    fabrics = {"a": fabric(2 * HB), "b": fabric(0.0)}
+    system = fc.System(cloth, fabrics, [fc.BendingFriction()])
+    flat, bent = system.rest().x, rolled(cloth.X, 1.0)
+    over, after, x = next(follow(system.bound[0], [flat, bent]))
+    moment = np.linalg.norm(after.cells(x, 0.0)["friction_moment"], axis=1)
+    X = cloth.X[cloth.triangles].mean(axis=1)[:, 0]
+    inside = (X > 1 / 6) & (X < 0.5)  # the free edge at X = 0 has no moment
+    assert moment[inside] == pytest.approx(HB, rel=1e-9)
+    assert not moment[X > 0.5].any()
+    slid = cloth.weights.sum(axis=1)[moment > HB / 2].sum()
+    assert over.dissipation(x) == pytest.approx(HB * slid * (1.0 - HB / (20 * B)), rel=1e-2)
+
+
+def test_curved_rest_shapes_begin_without_a_moment():
+    cloth = square("right", 4)
+    start = fc.System(cloth, fabric(), []).state(rolled(cloth.X, 0.7))
+    terms = [fc.PlateBending(rest="start"), fc.BendingFriction()]
+    system = fc.System(cloth, fabric(), terms, start=start)
+    known = system.with_history(system.start_history(start))
+    assert known.energies(start)["BendingFriction"] == 0.0
+    assert np.abs(known.force(start)).max() < 1e-15
+    # bent further by as much, the sliders do as from flat
+    heat = [
+        next(follow(system.bound[1], states))[0].dissipation(states[1])
+        for states in (
+            [start.x, rolled(cloth.X, 1 / (1 / 0.7 + 0.5))],
+            [rolled(cloth.X, 1e9), rolled(cloth.X, 2.0)],
+        )
+    ]
+    assert heat[0] == pytest.approx(heat[1], rel=1e-2)
+
+
+# --- what it must refuse --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"bending_rigidity": 1e-5}, "no bending_hysteresis.*1e-3"),
+        ({"bending_hysteresis": 1e-4}, "no bending_rigidity.*1e-5"),
+        (
+            {"bending_rigidity": 1e-5, "bending_hysteresis": (1e-4, 0.0)},
+            "must be > 0 for warp and weft, or 0 for both",
+        ),
+    ],
+)
+def test_a_fabric_that_lacks_a_constant_is_refused(given, said):
+    cloth, lacks = square("right", 2), fc.Fabric(0.2, 1000.0, **given)
+    with pytest.raises(fc.InputError, match=said):
+        _ = fc.System(cloth, lacks, [fc.BendingFriction()]).bound
+
+
+@pytest.mark.parametrize("stiffness", [0.0, -1.0, np.nan, "a"])
+def test_a_stiffness_that_is_not_positive_is_refused(stiffness):
+    with pytest.raises(fc.InputError, match="stiffness"):
+        fc.BendingFriction(stiffness)
+
+
+@pytest.mark.parametrize("hysteresis", [-1e-4, np.nan, (1e-4, -1e-4), 1e13])
+def test_a_wrong_hysteresis_is_refused(hysteresis):
+    with pytest.raises(fc.InputError, match="bending_hysteresis"):
+        fabric(hysteresis)
+
+
+# --- at rest --------------------------------------------------------------------------------------
+
+
+def let_go(pattern, n, element="P1"):
+    """The curvature along a strip that was bent far to a cylinder, and slowly let go."""
+    L = 0.2
+    cloth = fc.Cloth.rectangle(L, 0.3 * L, h=L / n, pattern=pattern, element=element)
+    bent = 5.0  # 1/m, so that the sliders slid there and slide back
+    M = 0.3 * B * bent
+    assert bent > M * (1 / B + 2 / (20 * B))
+    given = fabric(2 * M)
+    hold = np.zeros((len(cloth.X), 3))
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.UserForce(lambda x, v, t: hold)]
+    pins = [fc.Pin("left", clamp=True)]
+    system = fc.System(cloth, given, terms, pins)
+    flat, x = system.rest().x, rolled(cloth.X, 1 / bent)
+    over, _, _ = next(follow(system.bound[2], [flat, x]))
+    history = (None, None, over.commit(x, 0.0), None)
+    hold[:] = -system.with_history(history).force(system.state(x))
+    context = static_context(system, "auto", 200, "direct")
+    for load in np.linspace(1, 0, 11)[1:]:
+        increment = LoadIncrement(system, system.state(x), load, 0.1, 0.0, 0.0, history)
+        solved, over = solve_increment(increment, 0.0, context)
+        x = solved.x
+        history = over.commit(system.state(x), history)
+    kappa, _ = system.bound[1].curvatures(x, 0.0)
+    inner = np.abs(cloth.X[cloth.triangles[:, :3]].mean(axis=1)[:, 0] / L - 0.5) < 0.3
+    weights = np.repeat(cloth.weights.sum(axis=1), len(kappa) // len(inner))
+    inner = np.repeat(inner, len(kappa) // len(inner))
+    return np.average(kappa[inner, 0], weights=weights[inner]) / (M / B) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pattern", "element"), [("right", "P1"), ("unstructured", "P2")])
+def test_a_strip_that_is_let_go_rests_at_the_curvature_of_its_friction(pattern, element):
+    assert abs(let_go(pattern, 16, element)) < 5e-3
+
+
+def cantilever(n, m, pattern="right", element="P1"):
+    """Deflection of a strip that was laid down under its weight, and the closed form's."""
+    L, part = 0.2, 0.02  # part: of a deflection by L
+    w = part * 8 * B / L**3
+    M = w * L**2 / 8
+    cloth = fc.Cloth.rectangle(L, 0.25 * L, h=L / n, pattern=pattern, element=element)
+    given = fabric(2 * M, areal_density=w / 9.81, tensile_stiffness=50.0)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(m), fc.Gravity()]
+    system = fc.System(cloth, given, terms, [fc.Pin("left", clamp=True)])
+    found = fc.equilibrium(system, system.rest())
+    tip = -found.x[np.abs(cloth.X[:, 0] - L) < 1e-9, 2].mean()
+    X = np.linspace(0, L, 100_001)
+    moment = w * (L - X) ** 2 / 2
+    slid = np.maximum(moment - M, 0.0) / B
+    kappa = np.where(moment > M * (1 + 1 / m), slid, moment / ((1 + m) * B))
+    limit = w / (8 * B) * (L**2 - 2 * M / w) ** 2
+    assert np.trapezoid(slid * (L - X), X) == pytest.approx(limit, rel=1e-6)
+    return tip, np.trapezoid(kappa * (L - X), X), limit, found
+
+
+def test_a_cantilever_that_is_laid_down_has_the_closed_form():
+    errors = []
+    for n in (8, 16):
+        tip, exact, _, found = cantilever(n, 20.0)
+        errors.append(tip / exact - 1)
+        assert "on the number of load steps, here 20" in found.reason
+    assert errors[1] == pytest.approx(0, abs=0.01)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.35)
+    stiff = cantilever(16, 1e4)
+    assert stiff[0] / stiff[2] - 1 == pytest.approx(stiff[0] / stiff[1] - 1, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pattern", "element"), [("unstructured", "P1"), ("cross", "P2")])
+def test_a_cantilever_on_other_meshes_and_elements(pattern, element):
+    tip, exact, *_ = cantilever(16, 20.0, pattern, element)
+    assert tip == pytest.approx(exact, rel=0.012)
+
+
+def test_where_the_weight_does_not_overcome_the_friction_there_is_only_its_elastic_part():
+    L = 0.2
+    cloth = fc.Cloth.rectangle(L, 0.05, h=L / 16, pattern="right")
+    w = 0.02 * 8 * B / L**3
+    given = fabric(2 * 1.1 * w * L**2 / 2, areal_density=w / 9.81)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(9.0), fc.Gravity()]
+    system = fc.System(cloth, given, terms, [fc.Pin("left", clamp=True)])
+    tip = -fc.equilibrium(system, system.rest()).x[:, 2].min()
+    assert tip == pytest.approx(w * L**4 / (8 * B * 10.0), rel=0.01)
+
+
+def test_shaken_it_rests_where_it_would_without_friction():
+    cloth = fc.Cloth.rectangle(0.2, 0.05, h=0.0125, pattern="right")
+    pins = [fc.Pin("left", clamp=True)]
+    plain = [fc.StVK(), fc.PlateBending(), fc.Gravity()]
+    with_friction = fc.System(cloth, fabric(), [*plain, fc.BendingFriction()], pins)
+    without = fc.System(cloth, fabric(), plain, pins)
+    start = without.rest()
+    laid = fc.equilibrium(with_friction, start)
+    shaken = fc.equilibrium(with_friction, start, friction="shaken")
+    elastic = fc.equilibrium(without, start, load_steps=20)
+    far = np.abs(elastic.x - start.x).max()
+    assert np.abs(laid.x - elastic.x).max() > 5e-3 * far
+    assert np.abs(shaken.x - elastic.x).max() < 1e-6 * far
+    with pytest.raises(fc.InputError, match="friction = 'shook'.*laid.*shaken"):
+        fc.equilibrium(without, start, friction="shook")
