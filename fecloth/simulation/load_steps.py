@@ -132,8 +132,10 @@ class LoadSteps:
         start, end = step.around(system)
         before, after = start.energies(old), end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
+        ends = (old.x, old.t), (step.state.x, step.state.t)
         for term in (step.over or system).bound:
             work += term.work(step.state.x) - term.dissipation(step.state.x)
+            work += term.work_of_clamps(*ends, ends)
         held, at = system.constraints.held_part, system.constraints.nodes
         work -= system.sums.dot(step.force_on_pins(system)[at], held(step.state.x - old.x))
         return sum(before.values()) - sum(after.values()) + work

@@ -1,0 +1,199 @@
+"""`BendingFriction` in runs: heat, steps in time and of loads, explicit limits, scenes."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import meshio
+import numpy as np
+import pytest
+from support.rundirs import restart_at
+
+import fecloth as fc
+from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.runs import restart
+from fecloth.scene.scene import Scene
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.stability.critical_step import critical_dt, rate_bounds
+from fecloth.stability.lanczos_estimate import estimate
+
+TIGHT = fc.Newton(tolerance=1e-12, reuse=False)
+B, HB = 2e-5, 3e-4
+L = 0.2
+
+
+def strip(hysteresis=2 * HB, m=20.0, membrane=200.0, pins=None, n=8, density=0.2):
+    cloth = fc.Cloth.rectangle(L, 0.05, h=L / n, pattern="right")
+    fabric = fc.Fabric(density, membrane, bending_rigidity=B, bending_hysteresis=hysteresis)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(m), fc.Gravity()]
+    pins = [fc.Pin("left", clamp=True)] if pins is None else pins
+    return fc.System(cloth, fabric, terms, pins)
+
+
+def fall(system, method, dt, t_end=0.1, **given):
+    solver = {} if method.traits.explicit else {"solver": "direct", "newton": TIGHT}
+    return fc.run(system, method, system.rest(), dt=dt, t_end=t_end, **solver, **given)
+
+
+def test_energy_and_heat_balance_the_work():
+    """A strip that falls under its weight, swings, and loses energy by friction alone."""
+    energies = fall(strip(n=4), fc.EnergyMomentum(), 4e-3, 0.2).energies
+    work = np.ptp(energies["Gravity"])
+    heat = energies["dissipated:BendingFriction"]
+    assert heat[-1] > 0.02 * work
+    assert (np.diff(heat) >= 0).all()
+    assert np.abs(energies["remainder"]).max() < 1e-8 * work
+
+
+@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "implicit_midpoint"])
+def test_the_remainder_of_other_methods_falls_with_dt(name):
+    """The stored energy is not quadratic where a slider begins to slide."""
+    remainders = []
+    for dt in (4e-3, 1e-3):
+        energies = fall(strip(), METHODS[name](), dt).energies
+        remainders.append(np.abs(energies["remainder"]).max())
+    assert remainders[1] < 0.01 * np.ptp(energies["Gravity"])
+    assert remainders[1] < 0.3 * remainders[0]
+
+
+def test_steps_in_time_converge_to_the_path():
+    """A strip that falls and swings back: the place at a time, with BDF2."""
+    ends = [fall(strip(), fc.BDF2(), 8e-3 / 2**k, 0.32).state.x for k in range(5)]
+    changes = [np.abs(a - b).max() for a, b in pairwise(ends)]
+    assert changes[0] < 0.1 * L
+    assert changes[3] < 0.6 * changes[2] < 0.36 * changes[1]
+
+
+def test_load_steps_converge_to_the_path_and_not_to_the_place_without_friction():
+    """The base of a strip turns up and back; the strip does not return."""
+    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "sin(3.14159265358979*t)")
+    pins = [fc.Pin("left", clamp=True, rotate=turn)]
+    ends = []
+    for steps in (20, 40, 80, 160):
+        system = strip(pins=pins, density=0.01)
+        run = fc.run(system, LoadSteps(steps), system.rest(), t_end=1.0)
+        ends.append(run.state.x)
+        heat = run.energies["dissipated:BendingFriction"][-1]
+        assert heat > 0
+        assert abs(run.energies["remainder"]).max() < 1e-8 * np.ptp(run.energies["pins"])
+    changes = [np.abs(a - b).max() for a, b in pairwise(ends)]
+    assert changes[2] < 0.5 * changes[0]
+    laid = fc.equilibrium(strip(density=0.01), strip().rest())
+    assert np.abs(ends[-1] - laid.x).max() > 10 * changes[2]
+
+
+@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "energy_momentum"])
+def test_without_hysteresis_the_bits_are_those_without_the_term(name):
+    system = strip(0.0)
+    without = fc.System(
+        system.cloth,
+        system.fabric,
+        [t for t in system.terms if "Friction" not in str(t)],
+        system.pins,
+    )
+    ours, theirs = (fall(each, METHODS[name](), 4e-3, 0.04) for each in (system, without))
+    assert np.array_equal(ours.state.x, theirs.state.x)
+    assert np.array_equal(ours.state.v, theirs.state.v)
+    for column, values in theirs.energies.items():
+        assert np.array_equal(ours.energies[column], values), column
+    ours, theirs = (fc.equilibrium(each, each.rest()) for each in (system, without))
+    assert np.array_equal(ours.x, theirs.x)
+    assert ours.reason == theirs.reason
+
+
+def test_the_stiffness_of_sliders_counts_in_the_limit_of_explicit_steps():
+    """Where bending limits the step, the limit falls with √(1 + m), also while sliders slide."""
+    soft, stiff = (strip(membrane=1e-3, m=m) for m in (1e-9, 20.0))
+    rest = stiff.rest()
+    method = fc.CentralDifference()
+    for limit in (critical_dt, estimate):
+        ratio = limit(soft, rest, method) / limit(stiff, rest, method)
+        assert ratio == pytest.approx(np.sqrt(21.0), rel=0.05)
+    assert rate_bounds(stiff)[0] == pytest.approx(21.0 * rate_bounds(soft)[0], rel=0.05)
+    bent = stiff.state(rest.x + 2 * rest.x[:, :1] ** 2 * [0, 0, 1])
+    slid = stiff.with_history(stiff.start_history(rest))
+    assert estimate(slid, bent, method) < 1.2 * estimate(stiff, rest, method)
+
+
+@pytest.mark.slow
+def test_explicit_steps_at_the_limit_agree_with_implicit_ones():
+    implicit = fall(strip(), fc.BDF2(), 5e-4, 0.15)
+    explicit = fall(strip(), fc.CentralDifference(), None, 0.15)
+    far = np.abs(implicit.state.x - strip().rest().x).max()
+    assert np.abs(explicit.state.x - implicit.state.x).max() < 0.02 * far
+    work = np.ptp(explicit.energies["Gravity"])
+    assert np.abs(explicit.energies["remainder"]).max() < 1e-3 * work
+
+
+@pytest.mark.parametrize("name", [*METHODS, *EXPLICIT])
+def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, tmp_path):
+    explicit, system = name in EXPLICIT, strip(n=4)
+    method = EXPLICIT[name](beyond_limit=True) if explicit else METHODS[name]()
+    dt, solver = 1e-4, {} if explicit else {"solver": "direct", "newton": TIGHT}
+    start = system.state(system.rest().x, system.rest().x[:, :1] ** 2 * [0, 0, 400])
+    steps = list(fc.march(system, method, start, dt, 10 * dt, **solver))
+    state, info = steps[4]
+    found = restart.read(restart.write(tmp_path, restart_at(state, info.memory))).progress
+    on = list(fc.march(system, method, found.state, dt, 10 * dt, memory=found.memory, **solver))
+    assert np.array_equal(on[-1][0].x, steps[-1][0].x)
+    ours, theirs = (each[-1][1].result.history[2].curvature for each in (on, steps))
+    assert np.array_equal(ours, theirs)
+    assert np.abs(ours).max() > 0.01
+
+
+SCENE = {
+    "cloth": {"shape": "rectangle", "width": L, "height": 0.05, "h": 0.025, "pattern": "right"},
+    "fabric": {
+        "areal_density": 0.2,
+        "tensile_stiffness": 200.0,
+        "bending_rigidity": B,
+        "bending_hysteresis": 2 * HB,
+    },
+    "terms": [{"type": name} for name in ("StVK", "PlateBending", "BendingFriction", "Gravity")],
+    "pins": [{"where": "left", "clamp": True}],
+}
+
+
+def scene(hysteresis=2 * HB, **static):
+    fabric = SCENE["fabric"] | {"bending_hysteresis": hysteresis}
+    return Scene.model_validate({**SCENE, "fabric": fabric, "equilibrium": static})
+
+
+@pytest.mark.parametrize(("given", "taken"), [(None, 20), (5, 20), (19, 20), (25, 25)])
+def test_a_scene_takes_at_least_twenty_load_steps(given, taken):
+    static = {} if given is None else {"load_steps": given}
+    assert scene(**static).schedule.steps().load_steps == taken
+    assert scene(0.0, **static).schedule.steps().load_steps == (given or 1)
+
+
+def test_a_scene_is_laid_or_shaken(tmp_path):
+    system = strip()
+    ends = {"laid": fc.equilibrium(system, system.rest())}
+    ends["shaken"] = fc.equilibrium(system, system.rest(), friction="shaken")
+    for friction, end in ends.items():
+        result = fc.run_scene(scene(friction=friction), tmp_path / friction)
+        assert result.state.x == pytest.approx(end.x, abs=1e-9)
+        assert len(result.times) == 21
+        cells = meshio.read(max((tmp_path / friction / "frames").glob("*.vtu"))).cell_data
+        moments = cells["friction_moment"][0]
+        assert np.abs(moments).max() == pytest.approx(HB if friction == "laid" else 0, abs=1e-9)
+        assert np.abs(cells["slid_curvature"][0]).max() > 1
+    assert np.abs(ends["laid"].x - ends["shaken"].x).max() > 1e-3
+
+
+def test_adaptive_steps_begin_each_attempt_from_the_same_record():
+    """A push that the first attempts overlook is taken in shorter steps."""
+
+    def push(x, v, t):
+        return np.full_like(x, 0.1 if t > 0.05 else 0.0)
+
+    plain = strip(n=4)
+    system = replace(plain, terms=[*plain.terms[:3], fc.UserForce(push)])
+    adaptive, bound, rejected = fc.Adaptive(fc.BackwardEuler(), rtol=0.05), system.bound[2], 0
+    start = system.rest()
+    record = bound.start_history(start.x, 0.0)
+    for state, info in fc.march(system, adaptive, start, t_end=0.055, newton=TIGHT):
+        record = bound.with_history(record).commit(state.x, state.t)
+        assert np.array_equal(record.curvature, info.result.history[2].curvature)
+        rejected += info.counts.rejected
+    assert rejected > 0
+    assert np.abs(record.curvature).max() > 0.1
