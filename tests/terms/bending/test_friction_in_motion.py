@@ -64,22 +64,21 @@ def test_steps_in_time_converge_to_the_path():
 
 
 @pytest.mark.slow
-def test_load_steps_converge_to_the_path_and_not_to_the_place_without_friction():
+def test_the_number_of_load_steps_does_not_count_but_their_path_does():
     """The base of a strip turns up and back; the strip does not return."""
     turn = fc.Rotation((0, 0, 0), (0, 1, 0), "sin(3.14159265358979*t)")
     pins = [fc.Pin("left", clamp=True, rotate=turn)]
     ends = []
-    for steps in (20, 40, 80, 160):
+    for steps in (20, 80):
         system = strip(pins=pins, density=0.01, n=4)
         run = fc.run(system, LoadSteps(steps), system.rest(), t_end=1.0)
         ends.append(run.state.x)
         heat = run.energies["dissipated:BendingFriction"][-1]
         assert heat > 0
         assert abs(run.energies["remainder"]).max() < 1e-8 * np.ptp(run.energies["pins"])
-    changes = [np.abs(a - b).max() for a, b in pairwise(ends)]
-    assert changes[2] < 0.5 * changes[0]
+    assert np.abs(ends[0] - ends[1]).max() < 1e-5 * L
     laid = fc.equilibrium(strip(density=0.01, n=4), strip(n=4).rest())
-    assert np.abs(ends[-1] - laid.x).max() > 10 * changes[2]
+    assert np.abs(ends[1] - laid.x).max() > 1e-3 * L
 
 
 @pytest.mark.parametrize("name", ["backward_euler", "bdf2", "energy_momentum"])
@@ -187,7 +186,7 @@ def test_adaptive_steps_begin_each_attempt_from_the_same_record():
     def push(x, v, t):
         return x[:, :1] * [0, 0, 3.0 if t > 0.05 else 0.0]
 
-    plain = strip(n=4)
+    plain = strip(0.02 * HB, n=4)
     system = replace(plain, terms=[*plain.terms[:3], fc.UserForce(push)])
     adaptive, bound, rejected = fc.Adaptive(fc.BackwardEuler(), rtol=0.05), system.bound[2], 0
     start = system.rest()
@@ -197,4 +196,4 @@ def test_adaptive_steps_begin_each_attempt_from_the_same_record():
         assert np.array_equal(record.curvature, info.result.history[2].curvature)
         rejected += info.counts.rejected
     assert rejected > 0
-    assert np.abs(record.curvature).max() > 0.1
+    assert np.abs(record.curvature).max() > 0.01
