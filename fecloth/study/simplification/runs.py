@@ -15,6 +15,7 @@ from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.run_problems import Point, Runs, record_at, run_or_skip
 from fecloth.study.simplification.outcome import Outcome, Trial
 from fecloth.study.simplification.variants import PATIENCE, Variant, changes_of, list_variants
+from fecloth.study.simplification.weak_friction import describe_weak_friction
 from fecloth.study.status import FAILED, OK, REFUSED, failure
 from fecloth.terms.traits import traits_of
 
@@ -68,6 +69,12 @@ class Original:
 
     def _records(self, row: Mapping) -> list[RunRecord]:
         return [record_at(row, quantity) for quantity in self.quantities]
+
+    @property
+    def weak_friction(self) -> str:
+        """A sentence, if the friction inside the fabric may be left out; else ""."""
+        columns = self._records(self.full)[0].columns
+        return describe_weak_friction(self.problem.first.system, columns)
 
     def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
         """Run changes, each with its name and the largest CPU time over the problem's."""

@@ -172,7 +172,7 @@ def summarise(
         change=final.change if final else 0.0,
         saved=final.saved if final else 0.0,
         remarks=(
-            *([f"{weak[0].upper()}{weak[1:]}."] if weak else ()),
+            *(f"{each[0].upper()}{each[1:]}." for each in (weak, original.weak_friction) if each),
             *result.describe_resolved(findings.resolutions, "h" in tables["cloth"]),
         ),
     )
