@@ -143,6 +143,8 @@ def setup_of_function(
     steps = None
     if t_end is not None:
         steps = choose_steps(method, dt if not method.traits.chooses_dt else None, {})
+    elif (least := max((term.load_steps for term in system.bound), default=1)) > 1:
+        steps, t_end = LoadSteps(least), 1.0  # the place of rest depends on the way there
     return Setup(system, start, steps, t_end, newton, probes=tuple(probes))
 
 
