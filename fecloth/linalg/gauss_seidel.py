@@ -46,8 +46,11 @@ class SweepOrder:
         places = np.empty(n, np.int32)
         places[nodes] = np.arange(n, dtype=np.int32)
         starts = np.searchsorted(colours[nodes], np.arange(colours.max() + 2)).astype(np.int32)
-        indptr, slots = np.zeros(2 * n + 1, np.int32), np.empty(len(pattern.indices) - n, np.int32)
-        _split(pattern.indptr, pattern.indices, colours, nodes, indptr, slots)
+        row, later = places[pattern.rows], colours[pattern.indices] - colours[pattern.rows]
+        beside = np.flatnonzero(later)  # all blocks but the diagonal ones
+        row = row[beside] + n * (later[beside] > 0)
+        slots = beside[np.argsort(row, kind="stable")].astype(np.int32)
+        indptr = np.append(0, np.cumsum(np.bincount(row, minlength=2 * n))).astype(np.int32)
         return cls(nodes, places, starts, indptr, places[pattern.indices[slots]], slots)
 
     def gather(self, A: BlockMatrix, values: np.ndarray) -> None:
@@ -77,23 +80,6 @@ def _colour(indptr: Array, indices: Array, colours: Array) -> None:
         while last[colour] == i:
             colour += 1
         colours[i] = colour
-
-
-@kernel
-def _split(
-    indptr: Array, indices: Array, colours: Array, nodes: Array, new_indptr: Array, slots: Array
-) -> None:
-    """Write the blocks of each row in columns of earlier colours, then of later colours."""
-    k, n = 0, len(nodes)
-    for side in (0, 1):
-        for q in range(n):
-            i = nodes[q]
-            for s in range(indptr[i], indptr[i + 1]):
-                other = colours[indices[s]]
-                if (other < colours[i]) if side == 0 else (other > colours[i]):
-                    slots[k] = s
-                    k += 1
-            new_indptr[side * n + q + 1] = k
 
 
 @kernel

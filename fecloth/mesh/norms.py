@@ -28,17 +28,19 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
     # the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
     # outside.
     points = np.asarray(points, dtype=float).reshape(-1, 2)
-    cells = locate(cloth.X, cloth.triangles, points)
+    return _evaluators(cloth, points, locate(cloth.X, cloth.triangles, points))[0]
+
+
+def _evaluators(cloth, points: np.ndarray, cells: np.ndarray) -> list[sparse.csr_matrix]:
+    """(p, n) matrices that give a nodal field, ∂/∂X₁ and ∂/∂X₂ at points (p, 2) in triangles."""
     basis = cloth.basis(1)
     local = basis.mapping.invF(points.T[:, :, None], tind=cells)
-    values = [
-        basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0].ravel()
-        for a in range(basis.Nbfun)
-    ]
+    shapes = [basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0] for a in range(basis.Nbfun)]
     columns = basis.element_dofs[:, cells]
-    rows = np.broadcast_to(np.arange(len(points)), columns.shape)
-    shape = (len(points), basis.N)
-    return sparse.csr_matrix((np.ravel(values), (rows.ravel(), columns.ravel())), shape=shape)
+    place = np.tile(np.arange(len(points)), len(columns)), columns.ravel()
+    parts = [shapes, *([phi.grad[i] for phi in shapes] for i in (0, 1))]
+    size = len(points), basis.N
+    return [sparse.csr_matrix((np.ravel(part), place), shape=size) for part in parts]
 
 
 def interpolate(cloth, values: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -131,21 +133,12 @@ def _on_common_points(cloth, a, other, b):
 def _value_and_gradient(cloth, values, points, is_own_points):
     """Value and derivatives of a field at points (2, m, q) of this cloth or of another one."""
     values = values.reshape(len(cloth.X), -1)
-    flat = points.reshape(2, -1)
+    flat = points.reshape(2, -1).T
     if is_own_points:
         cells = np.repeat(np.arange(points.shape[1]), points.shape[2])
     else:
-        cells = locate(cloth.X, cloth.triangles, flat.T)
-    basis = cloth.basis(1)
-    local = basis.mapping.invF(flat[:, :, None], tind=cells)
-    value, d1, d2 = np.zeros((3, flat.shape[1], values.shape[1]))
-    for a in range(basis.Nbfun):
-        phi = basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0]
-        nodal = values[basis.element_dofs[a, cells]]
-        value += phi.reshape(-1, 1) * nodal
-        d1 += phi.grad[0].reshape(-1, 1) * nodal
-        d2 += phi.grad[1].reshape(-1, 1) * nodal
-    return value, d1, d2
+        cells = locate(cloth.X, cloth.triangles, flat)
+    return [evaluate @ values for evaluate in _evaluators(cloth, flat, cells)]
 
 
 def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> float:

@@ -8,7 +8,6 @@ from typing import Self
 import numpy as np
 import scipy.sparse as sparse
 
-from fecloth.compiled.jit import kernel
 from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
@@ -241,22 +240,11 @@ class MatrixProjection:
         diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
         return cls(blocks, left[blocks], right[blocks], projectors, diagonal)
 
+    @QUIET
     def apply(self, A: BlockMatrix) -> None:
-        scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
-        _project(self.blocks, self.left, self.right, self.projectors, np.empty((3, 3)), A.values)
-        A.values[self.diagonal] += scale[:, None, None] * (np.eye(3) - self.projectors[:-1])
-
-
-@kernel
-def _project(blocks, left, right, projectors, work, values):
-    for n in range(len(blocks)):
-        A, P, Q = values[blocks[n]], projectors[left[n]], projectors[right[n]]
-        for i in range(3):
-            for j in range(3):
-                work[i, j] = A[i, 0] * Q[0, j] + A[i, 1] * Q[1, j] + A[i, 2] * Q[2, j]
-        for i in range(3):
-            for j in range(3):
-                A[i, j] = P[i, 0] * work[0, j] + P[i, 1] * work[1, j] + P[i, 2] * work[2, j]
+        scale, P = np.einsum("cii->c", A.values[self.diagonal]) / 3, self.projectors
+        A.values[self.blocks] = P[self.left] @ A.values[self.blocks] @ P[self.right]
+        A.values[self.diagonal] += scale[:, None, None] * (np.eye(3) - P[:-1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,6 @@ KERNELS = {
     "pcg": {"invert_blocks"},
     "protocol": {"residual"},
     "reductions": {"dot", "weighted_dot", "weighted_sum"},
-    "constraints": {"_project"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
     "rigid_motion": {"_add_difference", "_rms_without_rigid"},
