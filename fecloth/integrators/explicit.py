@@ -20,7 +20,6 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.records import remembered
-from fecloth.terms.step_difference import StepDifference
 
 # `march` reports a step that overflows, because its values are not finite
 quiet = np.errstate(over="ignore", invalid="ignore")
@@ -86,7 +85,7 @@ class Explicit(OpensSteps):
     def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
         """It needs the acceleration at its begin."""
         opened, (system, state, dt, _, history) = time.perf_counter(), begin
-        over = over_explicit_step(begin)
+        over = begin.over
         return ExplicitOpening(system, over, state, state, begin.end, dt, None, history, opened)
 
     @quiet
@@ -192,7 +191,7 @@ class CentralDifference(Explicit):
         end = begin.end
         x, ahead = move(state, last.a, dt, 0.5)
         at = set_held(system, State(state.t + dt, x, ahead), end)
-        over = over_explicit_step(begin)
+        over = begin.over
         return ExplicitOpening(system, over, at, state, end, dt, last, history, opened)
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
@@ -204,14 +203,6 @@ class CentralDifference(Explicit):
         new, forces = State(at.t, at.x, v), ((last.at, last.a), (at, a))
         memory, counts = LastForce(a, at), opening.counts()
         return Step(new, at, memory, counts, accelerations=forces, **ending(opening, new))
-
-
-def over_explicit_step(begin: Begin) -> System:
-    """The system over a step, for terms with a record in the history."""
-    if begin.history is None:
-        return begin.system
-    difference = StepDifference.between(begin.state.x, begin.dt, begin.state.t)
-    return begin.system.over_step(difference, begin.history, rates=False)
 
 
 def acceleration(system: System, state: State) -> np.ndarray:

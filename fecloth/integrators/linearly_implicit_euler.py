@@ -14,7 +14,6 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
-from fecloth.terms.step_difference import StepDifference
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +44,12 @@ class LinearOpening:
         """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv of the free directions (n, 3) [N]."""
         system, begin = self.over, self.begin
         v, a = begin.v + (q + self.held), (q + self.inertial) / self.dt
-        K, D = (BlockMatrix.zeros(system.pattern) for _ in range(2))
-        system.assemble(K, begin, wx=self.dt, definite=self.definite)
-        system.assemble(D, begin, wv=1.0, definite=self.definite)
-        R = system.scalar_mass @ a - system.force(begin) + K @ v + D @ (v - begin.v)
-        R += _times(system, system.dense(begin), self.dt, v)
+        J = BlockMatrix.zeros(system.pattern)
+        system.assemble(J, begin, wx=self.dt, definite=self.definite)
+        R = system.scalar_mass @ a - system.force(begin) + J @ v
+        R += system.assemble(J, begin, wv=1.0, definite=self.definite) @ (v - begin.v)
+        for c, u in system.dense(begin):
+            R += self.dt * c * system.sums.dot(u, v) * u
         free: np.ndarray = system.constraints.project(R)
         return free
 
@@ -83,11 +83,9 @@ class LinearlyImplicitEuler(OpensSteps):
         """Its unknown q is Δv of the free directions."""
         system, state, dt, memory, history = begin
         end, constraints = begin.end, system.constraints
-        difference = StepDifference.between(state.x, dt, state.t)
-        over = system.over_step(difference, history, rates=False)
         held = np.zeros_like(state.v)
         held[constraints.nodes] = constraints.held_part((end.x - state.x) / dt - state.v)
-        return LinearOpening(system, over, state, end, dt, memory, history, held)
+        return LinearOpening(system, begin.over, state, end, dt, memory, history, held)
 
     def close(self, opening: LinearOpening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
@@ -118,21 +116,16 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     """Δv of the free directions from the linearised step, and the counts."""
     began = time.perf_counter()
     system, begin, dt, definite = opening.over, opening.begin, opening.dt, opening.definite
-    (linear, J), dv = solver.matrix_solver(), opening.held
-    system.assemble(J, begin, wx=dt, definite=definite)
-    dense = system.dense(begin)
-    b = system.force(begin) - J @ begin.v - _times(system, dense, dt, begin.v)
-    system.add_tangents(J, begin, wv=1.0, definite=definite)
-    b -= J @ dv + _times(system, dense, dt, dv) + system.scalar_mass @ (opening.inertial / dt)
-    system.add_tangents(J, begin, wa=1.0 / dt)
-    system.project(J)
+    linear, J = solver.matrix_solver()
+    b = -opening.residual(np.zeros_like(begin.v))
+    opening.tangent(b, J)
     seconds = {"assemble": time.perf_counter() - began}
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
     project, rtol = system.constraints.project, solver.options.residual
     start = None if opening.guess is None else project(opening.guess.copy())
-    updates = [(dt * c, project(u)) for c, u in dense]
-    free, infos = solve_updated(linear, updates, project(b), rtol, start)
+    updates = [(dt * c, project(u)) for c, u in system.dense(begin)]
+    free, infos = solve_updated(linear, updates, b, rtol, start)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)
@@ -144,10 +137,3 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
         residual=infos[0].residual,
         seconds=seconds,
     )
-
-
-def _times(
-    system: System, dense: list[tuple[float, np.ndarray]], wx: float, v: np.ndarray
-) -> np.ndarray:
-    """wx Σ c u (u · v)."""
-    return sum((wx * c * system.sums.dot(u, v) * u for c, u in dense), np.zeros_like(v))

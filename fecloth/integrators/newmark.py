@@ -77,9 +77,7 @@ class AccelerationMethod(WithMemory):
         memory = memory or Acceleration(starting_acceleration(before, state, end, dt, solver))
         stage = self.stage(state, dt, memory.a)
         if over is None:
-            over = system
-            if history is not None:
-                over = system.over_step(stage.difference(state, dt), history, rates=False)
+            over = system.over_step(stage.difference(state, dt), history, rates=False)
         moved = self._moved(state, end, dt, memory.a)
         at, a_m = blend(state, end, 1 - alpha_f), alpha_m * memory.a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)

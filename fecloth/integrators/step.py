@@ -22,6 +22,7 @@ from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
 from fecloth.system.system import History, System
+from fecloth.terms.step_difference import StepDifference
 
 
 class Solution(NamedTuple):
@@ -199,6 +200,12 @@ class Begin(NamedTuple):
     @property
     def end(self) -> State:
         return prescribed_end(self.system, self.state, self.dt)
+
+    @property
+    def over(self) -> System:
+        """The system over the step, of a method without a difference for rates."""
+        difference = StepDifference.between(self.state.x, self.dt, self.state.t)
+        return self.system.over_step(difference, self.history, rates=False)
 
 
 class OpensSteps:
