@@ -40,6 +40,7 @@ FILLED |= {
     "tune 2%": "20%",
     "render FILE": "swing.gif",
     "NAME": "Wind",
+    "FABRIC": "interlock",
     "A.toml": "SCENE.toml",
     "B.toml": "SCENE.toml",
 }

@@ -226,7 +226,13 @@ COMMANDS = {
                 type=int,
                 metavar="N",
             ),
-            flag("--fabrics", "the published fabrics, with sources"),
+            option(
+                "--fabrics",
+                "the published fabrics; with a name, that one, also at larger strains",
+                nargs="?",
+                const="",
+                metavar="NAME",
+            ),
             flag("--schema", "the JSON schema of scene files"),
             option(
                 "--terms",

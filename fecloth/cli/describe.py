@@ -3,7 +3,7 @@
 import os
 import textwrap
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 from fecloth import validation
 from fecloth.cli.options import reading
 from fecloth.errors import InputError, amount, did_you_mean
+from fecloth.fabric import presets, strips
 from fecloth.fabric.fabric import Fabric
-from fecloth.fabric.uncertainty import Uncertainty
+from fecloth.fabric.uncertainty import CONSTANTS, Uncertainty, numbers_of
 from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import write_mesh
@@ -26,6 +27,10 @@ from fecloth.scene.tables import TERM_TABLES
 from fecloth.scene.type_words import fields, meaning, phrase
 
 WIDTH = 100
+ROWS = f"""The constants were taken at zero strain and zero curvature. The tables have the force
+of a strip with free sides by all rows of the source, and by how much the force of the constants
+differs from it; and the same of bending. Rows are at strains of 0 and {100 * strips.END:.1f} %;
+beyond, they are held constant."""
 
 
 def print_info(options: Namespace) -> int:
@@ -34,8 +39,8 @@ def print_info(options: Namespace) -> int:
 
 
 def _info_lines(options: Namespace) -> list[str]:
-    if options.fabrics:
-        return list_fabrics()
+    if options.fabrics is not None:
+        return describe_fabric(options.fabrics) if options.fabrics else list_fabrics()
     if options.schema:
         return [json_schema()]
     if options.terms is not None:
@@ -113,6 +118,45 @@ def list_fabrics() -> list[str]:
     return [*table, "", *_list_uncertainties(fabrics), "", *what, "", *sources]
 
 
+def describe_fabric(name: str) -> list[str]:
+    """Return lines with the constants of a published fabric; if Wang measured it, with all rows.
+
+    Raises `InputError` for an unknown name.
+    """
+    _require_known("--fabrics", name, Fabric.presets())
+    fabric = Fabric.preset(name)
+    assert isinstance(fabric.uncertainty, Uncertainty)
+    kind, _, source = fabric.source.partition(". ")
+    lines = [f"{name}: {kind}", "", "constants, ± standard uncertainty (0: warp, 1: weft)"]
+    deviations = dict(fabric.uncertainty.deviations)
+    for key, value in numbers_of(presets.constants(name)).items():
+        dimension = CONSTANTS[key.partition(".")[0]]
+        spread = f"± {deviations[key]}" if key in deviations else ""
+        lines.append(f"{key:<20}{value:>10.4g} {dimension.si if dimension else '':<7}{spread}")
+    words = f"uncertainty: {fabric.uncertainty.source}", f"source: {source}"
+    return [*lines, "", *map(_wrap, words), *_describe_rows(**presets.rows(name))]
+
+
+def _describe_rows(stretching: strips.Rows = (), bending: strips.Rows = ()) -> list[str]:
+    """Return tables of force over strain and rigidity over curvature, beside the constants."""
+    if not stretching:
+        return []
+    head = "".join(f"{along:>11}{'constants':>11}" for along in strips.ALONG)
+    lines = ["", ROWS, "", f"force [N/m] at  {head}"]
+    for strain in (0.01, 0.02, 0.05, 0.1, 0.15, 0.2):
+        pairs = [strips.compare(stretching, strain, along) for along in strips.ALONG]
+        lines.append(f"{100 * strain:.0f} %".ljust(16) + _in_columns(pairs))
+    lines += ["", f"B [µN m] at     {head}"]
+    for i, curvature in enumerate(strips.CURVATURES):
+        pairs = [(row[i] / 4, row[0] / row[i] - 1) for row in (bending[0], bending[2], bending[1])]
+        lines.append(f"{curvature:.0f} 1/m".ljust(16) + _in_columns(pairs))
+    return lines
+
+
+def _in_columns(pairs: Iterable[tuple[float, float]]) -> str:
+    return "".join(f"{value:>11.4g}{f'{100 * off:+.0f} %':>11}" for value, off in pairs)
+
+
 def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
     """Return lines with the standard uncertainties of the constants, and where they come from."""
     rows, letters = [], dict[str, str]()
@@ -149,9 +193,7 @@ def describe_terms(name: str) -> list[str]:
     if not name:
         wide = max(map(len, tables))
         return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
-    if name not in tables:
-        allowed = f"must be one of {', '.join(tables)}"
-        raise InputError(f"--terms {name}", allowed, "", did_you_mean(name, list(tables)))
+    _require_known("--terms", name, tables)
     lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
     indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
     for key, field in fields(tables[name]).items():
@@ -159,3 +201,9 @@ def describe_terms(name: str) -> list[str]:
         words = textwrap.wrap(meaning(field), WIDTH, **indent)
         lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
     return lines
+
+
+def _require_known(option: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        allowed = f"must be one of {', '.join(known)}"
+        raise InputError(f"{option} {name}", allowed, "", did_you_mean(name, list(known)))

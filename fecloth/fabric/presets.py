@@ -36,16 +36,22 @@ def clyde(density: float, thickness: float, moduli: list[float]) -> dict:
     return {"areal_density": density / 1000, **orthotropic(warp, coupling, weft, shear / 2)}
 
 
-def wang(density: float, stretching: list[float], bending: list[float], least: float = 0.0) -> dict:
-    """Constants from the density [kg/m²], `stretching` [N/m], the coupling not below `least`, and
-    `bending` [µN m].
+def rows(name: str) -> dict[str, list[list[float]]]:
+    """Return `stretching` [N/m] and `bending` [µN m] of a preset of Wang; of others nothing."""
+    row = _tables()["wang"]["fabrics"].get(name, {})
+    return {key: row[key] for key in ("stretching", "bending") if key in row}
+
+
+def wang(density: float, stretching: list, bending: list, least: float = 0.0) -> dict:
+    """Constants from the density [kg/m²], the first row of `stretching` [N/m], the coupling not
+    below `least`, and the first column of `bending` [µN m].
 
     `bending` is in the order of edges along u, at 45° and along v. An edge along u resists a
     curvature along v, the warp.
     """
-    c11, c12, c22, c33 = stretching
+    c11, c12, c22, c33 = stretching[0]
     moduli = orthotropic(2 * c22, 2 * max(c12, least), 2 * c11, c33)
-    warp, bias, weft = (1e-6 * k / 4 for k in bending)
+    warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)
     plate = {"bending_rigidity": (warp, weft), "bias_rigidity": bias}
     return {"areal_density": density, **moduli, **plate}
 
@@ -64,11 +70,16 @@ _CONVERSIONS: dict[str, Callable[..., dict]] = {"clyde": clyde, "wang": wang}
 
 
 @cache
+def _tables() -> dict[str, Any]:
+    return tomllib.loads((files("fecloth.fabric") / "fabrics.toml").read_text(encoding="utf-8"))
+
+
+@cache
 def _fabrics() -> dict[str, dict]:
     fabrics, kinds, printed = dict[str, dict](), dict[str, tuple](), dict[str, dict]()
-    tables = tomllib.loads((files("fecloth.fabric") / "fabrics.toml").read_text(encoding="utf-8"))
-    for family, table in tables.items():
-        for name, row in table["fabrics"].items():
+    for family, table in _tables().items():
+        for name, published in table["fabrics"].items():
+            row = dict(published)
             what = f"{row.pop('what')}. {table['source']}"
             kinds[name] = family, row.pop("kind", family), row.pop("thicknesses", [])
             fabrics[name] = _CONVERSIONS[family](**row) | {"source": what}

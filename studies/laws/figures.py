@@ -46,7 +46,7 @@ def draw(out: Path, curves: dict, moments: dict) -> None:
 
 
 @contextmanager
-def picture(path: Path, panels: int, size=None):
+def picture(path: Path, panels: int, size=None, rows: int = 1):
     """Yield a figure and its axes; write the picture with 64 colours at the end of the block."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -55,7 +55,7 @@ def picture(path: Path, panels: int, size=None):
     with rc_context({**STYLE, "font.size": 13, "legend.fontsize": 12, "savefig.dpi": 100}):
         size = size or (8.0, 4.0)
         figure = Figure(figsize=size, layout="constrained")
-        yield figure, figure.subplots(1, panels)
+        yield figure, figure.subplots(rows, panels)
         figure.savefig(image := io.BytesIO())
     Image.open(image).convert("RGB").quantize(64).save(path, optimize=True)  # half the bytes
 
