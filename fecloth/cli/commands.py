@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fecloth.cli import options as shared
-from fecloth.cli.options import Option, flag, option
+from fecloth.cli.options import Option, flag, option, optional_name
 
 FIELD_NAMES = (  # the keys of `frame_reader.FIELDS`, and the checker pattern
     *("larger_stretch", "smaller_stretch", "speed", "displacement"),
@@ -226,21 +226,9 @@ COMMANDS = {
                 type=int,
                 metavar="N",
             ),
-            option(
-                "--fabrics",
-                "the published fabrics; with a name, that one, also at larger strains",
-                nargs="?",
-                const="",
-                metavar="NAME",
-            ),
+            optional_name("--fabrics", "the published fabrics; or one, also at larger strains"),
             flag("--schema", "the JSON schema of scene files"),
-            option(
-                "--terms",
-                "the terms of a scene; with a name, what that term takes",
-                nargs="?",
-                const="",
-                metavar="NAME",
-            ),
+            optional_name("--terms", "the terms of a scene; with a name, what that term takes"),
         ],
         "versions; with a scene, what it would do",
     ),

@@ -27,6 +27,10 @@ def flag(name: str, words: str) -> Option:
     return option(name, words, action="store_true")
 
 
+def optional_name(name: str, words: str) -> Option:
+    return option(name, words, nargs="?", const="", metavar="NAME")
+
+
 def changes(words: str | None = None) -> Option:
     return option("--set", words, action="append", default=[], metavar="KEY=VALUE")
 

@@ -1,7 +1,6 @@
 """Forces of strips over the strain, as all rows of a fabric of Wang et al. (2011) give them.
 
-The constants of these presets are the row of zero strain. The head of fabrics.toml says what the
-other rows are, and where their strains come from.
+The constants of these presets are the row of zero strain; see the head of fabrics.toml.
 """
 
 import math
@@ -14,26 +13,18 @@ CURVATURES = (0.0, 10.0, 20.0, 30.0, 40.0)  # of the columns of bending [1/m]
 END = 1 / 6  # strain of the rows 1 to 5 [-]
 STEP = 22.5  # degrees from one of these rows to the next
 LEAST = 1e-9  # modulus in place of a negative one [N/m]
-ITERATIONS = 60  # each halves the error or better, for all fabrics
+ITERATIONS = 60  # each about halves the error
 
 Rows = Sequence[Sequence[float]]
 
 
 def force(rows: Rows, strain: float, along: str) -> float:
-    """Return the force per unstretched width [N/m] of a strip with free sides.
+    """Return the force per unstretched width [N/m] of a strip with free sides at the strain ε [-].
 
-    The force is λ s at the stretch λ = 1 + ε. The second Piola-Kirchhoff stress S = s d dᵀ acts
-    along the strip d only, S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along
-    warp or weft does not shear. (Where the rows have c₃₃ < 0 it would shear without force.)
-
-    Parameters
-    ----------
-    rows
-        The six rows of `stretching` [N/m].
-    strain
-        ε of the strip [-].
-    along
-        A key of `ALONG`.
+    `rows` are the six of `stretching` [N/m], `along` is a key of `ALONG`. The force is λ s at the
+    stretch λ = 1 + ε. The second Piola-Kirchhoff stress S = s d dᵀ acts along the strip d only,
+    S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along warp or weft does not
+    shear. (Where the rows have c₃₃ < 0 it would shear without force.)
     """
     c, s = math.cos(math.radians(ALONG[along])), math.sin(math.radians(ALONG[along]))
     stretch, stress = 1 + strain, np.array([c * c, s * s, c * s])
@@ -47,10 +38,7 @@ def force(rows: Rows, strain: float, along: str) -> float:
 
 
 def compare(rows: Rows, strain: float, along: str) -> tuple[float, float]:
-    """Return `force`, and the force of the constants over it, less 1.
-
-    The constants are the first row, at any strain: the law `StVK`.
-    """
+    """Return `force`, and the force of the constants, the first row, over it, less 1."""
     given = force(rows, strain, along)
     return given, force([rows[0]] * len(rows), strain, along) / given - 1
 
