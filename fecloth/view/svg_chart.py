@@ -6,6 +6,7 @@ that no peak is lost.
 `observed_charts` draws the columns of observed.csv, `result_figures` a result in a notebook.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -35,18 +36,15 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     if not curves:
         return ""
     xs, ys = (np.concatenate([curve[i] for curve in curves.values()]) for i in (0, 1))
-    up, across = _axis(np.nanmin(ys), np.nanmax(ys), 5, log), _tight_axis(xs.min(), xs.max())
+    across = _axis(xs, (LEFT, WIDTH - RIGHT), tight=True)
+    up = _axis(ys, (HEIGHT - BOTTOM, TOP), log)
     drawn = [
-        {
-            "name": name,
-            "colour": COLOURS[i % len(COLOURS)],
-            "path": _path(_place(across, px, 0), _place(up, py, 1)),
-        }
-        for i, (name, (px, py)) in enumerate(curves.items())
+        {"name": name, "colour": colour, "path": _path(across.place(px), up.place(py))}
+        for (name, (px, py)), colour in zip(curves.items(), itertools.cycle(COLOURS), strict=False)
     ]
     at = {"left": LEFT, "right": WIDTH - RIGHT, "top": TOP, "bottom": HEIGHT - BOTTOM}
     at |= {"width": WIDTH, "height": HEIGHT}
-    ticks = {"across": _ticks(across, 0), "up": _ticks(up, 1, log)}
+    ticks = {"across": across.labels(), "up": up.labels()}
     return render("chart.html", {"curves": drawn, "title": title, "x": x, "y": y, **at, **ticks})
 
 
@@ -74,64 +72,54 @@ def _path(px, py):
 
 
 class Axis(NamedTuple):
-    """Ends of an axis and the positions of its ticks."""
+    """Ends of an axis, the pixels there, and the positions of its ticks."""
 
     low: float
     high: float
+    pixels: tuple[float, float]
     ticks: np.ndarray
+    log: bool = False
+
+    def place(self, values: np.ndarray) -> np.ndarray:
+        """Return the pixel coordinates of values."""
+        begin, end = self.pixels
+        return begin + (values - self.low) / (self.high - self.low) * (end - begin)
+
+    def labels(self) -> list[dict[str, str]]:
+        """Return where the lines and the labels of the ticks are, and the labels."""
+        digits = 4  # or as many as tell the ticks apart
+        if len(self.ticks) > 1 and not self.log:
+            largest, step = np.abs(self.ticks).max(), self.ticks[1] - self.ticks[0]
+            digits = max(digits, math.ceil(math.log10(largest / step)) + 2)
+        words = [_number(10.0**v if self.log else v, digits) for v in self.ticks]
+        return [
+            {"at": f"{at:.1f}", "text_at": f"{at + 4:.1f}", "label": label}
+            for at, label in zip(self.place(self.ticks), words, strict=True)
+        ]
 
 
-def _tight_axis(low: float, high: float) -> Axis:
-    """Return an axis from `low` to `high` with round ticks inside."""
-    wide = _axis(low, high, 5)
-    if not low < high:
-        return wide
-    slack = NEAR * (high - low)
-    below = wide.ticks[(wide.ticks <= low) & (wide.ticks >= low - slack)]
-    low, slack = min([low, *below]), 1e-9 * (high - low)
-    inside = (wide.ticks >= low - slack) & (wide.ticks <= high + slack)
-    return Axis(low, high, wide.ticks[inside])
-
-
-def _axis(low: float, high: float, most: int, log: bool = False) -> Axis:
-    """Return an axis of about `most` round ticks that includes `low` and `high`."""
+def _axis(values: np.ndarray, pixels: tuple[float, float], log=False, tight=False) -> Axis:
+    """Return an axis of about five round ticks that includes the values."""
+    # One that is `tight` ends at the values, or at a tick that is a little below them.
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if high - low <= 1e-12 * max(abs(low), abs(high)):
         low, high = low - (0.5 * abs(low) or 0.5), high + (0.5 * abs(high) or 0.5)
-    rough = (high - low) / most
+        tight = False
+    rough = (high - low) / 5
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough)
     step = max(1.0, math.ceil(step)) if log else step
     first, last = math.floor(low / step + NEAR), math.ceil(high / step - NEAR)
     ticks = step * np.arange(first, last + 1)
-    return Axis(ticks[0], ticks[-1], ticks)
+    if not tight:
+        return Axis(ticks[0], ticks[-1], pixels, ticks, log)
+    low = min([low, *ticks[(ticks <= low) & (ticks >= low - NEAR * (high - low))]])
+    slack = 1e-9 * (high - low)
+    return Axis(low, high, pixels, ticks[(ticks >= low - slack) & (ticks <= high + slack)])
 
 
-def _place(axis, values, way):
-    """Return the pixel coordinates of values along an axis (way 0: across, 1: up)."""
-    share = (values - axis.low) / (axis.high - axis.low)
-    if way:
-        return HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
-    return LEFT + share * (WIDTH - LEFT - RIGHT)
-
-
-def _ticks(axis: Axis, way: int, log: bool = False) -> list[dict[str, str]]:
-    """Return where the lines and the labels of an axis are, and the labels."""
-    return [
-        {
-            "at": f"{at:.1f}",
-            "text_at": f"{at + 4:.1f}",
-            "label": _number(10.0**value) if log else _number(value, axis),
-        }
-        for at, value in zip(_place(axis, axis.ticks, way), axis.ticks, strict=True)
-    ]
-
-
-def _number(value: float, axis: Axis | None = None) -> str:
-    """Return a number in words; on an axis with the digits that tell its ticks apart."""
-    digits = 4
-    if axis is not None and len(axis.ticks) > 1:
-        largest, step = np.abs(axis.ticks).max(), axis.ticks[1] - axis.ticks[0]
-        digits = max(digits, math.ceil(math.log10(largest / step)) + 2)
+def _number(value: float, digits: int) -> str:
+    """Return a number in words."""
     text = f"{0.0 if abs(value) < 1e-15 else value:.{digits}g}"
     mantissa, _, exponent = text.partition("e")
     return f"{mantissa}e{int(exponent)}".replace("-", "−") if exponent else text.replace("-", "−")
