@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean
+from fecloth import validation
+from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.system import System
@@ -49,10 +50,7 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
 
 def _period(pattern: str, h: float, where: str) -> np.ndarray:
     """(2,) sides of a rectangle after which the pattern repeats itself [m]."""
-    if pattern not in CELLS:
-        remedy = did_you_mean(pattern, CELLS, cutoff=0.0)
-        allowed = f"must be one of {', '.join(CELLS)}"
-        raise InputError(f"pattern = {pattern!r}", allowed, where, remedy)
+    validation.known(f"pattern = {pattern!r}", pattern, CELLS, where, cutoff=0.0)
     return h * np.array([1.0, 2 * np.sqrt(0.75) if pattern == "equilateral" else 1.0])
 
 

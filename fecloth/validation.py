@@ -1,13 +1,13 @@
 """Checks of arguments of public functions: numbers, lengths, functions, objects, files."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, closest, is_number
+from fecloth.errors import LIKENESS, InputError, brief, closest, did_you_mean, is_number
 
 FARTHEST = 1e9  # m: no cloth; products of larger coordinates lose their meaning
 MOST_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
@@ -33,6 +33,15 @@ def one_of(name: str, value: object, names: Sequence[str], where: str) -> None:
     if value not in names:
         *first, last = (f'"{each}"' for each in names)
         raise InputError(f"{name} = {value!r}", f"must be {', '.join(first)} or {last}", where)
+
+
+def known(
+    what: str, name: object, names: Iterable[str], where: str = "", cutoff: float = LIKENESS
+) -> None:
+    """Raise `InputError` about `what` for a name that is none of the names; it has the nearest."""
+    if name not in (names := list(names)):
+        allowed = f"must be one of {', '.join(names) or '(none)'}"
+        raise InputError(what, allowed, where, did_you_mean(name, names, cutoff))
 
 
 def function(name: str, value: object, example: str, where: str) -> None:

@@ -3,7 +3,7 @@
 import os
 import textwrap
 from argparse import Namespace
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.cli.options import reading
-from fecloth.errors import InputError, amount, did_you_mean
+from fecloth.errors import InputError, amount
 from fecloth.fabric import presets, strips
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import CONSTANTS, Uncertainty, numbers_of
@@ -123,7 +123,7 @@ def describe_fabric(name: str) -> list[str]:
 
     Raises `InputError` for an unknown name.
     """
-    _require_known("--fabrics", name, Fabric.presets())
+    validation.known(f"--fabrics {name}", name, Fabric.presets())
     fabric = Fabric.preset(name)
     assert isinstance(fabric.uncertainty, Uncertainty)
     kind, _, source = fabric.source.partition(". ")
@@ -193,7 +193,7 @@ def describe_terms(name: str) -> list[str]:
     if not name:
         wide = max(map(len, tables))
         return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
-    _require_known("--terms", name, tables)
+    validation.known(f"--terms {name}", name, tables)
     lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
     indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
     for key, field in fields(tables[name]).items():
@@ -201,9 +201,3 @@ def describe_terms(name: str) -> list[str]:
         words = textwrap.wrap(meaning(field), WIDTH, **indent)
         lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
     return lines
-
-
-def _require_known(option: str, name: str, known: Collection[str]) -> None:
-    if name not in known:
-        allowed = f"must be one of {', '.join(known)}"
-        raise InputError(f"{option} {name}", allowed, "", did_you_mean(name, list(known)))

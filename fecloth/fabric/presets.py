@@ -12,16 +12,14 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from fecloth.errors import InputError, did_you_mean
 from fecloth.fabric.uncertainty import numbers_of
+from fecloth.validation import known
 
 
 def constants(name: str) -> dict:
     """Constants of a preset as keyword arguments of `Fabric`."""
     name = name if isinstance(name, str) else repr(name)  # a scene may have any type here
-    if name not in _fabrics():
-        allowed, close = f"must be one of {', '.join(names())}", did_you_mean(name, names())
-        raise InputError(f"preset = {name!r}", allowed, "Fabric.preset", close)
+    known(f"preset = {name!r}", name, names(), "Fabric.preset")
     return dict(_fabrics()[name])
 
 

@@ -27,6 +27,7 @@ from fecloth.linalg.direct import Pardiso, SuperLU
 from fecloth.linalg.multigrid import Multigrid
 from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, check_arguments
+from fecloth.validation import known
 
 ASSEMBLY = 2.0  # work of a tangent, for each block in a row
 CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations that new coarse matrices cost
@@ -187,8 +188,7 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
 def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
     """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU."""
     what, where = f"solver {name!r}", "linalg.select.create"
-    if name not in NAMES:
-        raise InputError(what, f"must be one of {', '.join(NAMES)}", where)
+    known(what, name, NAMES, where)
     if name in ("pcg", "multigrid"):
         if not symmetric:
             remedy = 'Use "auto" or "direct"; or EnergyMomentum with tangent = "symmetric".'

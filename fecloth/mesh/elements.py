@@ -19,8 +19,8 @@ from functools import cached_property
 import numpy as np
 import skfem
 
-from fecloth.errors import InputError
 from fecloth.mesh.flat_mesh import FlatMesh
+from fecloth.validation import known
 
 # scikit-fem has no rule with fewer than 3 points.
 CENTROID_RULE = (np.array([[1 / 3], [1 / 3]]), np.array([0.5]))
@@ -105,8 +105,7 @@ ELEMENTS = {
 
 def find_element(name: str, where: str) -> Element:
     """The element with this name; raises `InputError` for an unknown name."""
-    if name not in ELEMENTS:
-        raise InputError(f"element = {name!r}", f"must be one of {', '.join(ELEMENTS)}", where)
+    known(f"element = {name!r}", name, ELEMENTS, where)
     return ELEMENTS[name]
 
 

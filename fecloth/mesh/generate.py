@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError, did_you_mean
+from fecloth.errors import InputError
 from fecloth.mesh import gmsh_session
 from fecloth.mesh.flat_mesh import FlatMesh
 from fecloth.mesh.gmsh_child import in_child
@@ -36,10 +36,7 @@ def rectangle(
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
     validation.mesh_size(h, max(width, height), width * height, "rectangle")
-    if pattern not in _PATTERNS:
-        allowed = f"must be one of {', '.join(_PATTERNS)}"
-        remedy = did_you_mean(pattern, _PATTERNS, cutoff=0.0)
-        raise InputError(f"pattern = {pattern!r}", allowed, "rectangle", remedy)
+    validation.known(f"pattern = {pattern!r}", pattern, _PATTERNS, "rectangle", cutoff=0.0)
     check_gradings(grading, "rectangle")
     if grading and pattern != "unstructured":
         remedy = 'Take the pattern "unstructured", or leave the grading out.'

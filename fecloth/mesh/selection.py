@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, did_you_mean
+from fecloth.errors import InputError, brief
+from fecloth.validation import known
 
 Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
@@ -15,10 +16,7 @@ def nodes(cloth, where: Where) -> np.ndarray:
     # named curve or region of P2 triangles includes the midpoints of its edges. Raises `InputError`
     # if the set is unknown, an index is out of range, or no node is selected.
     if isinstance(where, str):
-        if where not in cloth.node_sets:
-            what = f"node set {where!r}"
-            allowed = f"must be one of {', '.join(sorted(cloth.node_sets)) or '(none)'}"
-            raise InputError(what, allowed, "Cloth.nodes", did_you_mean(where, cloth.node_sets))
+        known(f"node set {where!r}", where, sorted(cloth.node_sets), "Cloth.nodes")
         return cloth.node_sets[where]
     selected = np.atleast_1d(where(cloth.X) if callable(where) else where)
     if not selected.size:
@@ -45,12 +43,9 @@ def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray
     # the region is unknown or contains no triangle.
     if callable(where):
         selected = np.flatnonzero(where(cloth.X[cloth.triangles].mean(axis=1)))
-    elif where in cloth.triangle_sets:
-        selected = cloth.triangle_sets[where]
     else:
-        allowed = f"must be one of {', '.join(sorted(cloth.triangle_sets)) or '(none)'}"
-        close = did_you_mean(where, cloth.triangle_sets)
-        raise InputError(f"region {where!r}", allowed, "Cloth.region", close)
+        known(f"region {where!r}", where, sorted(cloth.triangle_sets), "Cloth.region")
+        selected = cloth.triangle_sets[where]
     if not len(selected):
         raise InputError("no triangle is selected", "at least one is needed", "Cloth.region")
     return selected

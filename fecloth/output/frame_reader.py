@@ -13,9 +13,10 @@ from typing import Self
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean
+from fecloth.errors import InputError
 from fecloth.mesh.elements import QUARTERS
 from fecloth.output.vtu_writer import Arrays, read_vtu
+from fecloth.validation import known
 
 LARGEST = 1e300  # differences of larger values overflow
 
@@ -72,9 +73,7 @@ FIELDS = {
 
 def field_values(frame: Frame, name: str) -> np.ndarray:
     """Return the values of a field, one per node (n,) or per triangle (m,)."""
-    if name not in FIELDS:
-        allowed = f"must be one of {', '.join(FIELDS)}"
-        raise InputError(f"field {name!r}", allowed, remedy=did_you_mean(name, FIELDS))
+    known(f"field {name!r}", name, FIELDS)
     field = FIELDS[name]
     arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
     if field.array not in arrays:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fecloth.errors import InputError
 from fecloth.quantities.formula_functions import Closure, compile_tree, derivative
 from fecloth.quantities.formula_syntax import parse
+from fecloth.validation import known
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,7 @@ class Formula:
             what = f"the derivative of the condition {self.text!r}"
             raise InputError(what, "only numbers have one", "Formula")
         for variable in self.by:
-            if variable not in self.variables:
-                allowed = f"must be one of {', '.join(self.variables) or '(none)'}"
-                raise InputError(f"derivative by {variable!r}", allowed, "Formula")
+            known(f"derivative by {variable!r}", variable, self.variables, "Formula")
 
     @cached_property
     def _value(self) -> Closure:

@@ -5,7 +5,8 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean, floats
+from fecloth import validation
+from fecloth.errors import InputError, floats
 from fecloth.fabric.fabric import Fabric
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import is_method
@@ -65,13 +66,10 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
 
 def resolve_method(method):
     """Return a method object from a method, its class or its name."""
-    known = {**METHODS, **EXPLICIT}
+    methods = {**METHODS, **EXPLICIT}
     if isinstance(method, str):
-        if method not in known:
-            allowed = f"must be one of {', '.join(known)}"
-            remedy = did_you_mean(method, known)
-            raise InputError(f"method = {method!r}", allowed, "stability", remedy)
-        method = known[method]
+        validation.known(f"method = {method!r}", method, methods, "stability")
+        method = methods[method]
     built = method() if isinstance(method, type) else method
     if not is_method(built):
         allowed = "must be a method of one step size such as BDF2(), its class or its name"

@@ -18,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.errors import InputError, did_you_mean
+from fecloth.errors import InputError
 from fecloth.output import frame_reader
 from fecloth.output.atomic_files import DiskFull, replace_file, replacing
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
+from fecloth.validation import known
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
 from fecloth.view.web_page import PERCENT, View, ground_of, unit_of, view_of
@@ -77,10 +78,7 @@ def render(
 
 
 def _check_arguments(target: Path, field, size, fps, time) -> None:
-    if field not in (*frame_reader.FIELDS, CHECKS):
-        names = *frame_reader.FIELDS, CHECKS
-        allowed = f"must be one of {', '.join(names)}"
-        raise InputError(f"field {field!r}", allowed, remedy=did_you_mean(field, names))
+    known(f"field {field!r}", field, (*frame_reader.FIELDS, CHECKS))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
     if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
