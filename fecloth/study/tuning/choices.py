@@ -36,7 +36,6 @@ class Choice:
     method: str = ""
     steps: int | None = None  # equal ones; without steps and rtol explicit methods take their limit
     rtol: float | None = None  # [1/s]
-    linear: str = ""  # the linear solver
     sharper: float | None = None  # divides a fixed tolerance of the nonlinear solver
     grading: tuple[Grading, ...] = ()  # places with smaller triangles
 
@@ -55,7 +54,7 @@ class Choice:
         how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
         how = amount(self.steps, "step") if self.steps else how
         exact = "sharper tolerance" if self.sharper else ""
-        parts = (" ".join(filter(None, mesh)), size, self.method, how, self.linear, exact)
+        parts = (" ".join(filter(None, mesh)), size, self.method, how, exact)
         return ", ".join(filter(None, parts))
 
     def with_half_of_h(self) -> "Choice":
@@ -118,15 +117,13 @@ def change_of(opened: Problem, choice: Choice) -> Change:
     names["method"] = choice.method or "equilibrium"  # keeps its time as it is
     steps = {"dt": opened.span / choice.steps} if choice.steps and opened.span else {}
     in_time = change_names(opened, names | ({"rtol": choice.rtol} if choice.rtol else steps))
-    return Change(edits=(*in_time.edits, partial(_set_mesh_and_solver, choice)))
+    return Change(edits=(*in_time.edits, partial(_set_mesh, choice)))
 
 
-def _set_mesh_and_solver(choice: Choice, tables: dict) -> dict:
+def _set_mesh(choice: Choice, tables: dict) -> dict:
     grading = list(map(table_of_grading, choice.grading))
     values = {"pattern": choice.pattern, "h": choice.h, "grading": grading}
     tables["cloth"] |= {name: value for name, value in values.items() if value}
-    if choice.linear:
-        tables.setdefault("solver", {})["linear"] = choice.linear
     if choice.is_explicit:
         tables.pop("solver", None)
     dt, every = tables.get("time", {}).get("dt", "auto"), tables["output"].get("every")

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from operator import itemgetter
 
 import numpy as np
 
@@ -17,8 +16,6 @@ MOST = 2.0  # power of √triangles
 CLOSE = 3.0  # times the seconds of the best one, up to which others are candidates
 FEWEST, PART = 12, 0.05  # steps of a short run, and its part of the whole one
 DEARER = 6.0  # times the seconds: a run with half of h
-LINEAR = "pcg", "direct"  # solvers that are tried besides the problem's own
-FASTER = 0.85  # times the seconds, for another solver to be taken
 
 
 def measure_growth(
@@ -63,7 +60,7 @@ def _errs_in_time(candidate: Candidate) -> bool:
 def time_candidates(
     bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
 ) -> Prediction:
-    """Return the prediction with measured seconds of the best candidates and the fastest solver."""
+    """Return the prediction with measured seconds of the best candidates."""
     # Their short runs are added to `search`. Steps that follow rtol are not measured, because the
     # steps of the beginning say little of the others.
     fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
@@ -71,16 +68,7 @@ def time_candidates(
         if candidate.seconds <= CLOSE * fixed[0].seconds:
             seconds = _seconds(bench, candidate, search)
             prediction = prediction.with_seconds(candidate, seconds)
-    first = next(iter(goal.candidates(prediction)), None)
-    if not first or first.rule.kind != "steps" or isinstance(bench.opened, FunctionProblem):
-        return prediction
-    if PART * first.seconds > COSTLY:
-        return prediction
-    tried = [(_seconds(bench, replace(first, linear=name), search), name) for name in LINEAR]
-    seconds, name = min(tried, key=itemgetter(0))
-    if seconds >= FASTER * first.seconds:
-        return prediction
-    return replace(prediction.with_seconds(first, seconds), linear={first.key: name})
+    return prediction
 
 
 def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:

@@ -33,12 +33,10 @@ class Candidate:
     space: np.ndarray
     time: np.ndarray
     seconds: float
-    linear: str = ""
 
     @property
     def choice(self) -> Choice:
-        chosen = self.rule.choose(self.mesh.choose(self.edges), self.x)
-        return replace(chosen, linear=self.linear)
+        return self.rule.choose(self.mesh.choose(self.edges), self.x)
 
     @property
     def key(self) -> tuple:
@@ -58,9 +56,8 @@ class Prediction:
     times: TimeErrors
     coarse: Trial  # the run that the measurements of methods and meshes share
     other: float = 0.0  # error that no mesh and no step changes: of the solver and left-out terms
-    # Measured over predicted seconds, and the fastest linear solver, by `Candidate.key`.
+    # Measured over predicted seconds, by `Candidate.key`.
     factors: Mapping[tuple, float] = field(default_factory=dict)
-    linear: Mapping[tuple, str] = field(default_factory=dict)
     # Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have shorter
     # waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
@@ -169,8 +166,7 @@ class Goal:
             close = allowed[ranks <= NOISE * ranks.min()]
             k = close[np.argmin(error[close])]
             numbers = float(edges[k]), float(x[k]), space[k], in_time[k], float(seconds[k])
-            linear = prediction.linear.get((mesh.choice.mesh, *rule.key), "")
-            chosen.append(Candidate(mesh, rule, *numbers, linear))
+            chosen.append(Candidate(mesh, rule, *numbers))
         places = [rank(each.error + prediction.other, each.seconds) for each in chosen]
         limit = NOISE * min(places, default=0.0)
 

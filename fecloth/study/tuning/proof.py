@@ -237,7 +237,7 @@ def next_candidates(
 def between(proof: Proof, failed: Proof) -> list[Candidate]:
     """Return the setting halfway between two of the same mesh and method; none for others."""
     cheap, fine = failed.candidate, proof.candidate
-    if cheap is None or fine is None or (cheap.key, cheap.linear) != (fine.key, fine.linear):
+    if cheap is None or fine is None or cheap.key != fine.key:
         return []
     sizes = ("edges", "x", "space", "time")
     middle = {name: np.sqrt(getattr(fine, name) * getattr(cheap, name)) for name in sizes}

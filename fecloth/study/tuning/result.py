@@ -25,7 +25,6 @@ COLUMNS = {  # of a setting: names in `Choice` and in the table
     "h": "h [m]",
     "method": "method",
     "rtol": "rtol [1/s]",
-    "linear": "solver",
 }
 
 
@@ -44,7 +43,7 @@ class Tuned(StudyResult):
     quantities: tuple[str, ...] = ()  # texts of the quantities
     # The error by its cause: "space", "time", "solver" and "model", as far as they exist.
     parts: Mapping[str, float] = field(default_factory=dict)
-    # The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s], linear.
+    # The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s].
     settings: Mapping[str, Any] = field(default_factory=dict)
     text: str = ""  # the tuned scene as TOML; "" of a function's problem
     scene: Path | None = None  # path of tuned.toml in the folder that was given, or None
