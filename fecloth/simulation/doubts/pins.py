@@ -134,8 +134,7 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
         return 0.0
     affine = np.column_stack([np.ones(len(nodes)), cloth.X[nodes]])
     off = x - affine @ np.linalg.lstsq(affine, x, rcond=None)[0]
-    parts = cloth.cells[:, list(cloth.kind.parts)].reshape(-1, 3)
-    pairs = np.stack([parts, np.roll(parts, 1, axis=1)], axis=-1).reshape(-1, 2)
+    pairs = np.stack([cloth.parts, np.roll(cloth.parts, 1, axis=1)], axis=-1).reshape(-1, 2)
     number = np.full(len(cloth.X), -1)
     number[nodes] = np.arange(len(nodes))
     pairs = number[pairs]

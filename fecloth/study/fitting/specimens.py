@@ -61,7 +61,8 @@ class Specimen:
 
     def at(self, values: Values) -> Problem:
         """The problem with these values of the unknown constants."""
-        return change_to(self.problem, {name: values[name] for name in self.names})
+        own = {name: values[name] for name in self.names}
+        return self.problem.changed(Change(values=grouped(self.problem, own)))
 
     def sought(self, values: Values, widths: Values, tolerance: float) -> Sought:
         parameters = tuple(Parameter(name, values[name], widths[name]) for name in self.names)
@@ -83,17 +84,6 @@ class Specimen:
             return None
         finer = problem.refined(Level(h, dt, None, rtol))
         return replace(self, problem=finer.changed(Change(values=changes)) if changes else finer)
-
-
-def change_to(problem: Problem, values: Values) -> Problem:
-    if not values:
-        return problem
-    if not isinstance(problem, SceneProblem):
-        return problem.changed(Change(values=grouped(problem, values)))
-    others = {k: v for k, v in values.items() if not k.startswith(f"{FABRIC}.")}
-    fabric = fabric_with(problem.tables.get(FABRIC, {}), values)
-    changed: dict[str, object] = {FABRIC: fabric} if len(others) < len(values) else {}
-    return problem.changed(Change(values={**changed, **others}))
 
 
 def fabric_with(table: Mapping[str, Any], values: Values) -> dict[str, Any]:
@@ -169,7 +159,7 @@ def _open(
             raise InputError("fabric = …", "is for scenes; a function makes its own", "fit")
         taken = inspect.signature(problem.function).parameters
         start = {k: v for k, v in parameters.items() if k.partition(".")[0] in taken}
-        problem = change_to(problem, start)
+        problem = problem.changed(Change(values=grouped(problem, start)))
     known = dict(numbers_of(problem))
     names = [n for n in parameters if n in known or any(k.startswith(f"{n}.") for k in known)]
     for name in parameters:

@@ -20,7 +20,6 @@ POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
 DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
 IRREGULAR = 2.0  # times the tolerance: changes up to this one may be irregular
 INSIDE, BORDER = 1 / 3, 1 / 4  # of the mean drop to the neighbours
-PARTS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a P2 triangle: corners, then midpoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +124,7 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
     """Return how far the largest of (n,) values at the nodes may lie below the cloth's largest."""
     lowest = int(np.argmax(depth))
-    triangles = cloth.stencil
-    if triangles.shape[1] == 6:
-        triangles = np.concatenate([triangles[:, part] for part in PARTS])
-    around, part = np.unique(triangles[(triangles == lowest).any(axis=1)]), INSIDE
+    around, part = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)]), INSIDE
     if lowest in (border := cloth.nodes("boundary")):
         around, part = np.intersect1d(around, border), BORDER
     return part * float(depth[lowest] - depth[around[around != lowest]].mean())
