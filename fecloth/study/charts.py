@@ -131,10 +131,10 @@ def find_limit(
     in_dt = not problem.is_static and has_steps
     refine = "both" if in_h and in_dt else "h" if in_h else "dt"
     problem.check(refine)
-    study, rows = refine_problem(problem, quantity, refine, levels, RATIO, runs)
+    study = refine_problem(problem, quantity, refine, levels, RATIO, runs)
     if study.estimate is None:
         return None
-    return Limit(study, quantity, run_problems.record_at(rows[-1], quantity))
+    return Limit(study, quantity, run_problems.record_at(study.levels[-1], quantity))
 
 
 def _for_limit(opened: Problem) -> Problem:

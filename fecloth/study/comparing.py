@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,15 +40,6 @@ from fecloth.study.variants import (
     vary,
     with_first_values,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Studied:
-    """A variant that ran: the rows of its levels, and what they say."""
-
-    rows: Sequence[Mapping]
-    study: Convergence
-    more: Sequence[Mapping] = ()  # the runs that show what the levels do not
 
 
 def compare(
@@ -150,7 +141,9 @@ def _run(
     return {name: [next(rows) for _ in levels] for name, levels in plans.items()}
 
 
-def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -> _Studied | dict:
+def _judge(
+    rows: Sequence[dict], quantity: Quantity, refine: str, levels: int
+) -> Convergence | dict:
     """Return what the levels of one variant say; of one that failed, the cells of its row."""
     problem = rows[0]["point"].problem
     failed = next((row for row in rows[:levels] if row["status"] != OK), None)
@@ -158,19 +151,17 @@ def _judge(rows: Sequence[dict], quantity: Quantity, refine: str, levels: int) -
         return failure(failed["status"], failed["cause"])
     try:
         orders = problem.orders(quantity)
-        study = summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
+        return summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
     except InputError as error:  # as where a signal has no period
         return failure(NO_VALUE, error)
-    return _Studied(rows[:levels], study, rows[levels:])
 
 
 def _conclude(
-    opened: Mapping, studied: Mapping[str, _Studied | dict], quantity: Quantity, refine: str
+    opened: Mapping, studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
 ) -> Comparison:
-    judged = {name: variant for name, variant in studied.items() if isinstance(variant, _Studied)}
-    studies = {name: variant.study for name, variant in judged.items()}
-    scale, numbers, differences = _differences(judged, quantity)
-    overlay, remarks = _overlay(list(judged.values())[:2], quantity)
+    studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
+    scale, numbers, differences = _differences(studies, quantity)
+    overlay, remarks = _overlay(list(studies.values())[:2], quantity)
     names = {variant.name for variant in opened.values()}
     comparison = Comparison(
         title=", ".join(sorted(names)),
@@ -194,14 +185,14 @@ def _conclude(
 
 
 def _differences(
-    judged: Mapping[str, _Studied], quantity: Quantity
+    judged: Mapping[str, Convergence], quantity: Quantity
 ) -> tuple[float, bool, dict[str, Difference]]:
     """Return the scale, whether the quantity is a number, and the differences from the first."""
     if not judged:
         return math.nan, True, {}
     first, *others = judged
-    scale = find_scale(judged[first].study)
-    numbers = is_number(quantity, run_problems.record_at(judged[first].rows[0], quantity))
+    scale = find_scale(judged[first])
+    numbers = is_number(quantity, run_problems.record_at(judged[first].levels[0], quantity))
     differences = {
         name: _difference(judged[first], judged[name], quantity, scale, numbers) for name in others
     }
@@ -209,31 +200,33 @@ def _differences(
 
 
 def _difference(
-    a: _Studied, b: _Studied, quantity: Quantity, scale: float, numbers: bool
+    a: Convergence, b: Convergence, quantity: Quantity, scale: float, numbers: bool
 ) -> Difference:
     """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one."""
     # Fields, paths and vectors have no limit: of them it is the size on the finest level. The
     # uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
     # models on one mesh are not independent. But most of their errors is the same: the difference
     # of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
-    values = [_apart(quantity, scale, *pair) for pair in zip(a.rows, b.rows, strict=True)]
+    values = [_apart(quantity, scale, *pair) for pair in zip(a.levels, b.levels, strict=True)]
     by, grown, limit = 1.0 if math.isnan(scale) else 100 / abs(scale), 1.0, values[-1]
     if numbers:
-        first, other = best_value(a.study), best_value(b.study)
+        first, other = best_value(a), best_value(b)
         grown = 1.0 if math.isnan(scale) else abs(other / first)
         limit = other - first if math.isnan(scale) else 100 * (other / first - 1)
-    spread = by * (b.study.uncertainty + grown * a.study.uncertainty)
+    spread = by * (b.uncertainty + grown * a.uncertainty)
     both = Difference(values[0], limit, spread)
-    column = "dt" if a.study.refine == "dt" else "h"
-    sizes, others = (np.array(each.study.table[column], dtype=float) for each in (a, b))
-    is_whole = len(a.more) == len(b.more) and all(r["status"] == OK for r in (*a.more, *b.more))
+    column = "dt" if a.refine == "dt" else "h"
+    sizes, others = (np.array(each.table[column], dtype=float) for each in (a, b))
+    is_whole = len(a.others) == len(b.others) and all(
+        r["status"] == OK for r in (*a.others, *b.others)
+    )
     if not is_whole or not np.allclose(sizes / sizes[0], others / others[0], rtol=0.01):
         return both
-    more = zip(a.more, b.more, strict=True)
+    more = zip(a.others, b.others, strict=True)
     change = [abs(_apart(quantity, scale, *pair) - values[0]) for pair in more]
-    estimate = estimate_uncertainty(sizes.tolist(), values, a.study.theory)
-    orders = a.rows[0]["point"].problem.orders(quantity)
-    shares = other_shares(a.study.refine, orders, a.rows[0], a.more, change)
+    estimate = estimate_uncertainty(sizes.tolist(), values, a.theory)
+    orders = a.levels[0]["point"].problem.orders(quantity)
+    shares = other_shares(a.refine, orders, a.levels[0], a.others, change)
     uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in shares.values())
     if estimate.behaviour == "diverging" or uncertainty >= both.uncertainty:
         return both
@@ -249,32 +242,32 @@ def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> fl
     return second - first if math.isnan(scale) else 100 * (second / first - 1)
 
 
-def _cells(comparison: Comparison, name: str, variant: _Studied | dict) -> dict:
+def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> dict:
     if isinstance(variant, dict):
         return variant
-    given, unit = variant.study.table[0], comparison.unit if math.isnan(comparison.scale) else "%"
+    given, unit = variant.table[0], comparison.unit if math.isnan(comparison.scale) else "%"
     apart = comparison.differences.get(name)
     sizes = f" [{unit}]" if unit else ""
     return {
         "status": OK,
         "value": given["value"],
         "error": given["error"],
-        "limit": best_value(variant.study),
-        "uncertainty": variant.study.uncertainty,
+        "limit": best_value(variant),
+        "uncertainty": variant.uncertainty,
         f"difference as given{sizes}": apart.as_given if apart else None,
         f"difference of limits{sizes}": apart.limit if apart else None,
         f"±{sizes}": apart.uncertainty if apart else None,
-        "order": variant.study.order,
+        "order": variant.order,
         "triangles": given["triangles"],
         "cpu_seconds": given["cpu_seconds"],
     }
 
 
-def _overlay(pair: Sequence[_Studied], quantity: Quantity) -> tuple[Overlay | None, tuple]:
+def _overlay(pair: Sequence[Convergence], quantity: Quantity) -> tuple[Overlay | None, tuple]:
     """Return the ends of two variants as given, and why there are none."""
     if len(pair) < 2 or quantity.how == "mode":
         return None, ()
-    first, second = (run_problems.end_of(each.rows[0]) for each in pair)
+    first, second = (run_problems.end_of(each.levels[0]) for each in pair)
     try:
         return Overlay.of(first, second), ()
     except MeshError as error:  # as where a node is on one cloth only

@@ -38,6 +38,9 @@ class Convergence(StudyResult):
     # With ``grade=True``, the gradings of the meshes; the table then also has rows of uniform
     # meshes
     gradings: tuple[Grading, ...] = ()
+    # Rows of the runs: of the levels, coarse to fine, and of others that show the other shares
+    levels: Sequence[Mapping] = ()
+    others: Sequence[Mapping] = ()
 
     def notes(self) -> list[str]:
         """Sentences on the extrapolated value, the parts of the error and what was noticed."""

@@ -75,7 +75,7 @@ def converge(
     if grade:
         answer = refine_graded(opened, chosen, refine, levels, ratio, runs)
     else:
-        answer, _ = refine_problem(opened, chosen, refine, levels, ratio, runs)
+        answer = refine_problem(opened, chosen, refine, levels, ratio, runs)
     return replace(answer, warnings=warned)
 
 
@@ -99,20 +99,20 @@ def refine_graded(
     # paths and vectors to the result of the finest graded mesh, plus its own error.
     _require_gradable(opened, refine)
     runs = replace(runs, timed=True)
-    uniform, rows = refine_problem(opened, quantity, refine, levels, ratio, runs)
-    if any(row["status"] != OK for row in rows):
+    uniform = refine_problem(opened, quantity, refine, levels, ratio, runs)
+    if any(row["status"] != OK for row in uniform.levels):
         return uniform
     assert opened.h is not None
-    gradings = choose_gradings(opened.first, end_of(rows[0])[1], opened.h)
+    gradings = choose_gradings(opened.first, end_of(uniform.levels[0])[1], opened.h)
     pinned = len(alone(opened.first))
     remarks = (POINT_PINS.format(pinned),) if pinned else ()
     if not gradings:
         return replace(uniform, remarks=(*uniform.remarks, EVEN, *remarks))
     graded = opened.graded(gradings)
-    study, graded_rows = refine_problem(graded, quantity, refine, levels, ratio, runs)
-    if any(row["status"] != OK for row in graded_rows):
+    study = refine_problem(graded, quantity, refine, levels, ratio, runs)
+    if any(row["status"] != OK for row in study.levels):
         return replace(study, gradings=gradings)
-    errors = _errors_of_uniform(quantity, rows, graded_rows, study)
+    errors = _errors_of_uniform(quantity, uniform, study)
     compared: list[dict[str, Any]] = [
         {"mesh": "uniform", **row, "error": error}
         for row, error in zip(uniform.table, errors, strict=True)
@@ -148,14 +148,12 @@ def _require_gradable(opened: Problem, refine: str) -> None:
     _ = opened.graded([Grading(point=point, distance=cloth.extent)]).first  # refuses by itself
 
 
-def _errors_of_uniform(
-    quantity: Quantity, rows: Sequence[Mapping], graded: Sequence[Mapping], study: Convergence
-) -> list[float]:
+def _errors_of_uniform(quantity: Quantity, uniform: Convergence, study: Convergence) -> list[float]:
     """Return the distance of the uniform levels to the limit, or to the finest graded level."""
-    records = [record_at(row, quantity) for row in rows]
+    records = [record_at(row, quantity) for row in uniform.levels]
     if is_number(quantity, records[0]):
         return [abs(value_of(quantity, record) - study.limit) for record in records]
-    finest, rest = record_at(graded[-1], quantity), study.table[-1]["error"]
+    finest, rest = record_at(study.levels[-1], quantity), study.table[-1]["error"]
     return [difference_of(quantity, record, finest) + rest for record in records]
 
 

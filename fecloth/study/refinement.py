@@ -27,16 +27,15 @@ def refine_problem(
     levels: int,
     ratio: float | None,
     runs: Runs,
-) -> tuple[Convergence, list[dict]]:
-    """Run the levels; return the result, and the rows of the levels, coarse to fine."""
+) -> Convergence:
+    """Run the levels, and return what they say."""
     orders = opened.orders(quantity)
     cases = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
     points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
     check_points(points, runs)
     rows = run_points(points, [quantity], runs)
-    study = summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
-    return study, rows[:levels]
+    return summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
 
 
 def levels_to_run(
@@ -72,14 +71,16 @@ def summarise(
 ) -> Convergence:
     """Return the result from the rows of all levels, coarse to fine, and the rows for shares."""
     theory = orders[1] if refine == "dt" else orders[0]
-    rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     shown: dict[str, Any] = {
+        "levels": rows,
+        "others": more,
         "title": opened.name,
         "quantity": quantity.text,
         "unit": quantity.unit(rows[0].get("energies", ())),
         "refine": refine,
         "theory": theory,
     }
+    rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     failed = [row for row in rows if row["status"] != OK]
     if failed:
         cause = failed[0]["cause"].splitlines()[0] if failed[0]["cause"] else failed[0]["status"]
