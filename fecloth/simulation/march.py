@@ -19,7 +19,7 @@ from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
 from fecloth.simulation.doubts.before_run import OF_MARCH, find_warnings
-from fecloth.simulation.doubts.jumps import find_jumping_pin
+from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
 from fecloth.simulation.method_choice import Auto
@@ -35,6 +35,7 @@ from fecloth.terms.kinematics import largest_stretch, principal_stretches
 from fecloth.terms.records import remembered
 
 ELSEWHERE = "Lead the pins, or the obstacles, elsewhere, or end earlier."
+BACK = 2  # steps before one that failed, whose jumps are looked for: they can act later
 
 
 @remembered
@@ -247,8 +248,10 @@ def step_failed(system: System, state: State, number: int, dt: float, cause) -> 
     strains = np.abs(np.log(np.maximum(stretches, 1e-300)))
     triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
     remedy = getattr(cause, "remedy", "Take a smaller dt.")
-    if name := find_jumping_pin(system, state.t, dt, number - 1):
-        remedy = f"The motion of the pin {name!r} jumps here: let it move without jumps."
+    before = replace(state, t=state.t - dt * min(BACK, number - 1))
+    if jumps := find_jumping_motions(system, before, state.t + dt):
+        words = max(jumps)[1]
+        remedy = f"{words[0].upper()}{words[1:]}."
     return StepFailed(
         getattr(cause, "reason", str(cause)),
         step=number,

@@ -160,7 +160,14 @@ def _conclude(
     opened: Mapping, studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
 ) -> Comparison:
     studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
-    scale, numbers, differences = _differences(studies, quantity)
+    first, *others = studies.values() or (None,)
+    scale, numbers = math.nan, True
+    if first:
+        scale = find_scale(first)
+        numbers = is_number(quantity, run_problems.record_at(first.levels[0], quantity))
+    pairs = zip(list(studies)[1:], others, strict=True)
+    given = quantity, scale, numbers
+    differences = {name: _difference(first, other, *given) for name, other in pairs if first}
     overlay, remarks = _overlay(list(studies.values())[:2], quantity)
     names = {variant.name for variant in opened.values()}
     comparison = Comparison(
@@ -182,21 +189,6 @@ def _conclude(
     ]
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
     return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
-
-
-def _differences(
-    judged: Mapping[str, Convergence], quantity: Quantity
-) -> tuple[float, bool, dict[str, Difference]]:
-    """Return the scale, whether the quantity is a number, and the differences from the first."""
-    if not judged:
-        return math.nan, True, {}
-    first, *others = judged
-    scale = find_scale(judged[first])
-    numbers = is_number(quantity, run_problems.record_at(judged[first].levels[0], quantity))
-    differences = {
-        name: _difference(judged[first], judged[name], quantity, scale, numbers) for name in others
-    }
-    return scale, numbers, differences
 
 
 def _difference(

@@ -3,13 +3,11 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.simulation import error_control, stability_limited
 from fecloth.simulation.deformation import Deformation, find_inflow
-from fecloth.simulation.doubts import jumps
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.growth import MOST_GROWTH, describe_growth
 
@@ -58,16 +56,6 @@ def test_a_load_that_sets_in_may_have_given_four_times_its_last_work(part, fails
     given, deformation = ledger(system, kinetic=4.0 * part), moved(4.0 * part, last_inflow=-1.0)
     assert (find_inflow(given, 4.0 * part, 0.0, {}), deformation.available(given)) == (0.0, 0.0)
     assert bool(describe_growth(deformation, given, 1.0)) == fails
-
-
-@pytest.mark.parametrize(("apart", "found"), [(0.2, False), (0.3125, True)])
-def test_a_motion_jumps_from_a_quarter_of_its_velocity(apart, found):
-    """Velocity 1 m/s at both ends of the step, and 1 m/s less `apart` as its mean."""
-    pin = SimpleNamespace(
-        displacement=lambda t: np.array([0.0, 0.0, (1.0 - apart) * t]),
-        speed=lambda t: np.array([0.0, 0.0, 1.0]),
-    )
-    assert jumps.has_jump(pin, 0.0, 0.1) == found
 
 
 @pytest.mark.parametrize(("factor", "kept"), [(1.16, True), (1.25, False)])

@@ -1,20 +1,14 @@
 """Jumps in the motion of a pin or an obstacle, which no step size can resolve."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 
-from fecloth.errors import InputError
 from fecloth.simulation.doubts.planned_run import PlannedRun, say_of_each
 from fecloth.simulation.doubts.signals import Signal, Values, find_signals
-from fecloth.system.pins import Pin
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-JUMP = 0.25  # of the velocity; a smooth motion that the steps resolve shows (ω dt)²/12
-BACK = 2  # also check the two previous steps: the effect of a jump can appear later
 MOST = 8  # jumps of a pin that are looked for
 HALVINGS = 30  # of an interval, after which what is left of a change is a jump
 SMALL = 1e-6  # of the cloth's extent; a smaller jump does nothing
@@ -88,22 +82,3 @@ def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, flo
         else:
             a, at_a = middle, at_middle
     return b, np.abs(at_b - at_a).max()
-
-
-def find_jumping_pin(system: System, t: float, dt: float, steps: int) -> str:
-    """Return the name of a pin whose motion jumps in the step from t or the two before, or ""."""
-    times = t + dt * np.arange(-min(BACK, steps), 2)
-    for name, (pin, _) in system.constraints.groups.items():
-        if pin.motion is not None and any(has_jump(pin, *ends) for ends in pairwise(times)):
-            return name
-    return ""
-
-
-def has_jump(pin: Pin, begin: float, end: float) -> bool:
-    """Whether Δu/Δt differs by JUMP from the mean velocity of both ends; False where u fails."""
-    with suppress(InputError, ArithmeticError, ValueError):
-        mean = (pin.displacement(end) - pin.displacement(begin)) / (end - begin)
-        v0, v1 = pin.speed(begin), pin.speed(end)
-        largest = max(abs(v).max() for v in (mean, v0, v1))
-        return bool(abs(mean - 0.5 * (v0 + v1)).max() > JUMP * largest)
-    return False
