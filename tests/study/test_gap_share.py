@@ -116,11 +116,11 @@ def test_tune_divides_the_gaps_until_a_quarter_of_the_tolerance_is_left(by):
     opened = open_study(lay, {"h": 0.1, "probes": probes, "cache": None})
     quantities = opened.problem.choose_quantities("corner.z")
     bench = Bench(opened.problem, quantities, opened.runs())
-    narrow, error, words, runs = narrow_gaps(bench, Choice(h=0.1), tolerance)
+    narrow, error, words = narrow_gaps(bench, Choice(h=0.1), tolerance)
     assert error.max() == pytest.approx(whole / by, rel=1e-3)
     assert narrow.opened.first.system.terms[-1].gap == pytest.approx(GAP / by, rel=1e-3)
     assert words == ([f"gaps / {by:g}"] if by > 1 else [])
-    assert len(runs) == 2
+    assert len(bench.done) == 2
 
 
 def test_an_error_of_gaps_that_is_not_known_proves_nothing(monkeypatch):
@@ -128,8 +128,8 @@ def test_an_error_of_gaps_that_is_not_known_proves_nothing(monkeypatch):
     opened = open_problem(lay, h=0.1)
     bench = Bench(opened, opened.choose_quantities("sag"), None)
     monkeypatch.setattr(Bench, "run", lambda self, choices: [Failed()])
-    narrow, error, words, _ = narrow_gaps(bench, Choice(h=0.1), 0.01)
-    assert narrow is bench
+    narrow, error, words = narrow_gaps(bench, Choice(h=0.1), 0.01)
+    assert narrow.opened is opened
     assert error.tolist() == [math.inf]
     assert words == []
 

@@ -31,9 +31,9 @@ def run_of(error, seconds, method="bdf2"):
 def answer_of(runs, goal, proof=None, why="", is_open=False):
     """The answer where a run that is repeated gives the same."""
     by_choice = {run.choice: run for run in runs}
-    bench = PowerLaws(change=lambda made: by_choice[made.choice])
+    bench = PowerLaws(change=lambda made: by_choice[made.choice], done=list(runs))
     stick = Yardstick(BEST, np.array([LEFT]))
-    return answer(bench, goal, PREDICTION, stick, proof, runs, why, is_open)
+    return answer(bench, goal, PREDICTION, stick, proof, why, is_open)
 
 
 def proof_of(run, error):
@@ -88,7 +88,7 @@ def test_a_budget_that_cannot_be_kept_is_said_and_the_fastest_run_offered():
     found = answer_of(rows, goal)
     assert found.trial is rows[1]
     row = {"element": "P1", "step": math.nan}
-    found = replace(found, trial=replace(rows[1], row=rows[1].row | row), finer=None, search=())
+    found = replace(found, trial=replace(rows[1], row=rows[1].row | row), finer=None)
     opened = type("Opened", (), {"name": "strip"})()
     words = summarise(PowerLaws(opened), goal, found, 1.0, [], None).verdict
     assert words.startswith("not proved: a budget of 0.001 s cannot be kept")
@@ -172,10 +172,9 @@ def laws(fine, tolerance=0.01, n=16):
 def test_steps_are_halved_until_they_serve_on_a_finer_mesh(fine, steps):
     """They may have twice the error in time of the coarse mesh, or a fifth of the tolerance."""
     bench, times, coarse = laws(fine)
-    found, runs = shorten_steps(bench, times, coarse, 0.01)
+    found = shorten_steps(bench, times, coarse, 0.01)
     assert found.choice.steps == steps
-    assert {run.choice for run in runs} == {run.choice for run in bench.ran}
-    assert Choice("P1", "", 0.05, "bdf2", steps) in {run.choice for run in runs}
+    assert Choice("P1", "", 0.05, "bdf2", steps) in {run.choice for run in bench.ran}
 
 
 @pytest.mark.parametrize(("part", "blamed"), [(0.8, False), (1.25, True)])
@@ -184,13 +183,16 @@ def test_steps_are_blamed_where_half_of_dt_changes_the_finest_meshes(part, blame
     bench, _, _ = laws(part * 0.4 * 0.01)
     space = known_run(PREDICTION, 20.0, 1e-4, n=16)
     space = replace(space, reference=bench.run([Choice("P1", "", 0.05, "bdf2", 16)])[0])
-    assert blame_steps(bench, replace(space, meshes=()), 0.01)[0] == blamed
+    assert blame_steps(bench, replace(space, meshes=()), 0.01) == blamed
 
 
 def test_the_seconds_of_a_search_have_its_set_up():
-    bench, run = PowerLaws(), trial(Choice("P1", "", 0.1), spent=5.0)
-    assert bench.spent([run]) == pytest.approx(5.0, abs=1.0)
+    run = trial(Choice("P1", "", 0.1), spent=5.0)
+    bench = PowerLaws(done=[run])
+    assert bench.spent() == pytest.approx(5.0, abs=1.0)
     late = replace(bench, begin=bench.begin - 8.0)
-    assert late.spent([run]) == pytest.approx(8.0, abs=1.0)
+    assert late.spent() == pytest.approx(8.0, abs=1.0)
+    assert late.spent(without=run) == pytest.approx(8.0, abs=1.0)
     in_processes = replace(late, runs=run_problems.Runs(jobs=2))
-    assert in_processes.spent([run]) == pytest.approx(13.0, abs=1.0)
+    assert in_processes.spent() == pytest.approx(13.0, abs=1.0)
+    assert in_processes.spent(without=run) == pytest.approx(8.0, abs=1.0)

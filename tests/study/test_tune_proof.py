@@ -49,7 +49,7 @@ def test_the_stated_error_is_the_true_one_of_a_power_law_and_a_little_more(space
 def test_a_proved_error_is_the_true_one_also_after_a_wrong_prediction(space, in_time, wrong):
     bench, tolerance = PowerLaws(space=wrong * space, in_time=wrong * in_time), 1e-3
     prediction = predict(space, in_time)
-    proof = prove(bench, prediction, Goal(tolerance), [], {}, known_run(prediction, 10.0, 1.0))
+    proof = prove(bench, prediction, Goal(tolerance), {}, known_run(prediction, 10.0, 1.0))
     assert not proof.why
     assert proof.error <= tolerance
     assert true_error(proof.trial) <= 1.001 * proof.error
@@ -132,7 +132,7 @@ def test_the_best_run_of_the_search_proves_if_it_is_finer_and_accurate(ratio, le
     first = Goal(tolerance).candidates(prediction)[0]
     space = known_run(prediction, ratio * first.edges, left * tolerance)
     bench = PowerLaws(space=1.0, in_time=0.0)
-    proof = prove(bench, prediction, Goal(tolerance), [], {}, space)
+    proof = prove(bench, prediction, Goal(tolerance), {}, space)
     assert (proof.finer is space.reference) == serves
     if serves:
         own = left * tolerance + true_error(bench.ran[0]) - true_error(space.reference)
@@ -150,11 +150,13 @@ def test_three_rounds_of_verifying_runs_are_tried():
         return trial(run.choice, next(values))
 
     bench, prediction = PowerLaws(change=change), predict(1.0, 10.0)
-    proof = prove(bench, prediction, Goal(1e-3), [], {}, known_run(prediction, 10.0, 1.0))
+    proof = prove(bench, prediction, Goal(1e-3), {}, known_run(prediction, 10.0, 1.0))
     assert len(bench.ran) == 2 * 3
     assert proof.error > 1e-3
     assert proof.trial is bench.ran[2]
-    assert set(map(id, bench.ran)) - {id(proof.trial)} <= set(map(id, [*proof.search, proof.finer]))
+    assert set(map(id, bench.ran)) - {id(proof.trial)} <= set(
+        map(id, [*bench.other_than(proof.finer), proof.finer])
+    )
 
 
 def tried_after(true, others, seconds=5.0):
@@ -165,7 +167,7 @@ def tried_after(true, others, seconds=5.0):
     settings = {"a": (0.5, 1.0)} | others
     bench = Listed(settings | {"a": (true / 1.125, seconds)})  # the index adds an eighth
     prediction = listed(settings)
-    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    proof = prove(bench, prediction, Goal(1.0), {}, known_run(prediction, 1.0, 9.0))
     assert [trial.choice.method for trial in bench.ran[:2]] == ["a", "a"]
     return [trial.choice.method for trial in bench.ran[2:]], proof
 
@@ -188,7 +190,7 @@ def test_a_cheaper_setting_that_fails_does_not_end_the_search():
     settings = {"a": (0.5, 1.0), "b": (0.2, 1.5), "c": (0.2, 2.0)}
     bench = Failing(settings | {"a": (0.4, 5.0)})
     prediction = listed(settings)
-    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    proof = prove(bench, prediction, Goal(1.0), {}, known_run(prediction, 1.0, 9.0))
     assert [trial.choice.method for trial in bench.ran] == ["a", "a", "b", "c"]
     assert proof.trial.choice.method == "c"
 
@@ -217,7 +219,7 @@ def test_the_seconds_of_meshes_below_a_fifth_of_a_second_are_measured_with_care(
     meshes = [coarse.choice, replace(coarse.choice, pattern="cross")]
     bench = Recorder(opened=FunctionProblem.__new__(FunctionProblem))
     _first_meshes(bench, meshes, coarse)
-    _refine_once(bench, coarse, [coarse], [])
+    _refine_once(bench, coarse, [coarse])
     assert [asked[0], asked[-1]] == [is_timed, is_timed]
 
 
@@ -237,7 +239,7 @@ def test_eight_cheaper_settings_are_tried():
     settings = {"a": (0.5, 1.0)} | others
     bench = Listed({name: (3.0, s) for name, (_, s) in settings.items()} | {"a": (0.4, 5.0)})
     prediction = listed(settings)
-    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    proof = prove(bench, prediction, Goal(1.0), {}, known_run(prediction, 1.0, 9.0))
     assert [trial.choice.method for trial in bench.ran] == ["a", "a", *"bcdefghi"]
     assert proof.trial is bench.ran[0]
 
@@ -247,7 +249,7 @@ def test_no_setting_is_run_twice(seconds):
     """Both take so much longer than predicted that they still look cheaper afterwards."""
     bench = Listed({"a": (0.4, 50.0), "b": (0.2, seconds)})
     prediction = listed({"a": (0.5, 0.4), "b": (0.2, 0.5)})
-    proof = prove(bench, prediction, Goal(1.0), [], {}, known_run(prediction, 1.0, 9.0))
+    proof = prove(bench, prediction, Goal(1.0), {}, known_run(prediction, 1.0, 9.0))
     assert [trial.choice.method for trial in bench.ran] == ["a", "a", "b"]
     assert proof.trial.choice.method == ("b" if seconds < 50.0 else "a")
 

@@ -407,7 +407,7 @@ def growing(power, share=0.5, tolerance=1e-3):
         def candidates(self, prediction, margin=0.0):
             return [of]
 
-    found = measure_growth(bench, replace(prediction, times=times), Given(tolerance), [])
+    found = measure_growth(bench, replace(prediction, times=times), Given(tolerance))
     return found.growth.get(rule.key), bench.ran
 
 
@@ -435,7 +435,7 @@ def timed(others, monkeypatch):
     ]
     prediction = replace(base, times=replace(base.times, rules=(rule, *more)))
     bench = PowerLaws(change=lambda run: trial(run.choice, 1.0, run.seconds))
-    corrections.time_candidates(bench, prediction, Goal(1e-3), [])
+    corrections.time_candidates(bench, prediction, Goal(1e-3))
     return bench.ran
 
 

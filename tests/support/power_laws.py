@@ -33,7 +33,10 @@ class PowerLaws(Bench):
     space: float = 1.0
     in_time: float = 10.0
     change: object = None  # function (trial) -> trial
-    ran: list = field(default_factory=list)
+
+    @property
+    def ran(self):
+        return self.done
 
     def run(self, choices, timed=False):
         trials = []

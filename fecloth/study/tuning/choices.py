@@ -179,18 +179,30 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A problem whose choices are run for quantities."""
+    """A problem whose choices are run for quantities, and all runs so far."""
 
     opened: Problem
     quantities: tuple[Quantity, ...]
     runs: Runs
     begin: float = field(default_factory=time.process_time)  # CPU time of this process then [s]
+    done: list[Trial] = field(default_factory=list)  # each run is added
+    changed: int = 0  # number of the first one of this problem: those before have other terms
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
         """Run choices; one that is refused, fails or is too long gives a trial that is not ok."""
         quiet = replace(self.runs, timed=timed, quiet=True)
         rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
-        return [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
+        trials = [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
+        self.done.extend(trials)
+        return trials
+
+    def with_problem(self, opened: Problem) -> "Bench":
+        """Return it with another problem, whose runs follow."""
+        return replace(self, opened=opened, changed=len(self.done))
+
+    def other_than(self, run: Trial | None) -> list[Trial]:
+        """Return all runs but one."""
+        return [trial for trial in self.done if trial is not run]
 
     def _point(self, choice: Choice) -> Point | dict:
         """Return what runs for a choice; a row with the reason if it is refused or too long."""
@@ -219,11 +231,11 @@ class Bench:
             return Trial(choice, {**row, **failure(NO_VALUE, error)})
         return Trial(choice, row, records)
 
-    def spent(self, trials: Sequence[Trial]) -> float:
+    def spent(self, without: Trial | None = None) -> float:
         """Return the CPU time of the search so far [s]: of this process, and of all its runs."""
         # It counts what lies between the runs, as meshes and estimates of errors. Runs in other
         # processes are added; of runs from the store it counts what they took.
-        here, runs = time.process_time() - self.begin, spent(trials)
+        here, runs = time.process_time() - self.begin, spent(self.other_than(without))
         is_elsewhere = self.runs.jobs > 1 or self.runs.scheduler
         return here + runs if is_elsewhere else max(here, runs)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from fecloth.study.change import Change
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import COSTLY, Bench, Trial
+from fecloth.study.tuning.choices import COSTLY, Bench
 from fecloth.study.tuning.prediction import Candidate, Goal, Prediction
 
 BEST = 3  # candidates that are looked at
@@ -18,13 +18,11 @@ FEWEST, PART = 12, 0.05  # steps of a short run, and its part of the whole one
 DEARER = 6.0  # times the seconds: a run with half of h
 
 
-def measure_growth(
-    bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
-) -> Prediction:
+def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
     """Return the prediction with the growth of the errors in time of the best candidates."""
     # Finer meshes have shorter waves, so that errors in time grow. Each rule runs with half of h
     # beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured get
-    # the largest power. The runs are added to `search`.
+    # the largest power.
     times = prediction.times
     candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
     able = [run for run in times.trials if run.is_ok and run.choice.steps]
@@ -33,7 +31,6 @@ def measure_growth(
         return prediction
     reference = min(implicit, key=lambda run: float(bench.distance(times.reference, run).max()))
     (finest,) = bench.run([reference.choice.with_half_of_h()])
-    search.append(finest)
     growth = dict(prediction.growth)
     for candidate in candidates:
         apart = np.abs(np.log(candidate.rule.errors.x / candidate.x))
@@ -41,7 +38,6 @@ def measure_growth(
         if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
             continue
         (finer,) = bench.run([trial.choice.with_half_of_h()])
-        search.append(finer)
         if finer.is_ok:
             ratio = bench.distance(finest, finer).max() / bench.distance(reference, trial).max()
             power = math.log(ratio) / math.log(finer.edges / trial.edges)
@@ -57,21 +53,19 @@ def _errs_in_time(candidate: Candidate) -> bool:
     return is_chosen and candidate.time.max() > COUNTS * candidate.error
 
 
-def time_candidates(
-    bench: Bench, prediction: Prediction, goal: Goal, search: list[Trial]
-) -> Prediction:
+def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
     """Return the prediction with measured seconds of the best candidates."""
-    # Their short runs are added to `search`. Steps that follow rtol are not measured, because the
-    # steps of the beginning say little of the others.
+    # Steps that follow rtol are not measured, because the steps of the beginning say little of the
+    # others.
     fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
     for candidate in fixed[:BEST]:
         if candidate.seconds <= CLOSE * fixed[0].seconds:
-            seconds = _seconds(bench, candidate, search)
+            seconds = _seconds(bench, candidate)
             prediction = prediction.with_seconds(candidate, seconds)
     return prediction
 
 
-def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:
+def _seconds(bench: Bench, candidate: Candidate) -> float:
     """Return the seconds of a candidate from a short run; infinite if that fails."""
     choice = candidate.choice
     part = min(max(PART, FEWEST / (choice.steps or FEWEST / PART)), 1.0)
@@ -79,7 +73,6 @@ def _seconds(bench: Bench, candidate: Candidate, search: list[Trial]) -> float:
     if choice.steps:
         choice = replace(choice, steps=max(round(part * choice.steps), 1))
     (trial,) = short.run([choice], timed=True)
-    search.append(trial)
     return trial.seconds / part if trial.is_ok else math.inf
 
 

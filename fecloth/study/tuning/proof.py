@@ -33,7 +33,6 @@ class Proof:
     finer: Trial | None  # the verifying run; None if it failed
     parts: Errors
     why: str = ""  # why the error is not known; "" if it is
-    search: tuple[Trial, ...] = ()  # all runs but the verifying one
 
     @property
     def error(self) -> float:
@@ -66,7 +65,6 @@ def prove(
     bench: Bench,
     prediction: Prediction,
     goal: Goal,
-    search: Sequence[Trial],
     other: Errors,
     space: SpaceErrors,
 ) -> Proof | None:
@@ -75,14 +73,13 @@ def prove(
     # one if it is finer and its own error is small.
     stick = Yardstick(space.reference, space.error + prediction.error_in_time(space.reference))
     is_known = stick.left.max() <= KNOWN * goal.scale
-    attempts, runs = list[Proof](), list(search)
+    attempts = list[Proof]()
     for _ in range(ROUNDS):
         candidates = untried(goal.candidates(prediction), attempts)
-        is_late = attempts and bench.spent(others(runs, attempts[-1])) > goal.limit(candidates)
+        is_late = attempts and bench.spent(attempts[-1].finer) > goal.limit(candidates)
         if not candidates or is_late:
             break
         (trial,) = bench.run([candidates[0].choice], timed=True)
-        runs.append(trial)
         if not trial.is_ok:
             is_method = candidates[0].rule.kind != "static"
             prediction = prediction.without(candidates[0], on_all_meshes=is_method)
@@ -92,7 +89,6 @@ def prove(
         else:
             proof = verify(bench, candidates[0], trial, other)
         attempts.append(proof)
-        runs += [proof.finer] if proof.finer else []
         if proof.why or proof.meets(goal):
             break
         prediction = corrected(prediction, proof)
@@ -100,12 +96,8 @@ def prove(
         return None
     proof = stated(attempts, goal)
     if not proof.why and proof.meets(goal) and goal.tolerance < math.inf:
-        proof = cheaper(bench, prediction, goal, proof, runs)
-    return replace(proof, search=others(runs, proof))
-
-
-def others(runs: Sequence[Trial], proof: Proof) -> tuple[Trial, ...]:
-    return tuple(run for run in runs if run is not proof.finer)
+        proof = cheaper(bench, prediction, goal, proof)
+    return proof
 
 
 def untried(candidates: Sequence[Candidate], proofs: Iterable[Proof]) -> list[Candidate]:
@@ -194,10 +186,8 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     return replace(prediction, meshes=meshes, times=times)
 
 
-def cheaper(
-    bench: Bench, prediction: Prediction, goal: Goal, proof: Proof, runs: list[Trial]
-) -> Proof:
-    """Try cheaper settings beside the verifying run; return the cheapest proof, add to `runs`."""
+def cheaper(bench: Bench, prediction: Prediction, goal: Goal, proof: Proof) -> Proof:
+    """Try cheaper settings beside the verifying run, and return the cheapest proof."""
     other = {name: part for name, part in proof.parts.items() if name not in ("space", "time")}
     stick = verifying(bench, proof, proof.parts["space"] + proof.parts.get("time", 0.0))
     tried = [proof]
@@ -205,11 +195,10 @@ def cheaper(
         candidates, prediction = next_candidates(goal, prediction, proof, tried)
         if not candidates or candidates[0].seconds > CHEAPER * proof.trial.seconds:
             break
-        spent = bench.spent(others(runs, proof)) + candidates[0].seconds
+        spent = bench.spent(proof.finer) + candidates[0].seconds
         if spent > goal.limit(candidates):
             break
         (trial,) = bench.run([candidates[0].choice], timed=True)
-        runs.append(trial)
         if not trial.is_ok:
             prediction = prediction.without(candidates[0])
             continue
@@ -263,7 +252,6 @@ def answer(
     prediction: Prediction,
     yardstick: Yardstick,
     proof: Proof | None,
-    runs: Sequence[Trial],
     why: str,
     is_open: bool = False,
 ) -> Proof:
@@ -271,7 +259,8 @@ def answer(
     # With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
     # come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
     # accurate runs, with a budget the fastest run.
-    rows = [run for run in each_once(runs) if run.is_ok and run.records and not run.choice.sharper]
+    own = each_once(bench.other_than(proof.finer if proof else None)[bench.changed :])
+    rows = [run for run in own if run.is_ok and run.records and not run.choice.sharper]
     errors = {run.choice: float(yardstick.error(bench, run).max()) for run in rows}
     proved = proof if proof is not None and not proof.why and proof.meets(goal) else None
 
@@ -284,7 +273,7 @@ def answer(
     able = [run for run in rows if errors[run.choice] <= goal.tolerance]
     able = [run for run in able if run.seconds <= goal.budget and place(run) < most]
     for run in [] if is_open else sorted(able, key=place)[:TIMED]:
-        (timed,) = bench.run([run.choice], timed=True)
+        (timed,) = replace(bench, done=[]).run([run.choice], timed=True)
         slow = proved and not goal.has_budget and timed.seconds > proved.trial.seconds
         if timed.is_ok and timed.seconds <= goal.budget and not slow:
             return _measured(prediction, yardstick, bench, timed)

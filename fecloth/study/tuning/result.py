@@ -146,15 +146,15 @@ def summarise(
         text=text,
         scene=scene,
         search_seconds=took,
-        remarks=tuple(_remarks(proof, dropped)),
+        remarks=tuple(_remarks(bench, proof, dropped)),
     )
 
 
-def _remarks(proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
+def _remarks(bench: Bench, proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
     if dropped:
         yield f"Changed terms: {', '.join(dropped)}."
     for status, what in ((LATE, "cut off at the limit of CPU time"), (FAILED, "no evidence")):
-        runs = [trial for trial in each_once(proof.search) if trial.row["status"] == status]
+        runs = [trial for trial in each_once(bench.done) if trial.row["status"] == status]
         if runs:
             count = "1 run was" if len(runs) == 1 else f"{len(runs)} runs were"
             yield f"{count} {what}; the first, {runs[0].choice}: {runs[0].row['cause']}."
@@ -187,7 +187,7 @@ def table_of_runs(bench: Bench, proof: Proof) -> Table:
     # tuned run it is the estimated error.
     finer, rows = proof.finer, []
     left = proof.error - float(bench.distance(finer, proof.trial).max()) if finer else math.nan
-    for trial in each_once([*proof.search, proof.trial, *([finer] if finer else [])]):
+    for trial in each_once([*bench.other_than(finer), proof.trial, *([finer] if finer else [])]):
         row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
         row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
         row["graded"] = "yes" if trial.choice.grading else None

@@ -58,21 +58,20 @@ def measure_meshes(
     times: TimeErrors,
     coarse: Trial,
     goal: Goal,
-    done: Sequence[Trial] = (),
 ) -> tuple[SpaceErrors, Prediction]:
     """Refine all meshes once, then the ones that matter, until the choice among them is known."""
-    # `done` are all runs so far. A run is left out if its predicted time is more than a tenth of
-    # the time of the search, unless it has the mesh of the coarse run.
+    # A run is left out if its predicted time is more than a tenth of the time of the search, unless
+    # it has the mesh of the coarse run.
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials = _first_meshes(bench, meshes, coarse)
     if coarse.choice.h is not None:
-        trials += _refine_once(bench, coarse, trials, done)
+        trials += _refine_once(bench, coarse, trials)
     while True:
         space = summarise_meshes(bench, trials, orders)
         prediction = Prediction(space.meshes, times, coarse)
         candidates = goal.candidates(prediction)
         seconds_left = SEARCH - RESERVE if math.isinf(goal.budget) else goal.limit(candidates)
-        seconds_left -= bench.spent([*done, *trials])
+        seconds_left -= bench.spent()
         mesh = next_mesh(space, candidates, goal) if coarse.choice.h is not None else None
         if mesh is None or space.stalls(bench, goal.scale):
             return space, prediction
@@ -97,11 +96,9 @@ def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list
     return trials + (bench.run(graded_choices(bench.opened, trials)) if own.h is not None else [])
 
 
-def _refine_once(
-    bench: Bench, coarse: Trial, trials: Sequence[Trial], done: Sequence[Trial]
-) -> list[Trial]:
+def _refine_once(bench: Bench, coarse: Trial, trials: Sequence[Trial]) -> list[Trial]:
     """Run each mesh with half of h, unless that was done or would take too long."""
-    known = {run.choice: run for run in done if run.is_ok}
+    known = {run.choice: run for run in bench.done[bench.changed :] if run.is_ok}
     refined = []
     for trial in trials:
         choice, is_own = trial.choice.with_half_of_h(), trial.choice.mesh == coarse.choice.mesh

@@ -56,16 +56,14 @@ def _error_in_time(bench: Bench, times: TimeErrors, trial: Trial) -> float:
     return float((bench.distance(times.reference, trial) + times.error).max())
 
 
-def shorten_steps(
-    bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float
-) -> tuple[Trial, list[Trial]]:
+def shorten_steps(bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float) -> Trial:
     """Halve the steps of the coarse run until they serve on a mesh with half of h, too."""
     # Where there are too few, Newton's iteration lands on another solution there, and the meshes
-    # would disagree. Return the run on the coarse mesh with these steps, and all further runs.
+    # would disagree. Return the run on the coarse mesh with these steps.
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
-        return coarse, []
+        return coarse
     known = _error_in_time(bench, times, coarse)
-    choice, runs = coarse.choice.with_half_of_h(), list[Trial]()
+    choice = coarse.choice.with_half_of_h()
     finer = bench.run([choice])
     for _ in range(HALVINGS):
         if finer[-1].is_ok and finer[-1].seconds > COSTLY / 2:
@@ -75,11 +73,10 @@ def shorten_steps(
         if error_of_steps(bench, *finer[-2:]) <= max(CALM * tolerance, MORE * known):
             break
         (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
-        runs.append(shorter)
         if not shorter.is_ok:
             break
         coarse, known = shorter, known / 2 ** order_of(coarse.choice.method)
-    return coarse, [*finer, *runs]
+    return coarse
 
 
 def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
@@ -90,15 +87,14 @@ def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
     return float(bench.distance(shorter, trial).max()) / rest
 
 
-def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> tuple[bool, list[Trial]]:
-    """Return whether the steps are why meshes disagree, and the runs that say so."""
+def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> bool:
+    """Return whether the steps are why meshes disagree."""
     # The finest runs of the two meshes that disagree are repeated with half of dt.
     rivals = [space.rival] if space.rival else space.meshes
     others = [mesh.trials[-1] for mesh in rivals if mesh.trials[-1] is not space.reference]
-    runs: list[Trial] = []
     for run in [space.reference, *others[:1]]:
         if run.choice.steps and not run.choice.is_explicit and 2 * run.seconds <= COSTLY:
-            runs += bench.run([run.choice.with_half_of_dt()])
-            if error_of_steps(bench, run, runs[-1]) > MORE * CALM * tolerance:
-                return True, runs
-    return False, runs
+            (shorter,) = bench.run([run.choice.with_half_of_dt()])
+            if error_of_steps(bench, run, shorter) > MORE * CALM * tolerance:
+                return True
+    return False

@@ -108,70 +108,60 @@ def tune(
     meshes = coarse_meshes(opened, elements)
     other: dict[str, np.ndarray] = {}
     dropped: list[str] = []
-    search: list[Trial] = []
-    of_terms: list[Trial] = []
     if model:
         _say("terms: what they change on a coarse mesh")
         coarsest = _coarse_choice(bench, meshes[0])
-        bench, other["model"], dropped, of_terms = drop_terms(bench, coarsest, goal.scale)
+        bench, other["model"], dropped = drop_terms(bench, coarsest, goal.scale)
     if opened.has_contact:
         _say("gaps of contact: what halving them changes on a coarse mesh")
-        bench, other["gap"], changed, of_gaps = narrow_gaps(bench, meshes[0], goal.scale)
-        dropped, of_terms = [*dropped, *changed], [*of_terms, *of_gaps]
+        bench, other["gap"], changed = narrow_gaps(bench, meshes[0], goal.scale)
+        dropped += changed
     _say("errors in time: all methods on a coarse mesh")
     times = measure_methods(bench, meshes[0], names, goal.scale, METHODS_TIME)
     coarse = shared_steps.shared_run(bench, times, goal.scale)
     bench.check_sizes(coarse)
     _say("errors in space: all meshes with the same steps")
-    coarse, more = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
-    search += [*times.trials, *more]
+    coarse = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
     for _ in range(REPEATED):
-        space, prediction = measure_meshes(bench, meshes, times, coarse, goal, search)
-        search += space.trials
-        if not (space.rival or space.stalls(bench, goal.scale)):
+        space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
+        is_doubtful = space.rival or space.stalls(bench, goal.scale)
+        if not (is_doubtful and shared_steps.blame_steps(bench, space, goal.scale)):
             break
-        is_to_blame, more = shared_steps.blame_steps(bench, space, goal.scale)
-        search += more
-        shorter = bench.run([coarse.choice.with_half_of_dt()]) if is_to_blame else []
-        search += shorter
-        if not shorter or not shorter[0].is_ok or bench.spent(search) > SEARCH / 2:
+        (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
+        if not shorter.is_ok or bench.spent() > SEARCH / 2:
             break
-        coarse = shorter[0]
+        coarse = shorter
     bench.check_sizes(space.reference, space.error)
     if not coarse.choice.is_explicit:  # it has a solver
         (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
-        search += [sharper] if sharper.is_ok else []
         other |= {"solver": bench.distance(sharper, coarse)} if sharper.is_ok else {}
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
     proof = None
     why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
-    if not why and bench.spent(search) < SEARCH:
+    if not why and bench.spent() < SEARCH:
         _say("seconds of the best settings: short runs")
-        prediction = measure_growth(bench, prediction, goal, search)
-        prediction = time_candidates(bench, prediction, goal, search)
+        prediction = measure_growth(bench, prediction, goal)
+        prediction = time_candidates(bench, prediction, goal)
         why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why:
-        why = _why_too_late(bench, goal, prediction, search)
+        why = _why_too_late(bench, goal, prediction)
     if not why:
         _say("proof: the best setting beside a finer one")
-        proof = prove(bench, prediction, goal, search, other, space)
+        proof = prove(bench, prediction, goal, other, space)
         why = proof.why if proof else "no setting that should meet it ran to its end"
-        search = [*proof.search, proof.trial] if proof else search
     verifying = proof.finer if proof and proof.finer is not space.reference else None
     left = space.error + prediction.error_in_time(space.reference) + prediction.other
     yardstick = choose_yardstick(bench, proof, space.reference, left)
     is_open = space.stalls(bench, goal.scale)
-    final = answer(bench, goal, prediction, yardstick, proof, search, why, is_open)
-    final = replace(final, search=(*of_terms, *search))
-    took = bench.spent([*final.search, final.trial, *([verifying] if verifying else [])])
-    took -= verifying.spent if verifying else 0.0
+    final = answer(bench, goal, prediction, yardstick, proof, why, is_open)
+    took = bench.spent() - (verifying.spent if verifying else 0.0)
     return replace(summarise(bench, goal, final, took, dropped, folder), warnings=warned)
 
 
-def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction, search: Sequence[Trial]) -> str:
+def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction) -> str:
     """Return that the time of the search is over before the best setting could run, or ""."""
     candidates = goal.candidates(prediction)
-    if not candidates or bench.spent(search) + candidates[0].seconds <= goal.limit(candidates):
+    if not candidates or bench.spent() + candidates[0].seconds <= goal.limit(candidates):
         return ""
     long = in_words(candidates[0].seconds)
     return f"the search has no time left; {candidates[0].choice} should meet it, in about {long}"
@@ -202,40 +192,39 @@ def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
 
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
-) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
+) -> tuple[Bench, np.ndarray, list[str]]:
     """Return the problem with gaps whose error is a part of the tolerance, and that error (q,)."""
     # The error is of first order in the gap: halving the gaps shows half of it. Return also the
-    # change in words, and the runs. Where a run fails the error is not known, and infinite.
+    # change in words. Where a run fails the error is not known, and infinite.
     choice, opened = _coarse_choice(bench, mesh), bench.opened
     halved = replace(bench, opened=opened.refined(Level(sharper=None, gap=2.0)))
     runs = [*bench.run([choice]), *halved.run([choice])]
     if not all(run.is_ok for run in runs):
-        return bench, np.full(len(bench.quantities), math.inf), [], runs
+        return bench.with_problem(opened), np.full(len(bench.quantities), math.inf), []
     error = 2 * bench.distance(runs[1], runs[0])
     by = min(max(1.0, float(error.max()) / (GAPS * tolerance)), NARROWEST)
     if by == 1:
-        return bench, error, [], runs
-    narrow = replace(bench, opened=opened.refined(Level(sharper=None, gap=by)))
-    return narrow, error / by, [f"gaps / {by:.3g}"], runs
+        return bench.with_problem(opened), error, []
+    narrow = bench.with_problem(opened.refined(Level(sharper=None, gap=by)))
+    return narrow, error / by, [f"gaps / {by:.3g}"]
 
 
 def drop_terms(
     bench: Bench, choice: Choice, tolerance: float
-) -> tuple[Bench, np.ndarray, list[str], list[Trial]]:
+) -> tuple[Bench, np.ndarray, list[str]]:
     """Leave out terms, or replace them by cheaper ones, as long as their changes are small."""
-    # Returns the reduced problem, (q,) its change of the quantities, the names of the changes and
-    # all runs. Membranes are not left out: in free fall they change nothing.
+    # Returns the reduced problem, (q,) its change of the quantities, and the names of the changes.
+    # Membranes are not left out: in free fall they change nothing.
     if not isinstance(bench.opened, SceneProblem):
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
     (full,) = bench.run([choice], timed=True)
-    total, trials = np.zeros(len(bench.quantities)), [full]
+    total = np.zeros(len(bench.quantities))
     taken: dict[str, Variant] = {}
 
     def run_with(variant: Variant) -> tuple[np.ndarray, float] | None:
         """Return the change by a variant beside the taken ones, if it is small, and seconds."""
         trial = run_variants(bench, [*taken.values(), variant], choice)
-        trials.extend([trial] if trial else [])
         if trial is None or not trial.is_ok:
             return None
         change = bench.distance(full, trial)
@@ -249,7 +238,7 @@ def drop_terms(
         if variant.slot not in taken and (made := run_with(variant)):
             total, taken[variant.slot] = made[0], variant
     names = [variant.name for variant in taken.values()]
-    return _with(bench, taken.values()), total, names, trials
+    return _with(bench, taken.values()), total, names
 
 
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
@@ -270,4 +259,4 @@ def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> T
 
 
 def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
-    return replace(bench, opened=bench.opened.changed(changes_of(variants)))
+    return bench.with_problem(bench.opened.changed(changes_of(variants)))
