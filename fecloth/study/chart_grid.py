@@ -52,6 +52,7 @@ def make_settings(
 ) -> list[Setting]:
     """Return the settings of all combinations, each on its meshes and with its steps."""
     asked = methods, elements, models
+    opened.refuse_methods(methods, "chart")
     if isinstance(opened, SceneProblem):
         combinations = _of_scene(opened.scene, *asked)
     else:
@@ -75,8 +76,6 @@ def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
         usual = scene.time.method.type, *USUAL
         names = known_names("method", methods or usual, ALL_METHODS)
         rules = [rule for name in names for rule in _rules(scene, name)]
-    elif methods:
-        raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "chart")
     combinations = product(rules, tried, listed or [""])
     return [{**rule, "element": e, "model": m} for rule, e, m in combinations]
 
@@ -92,8 +91,6 @@ def _rules(scene: Scene, method: str) -> list[dict]:
 def _of_function(opened: FunctionProblem, methods, elements, models) -> list[dict]:
     """Return the combinations of a function's arguments `method`, `element` and `model`."""
     chosen = {"method": methods, "element": elements, "model": models}
-    if methods and opened.t_end is None:
-        raise InputError(f"methods = {methods!r}", "an equilibrium has no method", "chart")
     listed = product(*(list(values) if values else [""] for values in chosen.values()))
     return [dict(zip(chosen, names, strict=True)) for names in listed]
 

@@ -150,8 +150,7 @@ def _judge(
     if failed:
         return failure(failed["status"], failed["cause"])
     try:
-        orders = problem.orders(quantity)
-        return summarise(problem, quantity, refine, orders, rows[:levels], rows[levels:])
+        return summarise(problem, quantity, refine, rows[:levels], rows[levels:])
     except InputError as error:  # as where a signal has no period
         return failure(NO_VALUE, error)
 

@@ -50,7 +50,7 @@ class FunctionProblem(CommonProblem):
         return tuple(probe.name for probe in self.placed)
 
     @property
-    def span(self) -> float | None:
+    def span(self) -> float | None:  # type: ignore[override]  # read only
         """Length of the run [s]; None of an equilibrium."""
         return self.t_end
 
@@ -66,10 +66,6 @@ class FunctionProblem(CommonProblem):
     def ratio(self, refine: str) -> float:
         """Return the usual ratio of two levels: a function's meshes are taken as nested."""
         return 2.0
-
-    def can_refine(self, what: str) -> bool:
-        """Whether the function has an h, or steps of a given dt."""
-        return (self.h if what == "h" else self.dt) is not None
 
     def workload(self, level: Level) -> Workload:
         """Predict the size of a level from the first one."""

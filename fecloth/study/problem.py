@@ -26,6 +26,9 @@ class CommonProblem:
 
     name: str
     source: str  # what errors name
+    h: float | None  # edge length [m]
+    dt: float | None  # fixed step [s]; None where there is none
+    span: float | None  # length of the run [s]; None of an equilibrium
     first: Setup
     quantities: tuple[Quantity, ...]
 
@@ -36,6 +39,16 @@ class CommonProblem:
     @property
     def is_explicit(self) -> bool:
         return self.first.is_explicit
+
+    def can_refine(self, what: str) -> bool:
+        """Whether there is an h, or a fixed dt."""
+        return (self.h if what == "h" else self.dt) is not None
+
+    def refuse_methods(self, methods: Sequence[str] | None, study: str) -> None:
+        """Raise `InputError` for methods of an equilibrium."""
+        if methods and self.span is None:
+            words = f"methods = {methods!r}", "an equilibrium has no method"
+            raise InputError(*words, study, "Leave the methods out.")
 
     @cached_property
     def has_contact(self) -> bool:

@@ -29,13 +29,12 @@ def refine_problem(
     runs: Runs,
 ) -> Convergence:
     """Run the levels, and return what they say."""
-    orders = opened.orders(quantity)
     cases = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
     points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
     check_points(points, runs)
     rows = run_points(points, [quantity], runs)
-    return summarise(opened, quantity, refine, orders, rows[:levels], rows[levels:])
+    return summarise(opened, quantity, refine, rows[:levels], rows[levels:])
 
 
 def levels_to_run(
@@ -65,11 +64,11 @@ def summarise(
     opened: Problem,
     quantity: Quantity,
     refine: str,
-    orders: tuple[float, float],
     rows: Sequence[Mapping],
     more: Sequence[Mapping],
 ) -> Convergence:
     """Return the result from the rows of all levels, coarse to fine, and the rows for shares."""
+    orders = opened.orders(quantity)
     theory = orders[1] if refine == "dt" else orders[0]
     shown: dict[str, Any] = {
         "levels": rows,

@@ -124,11 +124,17 @@ class StudyResult:
             self.table.to_csv(folder / "results.csv")
             for kind in ("png", "svg"):
                 drawing.savefig(folder / f"figure.{kind}", dpi=160)
-        name, text = self.scene_file
-        if text:
-            replace_file(folder / name, text.encode())
+        self.write_scene(folder)
         replace_file(folder / "report.html", (self._fill("study.html") + "\n").encode())
         return folder / "report.html"
+
+    def write_scene(self, folder: str | Path | None) -> Path | None:
+        """Write the scene alone, if there is one and a folder; return its path."""
+        name, text = self.scene_file
+        if not text or folder is None:
+            return None
+        replace_file(Path(folder) / name, text.encode())
+        return Path(folder) / name
 
     def describe_files(self, folder: Path, page: Path) -> str:
         """Say which files `report` has written to the folder, beside results and figure."""

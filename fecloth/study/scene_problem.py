@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from fecloth.errors import InputError, is_number
+from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
@@ -44,12 +44,18 @@ class SceneProblem(CommonProblem):
         return tuple(probe.name for probe in self.scene.probes)
 
     @property
-    def h(self) -> float | None:
+    def h(self) -> float | None:  # type: ignore[override]  # read only
         """Edge length [m]."""
         return self.scene.cloth.h
 
     @property
-    def span(self) -> float | None:
+    def dt(self) -> float | None:  # type: ignore[override]  # read only
+        """Fixed step [s]; None where there is none."""
+        dt = "auto" if self.scene.equilibrium else self.scene.time.dt
+        return None if dt == "auto" else dt
+
+    @property
+    def span(self) -> float | None:  # type: ignore[override]  # read only
         """Length of the run [s]; None of an equilibrium."""
         time = self.scene.time
         return None if self.scene.equilibrium else time.t_end - time.t_start
@@ -76,12 +82,6 @@ class SceneProblem(CommonProblem):
         """Return the usual ratio of two levels; for nested meshes it is 2."""
         nested = getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
         return 2.0 if nested or refine == "dt" else math.sqrt(2)
-
-    def can_refine(self, what: str) -> bool:
-        """Whether the scene has an h, or a dt in seconds."""
-        if what == "dt" and self.scene.equilibrium:
-            return False
-        return is_number(self.scene.cloth.h if what == "h" else self.scene.time.dt)
 
     @cached_property
     def size(self) -> Workload:
@@ -142,8 +142,8 @@ class SceneProblem(CommonProblem):
         scene, values = self.scene, dict[str, object]()
         if level.h != 1 and self.h is not None:
             values["cloth.h"] = self.h / level.h
-        if level.dt != 1 and self.span is not None and scene.time.dt != "auto":
-            steps = math.ceil(self.span / scene.time.dt - 1e-9)
+        if level.dt != 1 and self.span is not None and self.dt is not None:
+            steps = math.ceil(self.span / self.dt - 1e-9)
             values["time.dt"] = self.span / round(steps * level.dt)
         if level.rtol != 1:
             values["time.rtol"] = self.rtol / level.rtol

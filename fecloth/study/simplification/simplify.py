@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from fecloth.errors import InputError
-from fecloth.output.atomic_files import replace_file
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
 from fecloth.simulation.error_control import Adaptive
@@ -154,11 +153,8 @@ def summarise(
     tables, file = original.problem.tables, f"reduced.{'toml' if original.is_scene else 'txt'}"
     text = original.text(change.apply(tables))
     final = original.run_one(file, change, fresh=True) if taken else None
-    scene = None if folder is None else Path(folder) / file
-    if scene:
-        replace_file(scene, text.encode())
-    name = file if scene else "the reduced scene"
-    return result.Simplification(
+    name = "the reduced scene" if folder is None else file
+    simplification = result.Simplification(
         title=original.problem.name,
         warnings=original.problem.warnings,
         verdict=result.make_verdict(findings, taken[-1] if taken else "", final, name),
@@ -166,7 +162,6 @@ def summarise(
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),
         resolved=not findings.unresolved,
-        scene=scene,
         reduced=text,
         file=file,
         change=final.change if final else 0.0,
@@ -176,3 +171,4 @@ def summarise(
             *result.describe_resolved(findings.resolutions, "h" in tables["cloth"]),
         ),
     )
+    return replace(simplification, scene=simplification.write_scene(folder))

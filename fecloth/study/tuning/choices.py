@@ -85,9 +85,7 @@ def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choic
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
     """Return the methods of a problem; [""] where there is none to choose."""
-    if opened.span is None and methods:
-        words = f"methods = {methods!r}", "an equilibrium has no method"
-        raise InputError(*words, "tune", "Leave the methods out.")
+    opened.refuse_methods(methods, "tune")
     if opened.span is None or isinstance(opened, FunctionProblem):
         return list(methods or [""])
     if methods:

@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from fecloth import errors
-from fecloth.output.atomic_files import replace_file
 from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, MARKERS, Figure, new_figure, use_plain_ticks
 from fecloth.study.problems import SceneProblem
@@ -124,13 +123,10 @@ def summarise(
     """Return the result; write tuned.toml. The search `took` so many CPU seconds."""
     trial, opened = proof.trial, bench.opened
     proved = proof.meets(goal) and not proof.why
-    text, scene = "", None
+    text = ""
     if isinstance(opened, SceneProblem):
         text = to_toml(change_of(opened, trial.choice).apply(opened.tables))
-        scene = None if folder is None else Path(folder) / "tuned.toml"
-    if scene:
-        replace_file(scene, text.encode())
-    return Tuned(
+    tuned = Tuned(
         title=opened.name,
         verdict=_verdict(proof, goal, proved),
         table=table_of_runs(bench, proof),
@@ -144,10 +140,10 @@ def summarise(
         parts={name: float(part.max()) for name, part in proof.parts.items()},
         settings=_settings(trial),
         text=text,
-        scene=scene,
         search_seconds=took,
         remarks=tuple(_remarks(bench, proof, dropped)),
     )
+    return replace(tuned, scene=tuned.write_scene(folder))
 
 
 def _remarks(bench: Bench, proof: Proof, dropped: Sequence[str]) -> Iterator[str]:

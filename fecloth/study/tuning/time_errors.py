@@ -98,11 +98,10 @@ def measure_methods(
 def can_choose_steps(opened: Problem) -> bool:
     """Whether the problem is a motion whose number of steps may be chosen."""
     # A run of a few long steps is a static solution: with shorter steps it would become a motion.
+    span, dt = opened.span, opened.dt
     if isinstance(opened, FunctionProblem):
-        return opened.t_end is not None and opened.dt is not None
-    span = opened.span
-    dt = opened.scene.time.dt if span else None
-    return span is not None and not (isinstance(dt, float) and span <= FEW * dt)
+        return span is not None and dt is not None
+    return span is not None and not (dt and span <= FEW * dt)
 
 
 def _require(trials: Sequence[Trial]) -> None:
@@ -162,9 +161,7 @@ def first_steps(opened: Problem) -> int:
 
 def _own_steps(opened: Problem, otherwise: int) -> float:
     """Return the number of steps of the problem itself; `otherwise` if it chooses them."""
-    span = opened.span
-    dt = opened.dt if isinstance(opened, FunctionProblem) else opened.scene.time.dt
-    return span / dt if span and isinstance(dt, float) else otherwise
+    return opened.span / opened.dt if opened.span and opened.dt else otherwise
 
 
 def _have_no_value(opened: Problem, trials: Sequence[Trial]) -> bool:
@@ -205,12 +202,11 @@ def _fewer_steps(
 ) -> list[Trial]:
     """Halve the steps until the error is far above the tolerance: fewer ones are not predicted."""
     trials: list[Trial] = []
-    steps = choice.steps or 0
-    while steps >= LEAST_STEPS and spent(trials) < limit:
-        trials += bench.run([replace(choice, steps=steps)])
+    while (choice.steps or 0) >= LEAST_STEPS and spent(trials) < limit:
+        trials += bench.run([choice])
         if not trials[-1].is_ok or bench.distance(finest, trials[-1]).max() > FAR * tolerance:
             break
-        steps //= 2
+        choice = replace(choice, steps=(choice.steps or 0) // 2)
     return trials
 
 
