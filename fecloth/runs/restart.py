@@ -23,6 +23,7 @@ from fecloth.linalg.mkl_pardiso import threads
 from fecloth.output.atomic_files import flush_to_disk, replace_file, writing
 from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
+from fecloth.scene.toml_text import flatten
 from fecloth.simulation.account import Accounts
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import Memory
@@ -204,7 +205,7 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     """Raise `InputError` with the differences if a restart belongs to another scene."""
     # `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
     # must not be complete: it must have steps left, or its last summary.json still to write.
-    then, now = (_flatten(tomllib.loads(text)) for text in (restart.scene, scene))
+    then, now = (flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
     keys = [key for key in keys if key.split(".")[0] not in FREE and key != "time.t_end"]
     if keys:
@@ -232,17 +233,6 @@ def _summary(folder: Path) -> dict:
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
-
-
-def _flatten(data, key: str = "") -> dict:
-    """Return the values by dotted keys: {"terms.0.type": "StVK", …}."""
-    if not isinstance(data, dict | list):
-        return {key: data}
-    items = data.items() if isinstance(data, dict) else enumerate(data)
-    flat: dict = {}
-    for name, value in items:
-        flat |= _flatten(value, f"{key}.{name}" if key else str(name))
-    return flat
 
 
 def digest(cloth, state: State) -> str:

@@ -3,8 +3,9 @@
 import copy
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
@@ -92,6 +93,15 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
         keys, value = _override(text)
         _set(data, keys, value, text)
     return data
+
+
+def flatten(data: object, key: str = "") -> dict[str, Any]:
+    """Return the values of tables and lists by dotted keys: {"terms.0.type": "StVK", …}."""
+    if not isinstance(data, Mapping | list | tuple):
+        return {key: data}
+    items = data.items() if isinstance(data, Mapping) else enumerate(data)
+    inner = (flatten(value, f"{key}.{name}" if key else str(name)) for name, value in items)
+    return {name: value for part in inner for name, value in part.items()}
 
 
 def _override(text: str) -> tuple[list[str], object]:

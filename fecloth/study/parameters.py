@@ -4,10 +4,12 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fecloth.errors import InputError, brief, did_you_mean, is_number
+from fecloth.scene.toml_text import flatten
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.problems import Problem, SceneProblem
@@ -104,10 +106,11 @@ def refuse_sizes(problem: Problem, name: str) -> None:
 def numbers_of(problem: Problem) -> Iterator[tuple[str, float]]:
     """Names and values of all numbers that are not whole numbers."""
     if isinstance(problem, SceneProblem):
-        listed = _flatten("", {k: v for k, v in problem.tables.items() if k not in REFUSED})
-        yield from (item for item in listed if not _UNCERTAINTY.match(item[0]))
+        listed = _numbers({k: v for k, v in problem.tables.items() if k not in REFUSED}, float)
+        yield from (item for item in listed.items() if not _UNCERTAINTY.match(item[0]))
         return
-    yield from _flatten("", {k: v for k, v in _arguments(problem).items() if k not in SIZES}, int)
+    given = {k: v for k, v in _arguments(problem).items() if k not in SIZES}
+    yield from _numbers(given, float | int).items()
 
 
 def _arguments(problem: FunctionProblem) -> dict[str, object]:
@@ -116,21 +119,15 @@ def _arguments(problem: FunctionProblem) -> dict[str, object]:
     return {name: item.default for name, item in listed.items()} | dict(problem.settings)
 
 
-def _flatten(name: str, value: object, *also: type) -> Iterator[tuple[str, float]]:
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _flatten(f"{name}.{key}" if name else str(key), item, *also)
-    elif isinstance(value, list | tuple):
-        for i, item in enumerate(value):
-            yield from _flatten(f"{name}.{i}", item, *also)
-    elif isinstance(value, (float, *also)) and is_number(value):
-        yield name, float(value)
+def _numbers(data: Mapping, kind: Any) -> dict[str, float]:
+    values = flatten(data).items()
+    return {name: float(v) for name, v in values if isinstance(v, kind) and is_number(v)}
 
 
 def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
     if isinstance(problem, SceneProblem):
         return [name for name in known if name.partition(".")[0] in TABLES]
-    arguments = dict(_flatten("", _arguments(problem)))  # without whole numbers, which may count
+    arguments = _numbers(_arguments(problem), float)  # without whole numbers, which may count
     return [name for name in known if name in arguments]
 
 
@@ -170,6 +167,6 @@ def _replaced(old: object, keys: Sequence[str], value: float) -> object:
     first, *rest = keys
     if isinstance(old, Mapping):
         return {**old, first: _replaced(old[first], rest, value)}
-    items = list(old)  # type: ignore[call-overload]  # a list or tuple, by `_flatten`
+    items = list(old)  # type: ignore[call-overload]  # a list or tuple, by `flatten`
     items[int(first)] = _replaced(items[int(first)], rest, value)
     return tuple(items) if isinstance(old, tuple) else items

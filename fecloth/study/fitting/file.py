@@ -38,7 +38,7 @@ def fit(
         fabric = fabric | {"file": str(path.parent.resolve() / fabric["file"])}
     return by_experiments.fit(
         experiments,
-        dict(_flatten("", tables["parameters"])),
+        toml_text.flatten(tables["parameters"]),
         fabric=fabric,
         starts=tables.get("starts", 1) if starts is None else starts,
         refined=tables.get("refined", True),
@@ -69,11 +69,3 @@ def _check_keys(
     for key in needed:
         if key not in table:
             raise SceneError(f"{key} is missing", f"needed are {', '.join(needed)}", where)
-
-
-def _flatten(name: str, value: Any) -> list[tuple[str, Any]]:
-    """Keys with dots, whether they are quoted or tables within tables."""
-    if not isinstance(value, Mapping):
-        return [(name, value)]
-    inner = (_flatten(f"{name}.{k}" if name else k, v) for k, v in value.items())
-    return [pair for pairs in inner for pair in pairs]
