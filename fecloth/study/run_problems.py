@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from pkgutil import resolve_name
@@ -139,6 +139,7 @@ class Task:
     settings: Mapping[str, Any]
     words: str
     size: Workload
+    cells: Mapping[str, Any] = field(default_factory=dict)  # of a row of a table, for the caller
 
     @cached_property
     def case(self) -> dict | None:

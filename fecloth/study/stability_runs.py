@@ -4,7 +4,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,32 +33,6 @@ SUMS = ("pins", "numerical", "total", "remainder")
 CROSSING = "passes through itself"  # in a warning that says nothing about steps
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One run: a problem with these values of its keys, a method and a number of equal steps."""
-
-    values: Mapping[str, object]
-    problem: Problem
-    method: str
-    steps: int
-    predicted: float | None
-
-    @property
-    def dt(self) -> float:
-        """Step [s]."""
-        return span_of(self.problem.first) / self.steps
-
-    @property
-    def words(self) -> str:
-        parts = (describe_values(self.values), self.method, amount(self.steps, "step"))
-        return ", ".join(part for part in parts if part)
-
-    @property
-    def size(self) -> Workload:
-        triangles = len(self.problem.first.cloth.triangles)
-        return Workload(triangles, self.steps, self.method in EXPLICIT)
-
-
 def span_of(setup: Setup) -> float:
     if setup.is_static or setup.t_end is None:
         remedy = "Give [time] in a scene, t_end to a function's problem."
@@ -82,18 +56,24 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
     return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in parts))
 
 
-def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Run]:
-    problem, listed = problem.refined(FIRST), list[Run]()
+def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Task]:
+    """Return the runs of a problem, with these values of its keys, by each method."""
+    problem, listed = problem.refined(FIRST), list[Task]()
     setup, span = problem.first, span_of(problem.first)
     for name in methods:
         limit = None
         with suppress(SolveFailed):  # then it is not known
             limit = critical_dt(setup.system, setup.start, make_method(name))
-        listed += [Run(values, problem, name, steps, limit) for steps in counts_of(span, limit)]
+        for count in counts_of(span, limit):
+            words = filter(None, (describe_values(values), name, amount(count, "step")))
+            size = Workload(len(setup.cloth.triangles), count, name in EXPLICIT)
+            cells = {"method": name, **values, "dt": span / count, "steps": count}
+            run = problem, {"method": name, "count": count}, ", ".join(words), size
+            listed.append(Task(run_with, *run, cells | {"predicted": limit}))
     return listed
 
 
-def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
+def run_all(listed: Sequence[Task], runs: Runs) -> list[dict]:
     """Return a row for each run; first print the size of all."""
     less = offer_less(listed, runs.jobs)
     remedy = f"{less or 'fewer methods or values'}; {ANYWAY}"
@@ -101,18 +81,14 @@ def run_all(listed: Sequence[Run], runs: Runs) -> list[dict]:
     check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
     if less:
         print(less, file=sys.stderr, flush=True)
-    tasks = [
-        Task(run_with, run.problem, {"method": run.method, "count": run.steps}, run.words, run.size)
-        for run in listed
-    ]
-    return [_row(*pair) for pair in zip(listed, run_tasks(tasks, runs), strict=True)]
+    return [_row(*pair) for pair in zip(listed, run_tasks(listed, runs), strict=True)]
 
 
-def offer_less(listed: Sequence[Run], jobs: int) -> str:
+def offer_less(listed: Sequence[Task], jobs: int) -> str:
     """Return which methods, or which h, take a minute; "" where all take no longer."""
-    costs = dict.fromkeys((run.method for run in listed), 0.0)
+    costs = dict.fromkeys((run.settings["method"] for run in listed), 0.0)
     for run in listed:
-        costs[run.method] += run.size.seconds / jobs
+        costs[run.settings["method"]] += run.size.seconds / jobs
     if sum(costs.values()) <= MINUTE:
         return ""
     costs = dict(sorted(costs.items(), key=lambda cost: cost[1]))
@@ -151,13 +127,14 @@ def energy_made(energies: Mapping[str, np.ndarray]) -> float:
     return max(0.0, float(gain.max() / max(moved.max(), 1e-300)))
 
 
-def _row(run: Run, row: Mapping) -> dict:
+def _row(run: Task, row: Mapping) -> dict:
     """Return the row of a run: status "ok", "wrong", "failed", or as a stopped case has it."""
-    settings = {"method": run.method, **run.values, "dt": run.dt, "steps": run.steps}
+    cells = dict(run.cells)
+    last = {"predicted": cells.pop("predicted")}
     state, cause = row["status"], str(row["cause"]).partition("\n")[0]
     if state == OK and row["made"] > ENERGY:
         state, cause = WRONG, f"the method made {row['made']:.2g} of the energy that moved"
     elif state == OK and row["warning"]:
         state, cause = WRONG, row["warning"].partition("\n")[0]
     numbers = {"energy made": row.get("made"), "cpu_seconds": row.get("cpu_seconds")}
-    return settings | {"status": state, "cause": cause} | numbers | {"predicted": run.predicted}
+    return cells | {"status": state, "cause": cause} | numbers | last

@@ -113,7 +113,7 @@ def test_a_long_map_offers_what_takes_a_minute(scene):
     scene.write_text(SCENE.replace("h = 0.25", "h = 0.05"))
     listed = list_runs({}, open_study(scene, {}).problem, ["bdf2", "central_difference"])
     bdf2, explicit = (
-        sum(run.size.seconds for run in listed if run.method == name)
+        sum(run.size.seconds for run in listed if run.settings["method"] == name)
         for name in ("bdf2", "central_difference")
     )
     assert explicit < bdf2
