@@ -1,7 +1,7 @@
 """The settings that a chart runs: method, element, model, mesh and step of one problem."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -26,21 +26,7 @@ RTOL = 0.1  # 1/s, the largest, where the scene has none
 P2_COST = 4.0  # nodes of P2 over nodes of P1 on the same triangles
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """One setting of a problem."""
-
-    names: dict[str, str | float]  # cells of the table: method, element, model, perhaps rtol [1/s]
-    run: Point | dict  # what runs; a row with the reason where it is refused
-
-    def sizes(self) -> dict[str, float]:
-        """Return h [m] and dt [s], as far as they are known before the run."""
-        if not isinstance(self.run, Point):
-            return {}
-        problem, level = self.run.problem, self.run.level
-        dt = None if problem.is_static else problem.first.steps.dt
-        sizes = {"h": problem.h and problem.h / level.h, "dt": dt and dt / level.dt}
-        return {name: value for name, value in sizes.items() if value}
+Setting = Point | dict  # what runs, with the cells of its row; a row where it is refused
 
 
 def make_settings(
@@ -58,7 +44,7 @@ def make_settings(
     else:
         combinations = _of_function(opened, *asked)
     settings = [made for names in combinations for made in _settings(opened, names, meshes)]
-    refusals = [setting.run["cause"] for setting in settings if isinstance(setting.run, dict)]
+    refusals = [setting["cause"] for setting in settings if isinstance(setting, dict)]
     if len(refusals) == len(settings):
         raise InputError(opened.source, f"refuses every setting: {refusals[0]}", "chart")
     return settings
@@ -122,7 +108,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
     except InputError as error:
-        return [Setting(shown, failure(REFUSED, error))]
+        return [shown | failure(REFUSED, error)]
     shown["element"] = first.cloth.element
     if first.is_static:
         shown["method"] = "equilibrium"
@@ -131,7 +117,7 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     parts = [2.0**k for k in range(meshes)] if variant.can_refine("h") else [1.0]
     steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
     levels = [Level(h, dt, None) for h, dt in product(parts, steps)]
-    return [Setting(shown, _point(shown, variant, level)) for level in levels]
+    return [_point(shown, variant, level) for level in levels]
 
 
 def _point(shown: dict, variant: Problem, level: Level) -> Point:
@@ -140,7 +126,11 @@ def _point(shown: dict, variant: Problem, level: Level) -> Point:
     words += [str(level)] if str(level) != str(FIRST) else []
     size = variant.workload(level)
     factor = P2_COST if shown["element"] == "P2" else 1.0
-    return Point(variant, level, ", ".join(words), replace(size, triangles=factor * size.triangles))
+    size = replace(size, triangles=factor * size.triangles)
+    dt = None if variant.is_static else variant.first.steps.dt
+    sizes = {"h": variant.h and variant.h / level.h, "dt": dt and dt / level.dt}  # if known so far
+    cells = shown | {name: value for name, value in sizes.items() if value}
+    return Point(variant, level, ", ".join(words), size, cells=cells)
 
 
 def change_names(opened: Problem, names: dict) -> Change:

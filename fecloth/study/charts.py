@@ -154,19 +154,19 @@ def _for_limit(opened: Problem) -> Problem:
 def _run(listed: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
     """Return a row for each setting; refused and too long ones do not run."""
 
-    def skip_long(run: run_problems.Point | dict) -> run_problems.Point | dict:
+    def skip_long(run: Setting) -> Setting:
         if isinstance(run, dict) or run.size.seconds <= (runs.time_limit or math.inf):
             return run
         return {"status": "skipped", "cause": f"predicted: about {in_words(run.size.seconds)}"}
 
-    able = [skip_long(setting.run) for setting in listed]
+    able = list(map(skip_long, listed))
     if points := [run for run in able if isinstance(run, run_problems.Point)]:
         run_problems.check_points(points, runs)
     return run_problems.run_or_skip(able, [quantity], runs)
 
 
 def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
-    line: dict[str, Any] = setting.names | setting.sizes()
+    line: dict[str, Any] = dict(setting if isinstance(setting, dict) else setting.cells)
     if row is None or limit is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}
         return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}

@@ -61,6 +61,7 @@ class Point:
     words: str
     size: Workload
     most: float | None = None  # longest CPU time of the run [s]
+    cells: Mapping[str, Any] = field(default_factory=dict)  # of a row of a table, for the caller
 
     @cached_property
     def refined(self) -> Problem:
