@@ -215,8 +215,7 @@ def _march(built):
     return built.system, built.method, built.state, built.dt, built.t_end
 
 
-ORDERS = {"mesh": {"sag": 2.0}, "dt": {"sag": 2.0}}
-SIZES = {"mesh": 0.1, "dt": 0.002}
+ORDERS = {"sag": {"mesh": 2.0, "dt": 2.0}}
 
 
 def judge(kind_changes, tolerance=0.01):
@@ -228,7 +227,7 @@ def judge(kind_changes, tolerance=0.01):
         if (name := variant.name) in kind_changes
     ]
     checks = [trial for trial in found if trial[0].is_check]
-    resolutions = find_resolutions(checks, SIZES, ORDERS, tolerance)
+    resolutions = find_resolutions(checks, ORDERS, tolerance)
     findings = Findings(found, tolerance, resolutions)
     verdicts = {variant.name: findings.judge(variant, outcome) for variant, outcome in found}
     taken = {variant.name for variant in findings.candidates()}
@@ -307,14 +306,14 @@ def test_the_size_that_would_do_has_the_error_of_the_tolerance(order):
     def value(size):
         return 1 + c * size**order
 
-    check = Variant("h × 0.5", "mesh", FINER, "mesh", dict, is_check=True)
+    check = Variant("h × 0.5", "mesh", FINER, "mesh", dict, is_check=True, size=h)
     run = Outcome("h × 0.5", "ok", changes={"sag": abs(value(h / 2) - value(h))})
-    (found,) = find_resolutions([(check, run)], {"mesh": h}, {"mesh": {"sag": order}}, tolerance)
+    (found,) = find_resolutions([(check, run)], {"sag": {"mesh": order}}, tolerance)
     assert found.error == pytest.approx(value(h) - 1, rel=1e-9)
     assert value(found.needed) - 1 == pytest.approx(tolerance, rel=1e-9)
     assert not found.is_resolved
     failed = Outcome("h × 0.5", "failed", "Newton's method failed")
-    (found,) = find_resolutions([(check, failed)], {"mesh": h}, {}, tolerance)
+    (found,) = find_resolutions([(check, failed)], {}, tolerance)
     assert not found.is_resolved
     assert "is not known: h × 0.5: Newton's method failed" in str(found)
 

@@ -92,8 +92,7 @@ class Resolution:
 
 def find_resolutions(
     checks: Sequence[Trial],
-    sizes: Mapping[str, float],  # of the scene, by kind
-    orders: Mapping[str, Mapping[str, float]],  # of each quantity, by kind and text
+    orders: Mapping[str, Mapping[str, float]],  # of each quantity, by text and kind
     tolerance: float,
 ) -> list[Resolution]:
     """Return the error by each size that was refined."""
@@ -101,13 +100,13 @@ def find_resolutions(
     # (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
 
     def resolution(variant: Variant, outcome: Outcome) -> Resolution:
-        kind, size = variant.kind, sizes[variant.kind]
+        kind, size = variant.kind, variant.size
         if not outcome.is_ok:
             cause = (outcome.cause.splitlines() or [outcome.status])[0]
             return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
         found = []
         for text, change in outcome.changes.items():
-            order = orders[kind][text]
+            order = orders[text][kind]
             error = change / (1 - variant.by**order)
             needed = size * (tolerance / error) ** (1 / order) if error else math.inf
             found.append(Resolution(kind, error, text, size, needed))
@@ -157,7 +156,7 @@ class Findings:
         # mesh if the scene itself is not resolved.
         if variant.kind in self.unresolved:
             return math.inf
-        same = [pair for pair in self.trials if variant.is_size and pair[0].kind == variant.kind]
+        same = [pair for pair in self.trials if variant.size and pair[0].kind == variant.kind]
         return max([outcome.change, *(o.change for v, o in same if v.by <= variant.by)])
 
     def candidates(self) -> list[Variant]:

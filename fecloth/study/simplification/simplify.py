@@ -9,7 +9,6 @@ from typing import Any
 from fecloth.errors import InputError
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import Scene
-from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.opened import Opened, open_study
@@ -19,7 +18,14 @@ from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.sensitivities import describe_weak_terms
 from fecloth.study.simplification import result
-from fecloth.study.simplification.outcome import LOST, NOISE, Findings, Outcome, find_resolutions
+from fecloth.study.simplification.outcome import (
+    LOST,
+    NOISE,
+    SIZES,
+    Findings,
+    Outcome,
+    find_resolutions,
+)
 from fecloth.study.simplification.runs import Original
 from fecloth.study.simplification.variants import Variant, changes_of
 from fecloth.study.workload import Workload, check_size
@@ -76,9 +82,12 @@ def simplify(
     tried = original.list_variants()
     at_once = 1 if runs.scheduler else runs.jobs
     check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
-    tables = original.problem.tables  # with the quantities in its [interest]
     checks = original.try_variants([variant for variant in tried if variant.is_check])
-    resolutions = find_resolutions(checks, _sizes_now(tables), _orders(original), chosen)
+    orders = {
+        quantity.text: dict(zip(SIZES, (*opened.orders(quantity), RTOL_ORDER), strict=True))
+        for quantity in original.quantities
+    }
+    resolutions = find_resolutions(checks, orders, chosen)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
     others = original.try_variants([variant for variant in tried if not variant.is_check])
@@ -104,21 +113,6 @@ def _sizes(opened: Problem, tried: Sequence[Variant]) -> list[Workload]:
     finer = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
     usual = [opened.workload(FIRST)] * (1 + len(tried) - len(checks) + len(tried) // 2)
     return [*usual, *(opened.workload(finer[kind]) for kind in sorted(checks))]
-
-
-def _sizes_now(data: dict) -> dict[str, float]:
-    time = data.get("time", {})
-    return {
-        "mesh": data["cloth"].get("h", 0.0),
-        "dt": time.get("dt", 0.0),
-        "rtol": time.get("rtol", Adaptive.rtol),
-    }
-
-
-def _orders(original: Original) -> dict[str, dict[str, float]]:
-    orders = {q.text: (*original.problem.orders(q), RTOL_ORDER) for q in original.quantities}
-    kinds = ("mesh", "dt", "rtol")
-    return {kind: {text: each[k] for text, each in orders.items()} for k, kind in enumerate(kinds)}
 
 
 def combine_variants(

@@ -31,11 +31,7 @@ class Variant:
     slot: str  # the part that changes; the reduced scene has at most one change of each part
     apply: Edit  # of the tables of the scene
     is_check: bool = False  # True for a refinement, which shows errors and is not taken
-
-    @property
-    def is_size(self) -> bool:
-        """True if the variant multiplies h, dt or rtol by the factor `by`."""
-        return self.kind in ("mesh", "dt", "rtol")
+    size: float = 0.0  # h, dt or rtol of the scene, where the variant multiplies it by `by`
 
     @property
     def patience(self) -> float:
@@ -111,7 +107,7 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
     cloth = data["cloth"]
     for factor in (FINER, *COARSER) if "h" in cloth else ():
         edit, is_check = put({"h": cloth["h"] * factor}), factor < 1
-        yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, is_check)
+        yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, is_check, cloth["h"])
     if cloth.get("element") == "P2":
         yield Variant("P1 for P2", "P1", None, "element", put({"element": "P1"}, mass="lumped"))
 
@@ -130,8 +126,8 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
     finer = FINER if key == "dt" else FINER**2
     for factor in () if at_limit else (finer, *LARGER):
         if key == "rtol" or number_of_steps(time, factor) != number_of_steps(time, 1):
-            edit, is_check = multiply_step(data, key, factor), factor < 1
-            yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, is_check)
+            edit, size = multiply_step(data, key, factor), time.get(key, Adaptive.rtol)
+            yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, factor < 1, size)
     if not explicit and method_name(data) != "auto":
         yield Variant("explicit", "explicit", None, "time", explicit_steps_of(data))
 
