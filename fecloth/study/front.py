@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from fecloth.simulation.equilibrium import equilibrium
+from fecloth.simulation.march import StepInfo
 from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
@@ -37,7 +38,9 @@ def _equilibrium(setup: Setup) -> State:
     """Return the equilibrium of a static problem, by load steps if it has them."""
     if setup.t_end is None:
         return equilibrium(setup.system, setup.start)
-    return setup.run(setup.choose()).state
+    steps: list[StepInfo] = []
+    state = setup.run(setup.choose(), steps.append).state
+    return replace(state, history=steps[-1].memory.term_history)
 
 
 of = Study.of

@@ -1,6 +1,6 @@
 """The state of a cloth at one time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,9 @@ class State:
     t: float
     x: np.ndarray
     v: np.ndarray
+    # Records that terms keep, of a state from which a run shall go on with them, as `equilibrium`
+    # leaves it; see `System.start_history`. None: they begin anew.
+    history: tuple | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
         return f"<State of {len(self.x)} nodes at t = {self.t:g} s>"

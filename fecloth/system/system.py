@@ -258,8 +258,14 @@ class System(Arguments):
     # --- the history of terms -------------------------------------------------------------------
 
     def start_history(self, state: State) -> History | None:
-        """The records that terms keep, in their order, before the first step; None without any."""
+        """The records that terms keep, in their order, before the first step; None without any.
+
+        A record that the state has is taken where its term has one of this kind.
+        """
         records = tuple(term.start_history(state.x, state.t) for term in self.bound)
+        if state.history and len(state.history) == len(records):
+            pairs = zip(state.history, records, strict=True)
+            records = tuple(kept if type(kept) is type(own) else own for kept, own in pairs)
         return None if all(record is None for record in records) else records
 
     def with_history(self, history: History | None) -> Self:

@@ -42,8 +42,9 @@ class BendingFriction:
     ``dissipated:BendingFriction``. `fecloth.terms.bending.sliders` has the law, and the page
     fecloth/terms/bending/FRICTION.md says when it matters.
 
-    At the start κ_s = κ: there is no moment. The place of rest depends on the way there, not on the
-    time it takes. An equilibrium takes at least 20 load steps, in which κ_s follows.
+    At the start κ_s = κ: there is no moment, but in a run that starts from an `Equilibrium`, which
+    has its κ_s. The place of rest depends on the way there, not on the time it takes. An
+    equilibrium takes at least 20 load steps, in which κ_s follows.
 
     Source: Grosberg (1966), The mechanical properties of woven fabrics, part II: the bending of
     woven fabrics, Textile Research Journal 36, for a moment of friction beside the elastic moment;

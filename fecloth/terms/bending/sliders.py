@@ -28,6 +28,7 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 
 EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
+ROUND_OFF = 1e-9  # of s
 TINY = np.finfo(float).tiny
 
 
@@ -54,7 +55,7 @@ class Sliders:
         if (M1 == 0.0) != (M2 == 0.0):
             what = f"bending_hysteresis = {fabric.bending_hysteresis!r}"
             allowed = "must be > 0 for warp and weft, or 0 for both"
-            remedy = "A small number, as 1e-6 N, stands for a direction that hardly rubs."
+            remedy = "A tenth of the larger number stands for a direction that hardly rubs."
             raise InputError(what, allowed, where, remedy)
         limit = M1 * M2 / (stiffness * np.sqrt(np.prod(fabric.bending or ())))
         return cls(np.array([[M1, M2, np.sqrt(0.5 * M1 * M2)]]), np.array([limit]))
@@ -90,7 +91,8 @@ class Sliders:
         """(m, 3, 3) ∂²φ/∂κ∂κ [N m], positive semi-definite."""
         z, s = self._stretch(e)
         larger = np.maximum(np.maximum(s, self.limit), TINY)
-        n = np.where(s > self.limit, 1.0, 0.0)[:, None] * z / larger[:, None]
+        slides = s > self.limit * (1 + ROUND_OFF)  # at the limit, after a step, it sticks
+        n = np.where(slides, 1.0, 0.0)[:, None] * z / larger[:, None]
         H = (np.eye(3) - n[:, :, None] * n[:, None, :]) / larger[:, None, None]
         return self.moments[:, :, None] * H * self.moments[:, None, :]
 

@@ -1,5 +1,6 @@
 """`BendingFriction` in runs: heat, steps in time and of loads, explicit limits, scenes."""
 
+import warnings
 from dataclasses import replace
 from itertools import pairwise
 
@@ -79,6 +80,29 @@ def test_the_number_of_load_steps_does_not_count_but_their_path_does():
     assert np.abs(ends[0] - ends[1]).max() < 1e-5 * L
     laid = fc.equilibrium(strip(density=0.01, n=4), strip(n=4).rest())
     assert np.abs(ends[1] - laid.x).max() > 1e-3 * L
+
+
+def test_a_run_from_an_equilibrium_rests_there_with_what_has_slid():
+    system = strip(density=0.02, n=4)
+    rest = fc.equilibrium(system, system.rest())
+    run = fc.run(system, fc.BDF2(), rest, dt=2e-3, t_end=0.02, solver="direct", newton=TIGHT)
+    assert np.abs(run.state.x - rest.x).max() < 1e-9 * L
+    assert run.energies["BendingFriction"][0] > 1e-9
+    assert run.energies["dissipated:BendingFriction"][-1] < 1e-9 * run.energies["PlateBending"][0]
+    anew = fc.run(system, fc.BDF2(), system.state(rest.x), dt=2e-3, t_end=0.02)
+    assert np.abs(anew.state.x - rest.x).max() > 1e-4 * L
+
+
+def test_modes_about_an_equilibrium_are_of_sliders_that_stick():
+    with_friction, without = strip(density=0.02, n=4), strip(0.0, density=0.02, n=4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # it is in balance
+        rest = fc.equilibrium(with_friction, with_friction.rest())
+        stuck = fc.modes(with_friction, rest, count=1).frequencies[0]
+    free = fc.modes(without, without.rest(), count=1).frequencies[0]
+    flat = fc.modes(with_friction, with_friction.rest(), count=1).frequencies[0]
+    assert flat == pytest.approx(free * np.sqrt(21.0), rel=1e-3)
+    assert stuck > 0.8 * flat
 
 
 @pytest.mark.parametrize("name", ["backward_euler", "bdf2", "energy_momentum"])
