@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import transform
 
 from fecloth import validation
 from fecloth.errors import InputError
@@ -65,11 +66,8 @@ class Rotation:
     def matrix(self, t: float, since: float | None = None) -> np.ndarray:
         """(3, 3) rotation by the angle, or by its change `since` a time."""
         angle = self._angle(t) - (0.0 if since is None else self._angle(since))
-        x, y, z = self._unit
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        turned: np.ndarray = np.eye(3) + np.sin(angle) * cross
-        turned += (1 - np.cos(angle)) * (cross @ cross)
-        return turned
+        matrix: np.ndarray = transform.Rotation.from_rotvec(angle * self._unit).as_matrix()
+        return matrix
 
     def rate(self, t: float) -> np.ndarray:
         """(3,) angular velocity [rad/s]."""

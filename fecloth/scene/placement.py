@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import PrivateAttr, model_validator
+from scipy.spatial import transform
 
 from fecloth.errors import InputError
 from fecloth.quantities import rotation
@@ -34,11 +35,9 @@ class Rotation(Table):
         return self
 
     def apply(self, x: np.ndarray) -> np.ndarray:
-        """Rotate points (n, 3) by Rodrigues' formula."""
+        """Rotate points (n, 3)."""
         axis = np.array(self.axis) / math.hypot(*self.axis)
-        angle = math.radians(self.degrees)
-        along = np.outer(x @ axis, axis)
-        return along + math.cos(angle) * (x - along) + math.sin(angle) * np.cross(axis, x)
+        return transform.Rotation.from_rotvec(math.radians(self.degrees) * axis).apply(x)
 
 
 class Start(Table):

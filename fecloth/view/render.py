@@ -223,13 +223,7 @@ def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> N
         cloth.point_data["shown"] = values
     else:
         cloth.cell_data["shown"] = np.repeat(values, parts)
-    corners = cloth.points[cloth.regular_faces]
-    normals = np.zeros_like(cloth.points)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for corner in cloth.regular_faces.T:
-        np.add.at(normals, corner, across)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    cloth.point_data.active_normals = normals / np.where(lengths > 0, lengths, 1.0)
+    cloth.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
 
 
 def _make_plotter(pyvista, shot: Shot):
