@@ -27,8 +27,6 @@ TIME_LIMIT = 300.0  # s, of wall time
 MEMORY_SHARE = 0.5  # of the machine's memory
 MOST_NODES = 3 * validation.MOST_TRIANGLES
 _ERRORS = {"InputError": InputError, "MeshError": MeshError}
-_LISTS = ("node_sets", "edge_sets")
-_PLAIN = ("xyz", "triangles", "node_ids", "triangle_ids", "geometric")
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
@@ -52,7 +50,10 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
         raise MeshError(what, allowed, where, remedy) from None
     if done.returncode:
         raise _broken(done, where)
-    return _unpacked(done.stdout)
+    result = _unpacked(done.stdout)
+    if "error" in result:
+        raise _ERRORS[result["error"]](*result["arguments"])
+    return RawMesh(**result)
 
 
 def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
@@ -65,38 +66,27 @@ def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
     return MeshError(f"reading has ended without a mesh ({why})", where=where, remedy=remedy)
 
 
-def _packed(raw: RawMesh) -> bytes:
-    """Return a mesh as the bytes of an .npz file, with the names of its sets in a JSON header."""
-    arrays = {name: getattr(raw, name) for name in _PLAIN}
-    header: dict[str, list[str]] = {}
-    for kind in (*_LISTS, "triangle_sets"):
-        sets = getattr(raw, kind)
-        header[kind] = list(sets)
-        for i, values in enumerate(sets.values()):
-            parts = values if kind in _LISTS else [values]
-            empty = np.empty((0, 2) if kind == "edge_sets" else 0, dtype=np.int64)
-            arrays[f"{kind}_{i}"] = np.concatenate([empty, *parts])
-    return _npz(header, arrays)
+def _packed(result: dict) -> bytes:
+    """Return dicts and lists of arrays and texts as an .npz file: a JSON header, and the arrays."""
+    arrays: list[np.ndarray] = []
 
+    def place(array: np.ndarray) -> dict:
+        arrays.append(array)
+        return {"array": len(arrays)}
 
-def _npz(header: dict, arrays: dict[str, Any]) -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, header=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)
+    header, stream = json.dumps(result, default=place).encode(), io.BytesIO()
+    np.savez(stream, np.frombuffer(header, np.uint8), *arrays)
     return stream.getvalue()
 
 
-def _unpacked(data: bytes) -> RawMesh:
+def _unpacked(data: bytes) -> dict:
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        header = json.loads(file["header"].tobytes())
-        if "error" in header:
-            raise _ERRORS[header["error"]](*header["arguments"])
-        sets = {
-            kind: {name: file[f"{kind}_{i}"] for i, name in enumerate(names)}
-            for kind, names in header.items()
-        }
-        plain = {name: file[name] for name in _PLAIN}
-    nodes, edges = ({name: [one] for name, one in sets[kind].items()} for kind in _LISTS)
-    return RawMesh(**plain, node_sets=nodes, edge_sets=edges, triangle_sets=sets["triangle_sets"])
+
+        def find(item: dict) -> Any:
+            is_place = item.keys() == {"array"} and isinstance(item["array"], int)
+            return file[f"arr_{item['array']}"] if is_place else item
+
+        return json.loads(file["arr_0"].tobytes(), object_hook=find)
 
 
 def main() -> None:
@@ -109,12 +99,12 @@ def main() -> None:
         importlib.import_module("meshio" if {"meshio", "surface"} & task.keys() else "gmsh")
     _limit(task["seconds"], task.get("confined", True))
     try:
-        data = _packed(_mesh(task))
+        result = vars(_mesh(task))
     except InputError as error:
         arguments = [error.what, error.allowed, error.where, error.remedy]
-        data = _npz({"error": type(error).__name__, "arguments": arguments}, {})
+        result = {"error": type(error).__name__, "arguments": arguments}
     with os.fdopen(output, "wb") as stream:
-        stream.write(data)
+        stream.write(_packed(result))
 
 
 def _mesh(task: dict) -> RawMesh:
