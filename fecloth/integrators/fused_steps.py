@@ -101,9 +101,9 @@ class FusedSteps:
         memory: LastForce,
         times: np.ndarray,
         sizes: np.ndarray,
-        look: tuple[int, int],
-        least: float,
-        largest: float,
+        look: tuple[int, int] = NO_LOOK,
+        least: float = 0.0,
+        largest: float = np.inf,
     ) -> Taken | None:
         """Take steps of the given sizes, the last one so that its `Step` is known."""
         # `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but
@@ -134,15 +134,6 @@ class FusedSteps:
             numerical,
         )
         return Taken(number, before, left, step, flows)
-
-    def advance(
-        self, state: State, memory: LastForce, times: np.ndarray, sizes: np.ndarray
-    ) -> tuple[State, LastForce] | None:
-        """Take the steps as `take` does, without any record or look; None as there."""
-        rows = MotionRows.evaluate(self.system.constraints, times, sizes)
-        self._begin_at(state, memory)
-        self._go(sizes, self._held(rows), self._pauses(NO_LOOK, 0.0, np.inf))
-        return self._left(rows, len(sizes)) if self._is_finite else None
 
     @property
     def _is_finite(self) -> bool:

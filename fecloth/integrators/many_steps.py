@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 from threading import Lock
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -74,13 +74,13 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
     """The end of all steps; None if it is not finite."""
     v = fused.system.constraints.hold(start.v, np.zeros_like(start.v))
     state = State(start.t, start.x, v)
-    memory = LastForce(acceleration(fused.system, state), state)
+    memory: Any = LastForce(acceleration(fused.system, state), state)
     for done in range(0, steps, AT_ONCE):
         times = start.t + dt * np.arange(done, min(done + AT_ONCE, steps) + 1)
-        end = fused.advance(state, memory, times, np.full(len(times) - 1, dt))
-        if end is None:
+        taken = fused.take(state, memory, times, np.full(len(times) - 1, dt))
+        if taken is None or taken.step is None:
             return None
-        state, memory = end
+        state, memory = taken.step.state, taken.step.memory
     return state
 
 

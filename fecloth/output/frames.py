@@ -65,7 +65,8 @@ class Frames:
         Raises `InputError` if a frame is missing or empty; nothing is changed then.
         """
         names = (self._name(i) for i in range(len(times)))
-        lost = [name for name in names if not _has_content(self.path.parent / name)]
+        files = ((name, self.path.parent / name) for name in names)
+        lost = [name for name, file in files if not (file.is_file() and file.stat().st_size)]
         if lost:
             more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
             remedy = "Restore it, or run the scene again with --overwrite."
@@ -110,13 +111,6 @@ class Frames:
                 entry = encode([last]).removeprefix(encode([]).removesuffix(tail))
                 between = b", " if suffix == ".vtu.series" else b""
                 append_in_place(self._list(suffix), between + entry, len(tail))
-
-
-def _has_content(file: Path) -> bool:
-    try:
-        return file.stat().st_size > 0
-    except OSError:
-        return False
 
 
 def write_vtk(

@@ -1,11 +1,8 @@
 """The outcome of a run, and messages about it."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from fecloth.errors import FeclothError, amount
 from fecloth.output.atomic_files import WriteError
@@ -37,15 +34,6 @@ class SceneResult(Result):
         steps, unit = amount(self.summary["steps"], "step"), self.summary["unit"]
         at = place_in_words(self.state.t, unit)
         return f"<SceneResult: {self.status} after {steps} at {at}, in {self.folder}>"
-
-
-def read_columns(file: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a table of numbers; of a file that cannot be read, none."""
-    with suppress(OSError), file.open(encoding="utf-8") as stream:
-        names = stream.readline().strip().split(",")
-        rows = np.loadtxt(stream, delimiter=",", ndmin=2)
-        return dict(zip(names, rows.T.copy(), strict=True)) if rows.size else {}
-    return {}
 
 
 def count_sizes(system: System) -> dict:

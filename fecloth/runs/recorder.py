@@ -1,5 +1,6 @@
 """The recording of a running scene: each step is in all of its files or in none."""
 
+import math
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,7 +29,7 @@ from fecloth.simulation.run import list_accounts
 from fecloth.simulation.shapes import Shapes
 from fecloth.simulation.solves import Solves
 from fecloth.system.state import State
-from fecloth.view.html_report import write_report
+from fecloth.view.html_report import read_table, write_report
 
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
@@ -282,7 +283,7 @@ class Recorder:
 
     def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
         files = (self.files.tables[name].path for name in ("energies", "observed"))
-        energies, observed = map(outcome.read_columns, files)
+        energies, observed = (read_table(file, math.inf) for file in files)
         times = energies.pop("t", np.empty(0))
         observed.pop("t", None)
         return SceneResult(
