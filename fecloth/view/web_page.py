@@ -40,13 +40,6 @@ def render(template: str, values: Mapping[str, object]) -> str:
     return Markup(_environment().get_template(template).render(values))
 
 
-def unescaped(text: str) -> str:
-    """Return a text that templates insert as it is: style, script or numbers of a page."""
-    from markupsafe import Markup
-
-    return Markup(text)
-
-
 MOST_BYTES = 60e6
 SHOWN = (
     *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density"),
@@ -142,13 +135,12 @@ def _scene_of(folder: Path) -> dict:
 
 
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
-    """Return a template of page/ with style, script, data and the values, which are escaped."""
+    """Return a template of page/ with style, script, data and the values; these are escaped."""
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
     script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     pieces = {"style": part("page.css"), "cloth": part("cloth.html"), "script": script}
-    whole = {name: unescaped(text) for name, text in {**pieces, "data": plain}.items()}
-    return render(template, {**whole, **values}) + "\n"
+    return render(template, {**pieces, "data": plain, **values}) + "\n"
 
 
 def part(name: str) -> str:
