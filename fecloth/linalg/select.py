@@ -164,8 +164,6 @@ class AutoSolver:
 
 NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
 
-__all__ = ["NAMES", "AutoSolver", "choose", "create", "direct"]
-
 
 def direct(symmetric: bool = True) -> Pardiso | SuperLU:
     """Create PARDISO if the MKL can be loaded, else SuperLU."""
