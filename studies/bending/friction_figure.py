@@ -33,8 +33,8 @@ def draw_loop(ax) -> None:
     arrow = {"arrowstyle": "-", "color": "0.5"}
     for place, name, at, look in (
         (LOAD - 1, "laid", (-1.6, 3.0), RED),
-        (LOAD, "shaken", (1.9, -0.8), GREEN),
-        (LOAD + 1, "bent further,\nthen let go", (1.5, -2.7), "0.35"),
+        (LOAD, "shaken", (0.4, -2.0), GREEN),
+        (LOAD + 1, "bent further,\nthen let go", (1.6, -3.4), "0.35"),
     ):
         ax.annotate(name, (place, LOAD), at, color=look, arrowprops=arrow)
         ax.plot([place], [LOAD], "o", color=look, ms=9, zorder=5)
