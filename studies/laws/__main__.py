@@ -23,7 +23,7 @@ HERE = Path(__file__).parent
 FAMILIES = {
     "Membranes": ("StVK", "TensorCondition", "NeoHookean", "TensionField", "BaraffWitkin"),
     "Springs and conditions": ("Springs", "Tether", "Condition"),
-    "Bending": ("PlateBending", "HingeBending", "QuadraticBending"),
+    "Bending": ("PlateBending", "HingeBending", "QuadraticBending", "BendingFriction"),
     "Damping": ("StrainRateDamping", "BendingDamping", "MassDamping"),
     "Loads": ("Gravity", "Pressure", "Gas", "Drag", "Wind", "PointForce", "UserForce"),
     "Contact": ("Obstacle", "MeshObstacle", "SelfContact"),
@@ -103,6 +103,8 @@ def section(name: str, curves: dict, moments: dict) -> str:
         lines = [f"- {describe_bending(pattern, M)}" for pattern, M in moments[name].items()]
     elif name == "Drag":
         lines = [describe_drag()]
+    elif name == "BendingFriction":
+        lines = [f"- {describe_loop(m)}" for m in figures.SLIDERS]
     picture = f"![{name}](pictures/{name}.png)\n\n" if lines else ""
     note = f"\n\n{NOTES[name]}" if name in NOTES else ""
     return f"### {name}\n\n{markdown(name)}\n\n{picture}" + "\n".join(lines) + note + "\n"
@@ -160,6 +162,17 @@ def describe_bending(pattern: str, M) -> str:
     return f"**{pattern}**: M = {number(M[0] / folds[0], 2)} Bκ for small κh; M h/B is {peak}."
 
 
+def describe_loop(m: float) -> str:
+    """Describe the loop of a slider of the stiffness m in numbers."""
+    path, M = law_curves.loop(m)
+    turn, flat = int(np.argmax(path)), np.flatnonzero(path == 0.0)
+    slope = (M[turn + 1] - M[turn]) / (path[turn + 1] - path[turn])
+    return (
+        f"**m = {m:g}**: the loop is {number(M[flat[-1]] - M[flat[-2]], 2)} HB high at κ = 0. "
+        f"After a turn the sliders stick over 2 HB/(m B), and the slope is {number(slope, 2)} B there."
+    )
+
+
 def describe_drag() -> str:
     lift = law_curves.drag_and_lift(figures.PLATE, figures.DEGREES)[:, 1]
     best = figures.DEGREES[int(np.argmax(lift))]
@@ -180,7 +193,7 @@ def main() -> None:
     (out / "pictures").mkdir(parents=True, exist_ok=True)
     (out / "laws.md").write_text(page(curves, moments), encoding="utf-8")
     figures.draw(out, curves, moments)
-    print(f"wrote {out}/laws.md, laws.png and {len(curves) + len(moments) + 1} pictures")
+    print(f"wrote {out}/laws.md, laws.png and {len(curves) + len(moments) + 2} pictures")
 
 
 if __name__ == "__main__":

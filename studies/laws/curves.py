@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import root
 
 import fecloth as fc
+from fecloth.terms.bending.sliders import Sliders
 from studies.models.homogenised_moduli import FABRIC, NU, H, Y, published
 
 SIZES = (((4, 4), 1), ((4, 3), -1), ((3, 4), -1), ((3, 3), 1))
@@ -22,6 +23,7 @@ STRETCHES = np.round(np.arange(0.3, 1.5001, 0.02), 9)
 SHEARS = np.round(np.arange(0.0, 1.0001, 0.02), 9)
 FOLDS = np.append(np.arange(0.05, 3.1, 0.1), 3.1)  # κh [rad], angle between neighbouring cells
 B, SPEED = 1e-5, 5.0  # N m; m/s
+LARGEST = 3.0  # of the curvatures of a loop, over HB/B
 WARP = fc.Fabric(0.2, (Y, 0.5 * Y), poisson_ratio=NU, shear_stiffness=0.1 * Y)
 WEFT = fc.Fabric(
     0.2, (0.5 * Y, Y), poisson_ratio=0.5 * NU, shear_stiffness=0.1 * Y
@@ -162,6 +164,21 @@ def moments(every: int = 1) -> dict[str, dict[str, np.ndarray]]:
             for p, patch in patches.items()
         }
     return out
+
+
+def loop(m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the curvatures over HB/B (k,) and the moments over HB of a closed loop."""
+    HB = B  # then HB/B is 1/m
+    fabric = fc.Fabric(0.2, Y, NU, bending_rigidity=B, bending_hysteresis=2 * HB)
+    sliders = Sliders.of_fabric(fabric, m)
+    up = np.round(np.arange(-LARGEST, LARGEST + 1e-9, 0.01), 9) + 0.0
+    path = np.concatenate([up[up >= 0], up[-2::-1], up[1:]])
+    slid, moments = np.zeros((1, 3)), []
+    for kappa in path:
+        e = np.array([[kappa, 0.0, 0.0]]) - slid
+        moments.append(kappa + sliders.moment(e)[0, 0] / HB)
+        slid = slid + e - sliders.left(e)
+    return path, np.array(moments)
 
 
 def drag_and_lift(term: fc.Drag, degrees) -> np.ndarray:

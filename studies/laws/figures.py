@@ -15,6 +15,7 @@ from studies.laws.curves import NU, SPEED, Y
 
 DEGREES = np.arange(0.0, 90.1, 2.5)
 PLATE = fc.Drag(normal=0.7, tangential=0.006)
+SLIDERS = (20.0, 3.0)  # stiffness m
 LINE = {"color": "0.55", "lw": 1.2, "ls": ":"}
 WIDTHS, DASHES = (3.2, 2.4, 2.2, 2.2, 2.0), ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), ":")
 SHOWN = {  # one curve of each law for the picture of all
@@ -39,6 +40,8 @@ def draw(out: Path, curves: dict, moments: dict) -> None:
     for name, own in moments.items():
         with picture(out / "pictures" / f"{name}.png", 1) as (figure, ax):
             draw_bending(ax, own)
+    with picture(out / "pictures" / "BendingFriction.png", 1) as (figure, ax):
+        draw_loops(ax)
     with picture(out / "pictures" / "Drag.png", 1) as (figure, ax):
         draw_drag(ax)
     with picture(out / "laws.png", 2, (9.0, 4.4)) as (figure, axes):
@@ -91,6 +94,16 @@ def draw_bending(ax, moments) -> None:
         ax.plot(folds, M, label=pattern, color=COLOURS[i], ls=DASHES[i], lw=WIDTHS[i])
     ax.set(xlabel="curvature κh [rad from cell to cell], rolled without twist")
     ax.set(xlim=(0, np.pi), ylim=(0, 5), ylabel="moment per width M h/B")
+    ax.legend(loc="upper left")
+
+
+def draw_loops(ax) -> None:
+    most = law_curves.LARGEST
+    ax.plot([-most, most], [-most, most], label="B κ", **LINE)
+    for i, m in enumerate(SLIDERS):
+        look = {"color": COLOURS[i], "ls": DASHES[i], "lw": 2.4}
+        ax.plot(*law_curves.loop(m), label=f"m = {m:g}", **look)
+    ax.set(xlim=(-most, most), xlabel="curvature κ over HB/B", ylabel="moment per width over HB")
     ax.legend(loc="upper left")
 
 

@@ -320,16 +320,19 @@ def let_go(pattern, n, element="P1"):
     assert bent > M * (1 / B + 2 / (20 * B))
     given = fabric(2 * M)
     hold = np.zeros((len(cloth.X), 3))
-    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.UserForce(lambda x, v, t: hold)]
+    load = fc.UserForce(lambda x, v, t: hold, per="node")
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), load]
     pins = [fc.Pin("left", clamp=True)]
     system = fc.System(cloth, given, terms, pins)
     flat, x = system.rest().x, rolled(cloth.X, 1 / bent)
     over, _, _ = next(follow(system.bound[2], [flat, x]))
     history = (None, None, over.commit(x, 0.0), None)
-    hold[:] = -system.with_history(history).force(system.state(x))
+    for term in system.with_history(history).bound[1:3]:  # the membrane of an arc is too short
+        term.add_force(x, 0 * x, 0.0, hold)
+    hold *= -1
     context = static_context(system, "auto", 200, "direct")
-    for load in np.linspace(1, 0, 11)[1:]:
-        increment = LoadIncrement(system, system.state(x), load, 0.1, 0.0, 0.0, history)
+    for part in np.linspace(1, 0, 11)[1:]:
+        increment = LoadIncrement(system, system.state(x), part, 0.1, 0.0, 0.0, history)
         solved, over = solve_increment(increment, 0.0, context)
         x = solved.x
         history = over.commit(system.state(x), history)
@@ -341,9 +344,9 @@ def let_go(pattern, n, element="P1"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pattern", "element"), [("right", "P1"), ("unstructured", "P2")])
+@pytest.mark.parametrize(("pattern", "element"), [("cross", "P1"), ("unstructured", "P2")])
 def test_a_strip_that_is_let_go_rests_at_the_curvature_of_its_friction(pattern, element):
-    assert abs(let_go(pattern, 16, element)) < 5e-3
+    assert abs(let_go(pattern, 8, element)) < 5e-3
 
 
 def cantilever(n, m, pattern="right", element="P1"):
