@@ -169,7 +169,7 @@ def describe_loop(m: float) -> str:
     slope = (M[turn + 1] - M[turn]) / (path[turn + 1] - path[turn])
     return (
         f"**m = {m:g}**: the loop is {number(M[flat[-1]] - M[flat[-2]], 2)} HB high at κ = 0. "
-        f"After a turn the sliders stick over 2 HB/(m B), and the slope is {number(slope, 2)} B there."
+        f"After a turn the sliders stick over 2 HB/(m B), with the slope {number(slope, 2)} B."
     )
 
 
