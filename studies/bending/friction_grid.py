@@ -158,44 +158,38 @@ def rests_table(rows: list[dict]) -> list[dict]:
     return list(table.values())
 
 
-def growth(rows: list[dict], part: dict) -> float:
-    """Iterations of steps with a cotton's friction over those without, in the cases of `part`."""
-    own = [row for row in rows if row.items() >= (part | {"solver": "pcg"}).items()]
-    sums = (sum(r["iterations"] for r in own if r["friction"] == f) for f in ("cotton", "none"))
-    with_friction, without = sums
-    return with_friction / without
+def growth(rows: list[dict], dt: float) -> float:
+    """Iterations of steps with a cotton's friction over those without, in equal cases."""
+    keys = ("solver", "fabric", "damping", "method", "dt")
+    found: dict[tuple, dict] = {}
+    for row in rows:
+        if row["dt"] == dt and not failed(row):
+            found.setdefault(tuple(row[k] for k in keys), {})[row["friction"]] = row["iterations"]
+    pairs = [(of["cotton"], of["none"]) for of in found.values() if {"cotton", "none"} <= of.keys()]
+    with_friction, without = np.sum(pairs, axis=0)
+    return float(with_friction / without)
 
 
-def main() -> int:
-    options = harness.parse_arguments(__doc__)
-    settings, ways = falls(options.quick), harness.run_options(options)
-    costs = [case["t_end"] / case["dt"] ** 0.5 for case in settings]
-    fallen = study.run_cases(settings, fall, costs=costs, **ways)
-    rested = study.run_cases(rests(options.quick), rest, **ways)
-    count = sum(row["friction"] != "none" for row in fallen + rested)
+def report(options, fallen: list[dict], rested: list[dict], words: str = "") -> int:
+    """Write the report of these cases, and without --quick the page."""
+    rubbing = [row for row in fallen + rested if row["friction"] != "none"]
+    plain = [row for row in fallen + rested if row["friction"] == "none"]
     steps = sorted({row["dt"] for row in fallen}, reverse=True)
     findings = [
-        harness.Finding(
-            f"failures of {count} cases with friction",
-            sum(failed(row) for row in fallen + rested if row["friction"] != "none"),
-            high=0,
-        ),
-        harness.Finding("failures of all cases", sum(map(failed, fallen + rested)), high=0),
-        *(
-            harness.Finding(
-                f"iterations a step with the cotton's friction over without, 1/{round(1 / dt)} s",
-                growth(fallen, {"dt": dt}),
-            )
-            for dt in steps
-        ),
+        harness.Finding(f"failures of {len(rows)} cases {which} friction", failures, high=0)
+        for rows, which in ((rubbing, "with"), (plain, "without"))
+        for failures in [sum(map(failed, rows))]
     ]
+    for dt in steps:
+        what = f"iterations a step with the cotton's friction over without, 1/{round(1 / dt)} s"
+        findings.append(harness.Finding(what, growth(fallen, dt)))
     about, _, _ = (__doc__ or "").partition("\n\n    python")
     title, _, what = about.partition("\n\n")
     code = harness.write_report(
         options,
         title,
         fallen + rested,
-        conclusion=f"{what}\n\nMade by `python -m studies.bending.friction_grid`.",
+        conclusion=f"{what}{words}\n\nMade by `python -m studies.bending.friction_grid`.",
         tables={
             "Falls: iterations a step, and the most in one": falls_table(fallen),
             "Equilibria: iterations of all load steps, and the mean sag": rests_table(rested),
@@ -205,6 +199,14 @@ def main() -> int:
     if not options.quick:
         shutil.copy(options.out / "report.md", Path(__file__).with_suffix(".md"))
     return code
+
+
+def main() -> int:
+    options = harness.parse_arguments(__doc__)
+    settings, ways = falls(options.quick), harness.run_options(options)
+    costs = [case["t_end"] / case["dt"] ** 0.5 for case in settings]
+    fallen = study.run_cases(settings, fall, costs=costs, **ways)
+    return report(options, fallen, study.run_cases(rests(options.quick), rest, **ways))
 
 
 if __name__ == "__main__":
