@@ -55,7 +55,7 @@ class BendingFriction:
     Valid for a hysteresis that does not depend on the curvature. The moment does not depend on the
     axes where M₁ = M₂.
 
-    Cost of a triangle relative to `PlateBending`: force 1.2, tangent 1.4. Its stiffness m
+    Cost of a triangle relative to `PlateBending`: force 1.4, tangent 1.4. Its stiffness m
     counts in the limit of explicit steps.
 
     Parameters
