@@ -89,11 +89,7 @@ PER_WIDTH = Dimension(
     }
 )
 PER_ANGLE = Dimension(
-    {
-        **PER_WIDTH.units,
-        "N/(m*deg)": 180 / math.pi,
-        "gf/(cm*deg)": 1e2 * GF * 180 / math.pi,
-    }
+    {**PER_WIDTH.units, "N/(m*deg)": 180 / math.pi, "gf/(cm*deg)": 1e2 * GF * 180 / math.pi}
 )
 PER_VOLUME = Dimension({"N/m^3": 1.0, "kN/m^3": 1e3, "N/cm^3": 1e6, "J/m^4": 1.0})
 MOMENT = Dimension({"N*m": 1.0, "mN*m": 1e-3, "uN*m": 1e-6, "mN*cm": 1e-5, "gf*cm^2/cm": 1e-2 * GF})

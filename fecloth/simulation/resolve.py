@@ -72,9 +72,7 @@ def resolve(
 
 
 def choose_steps(
-    method,
-    dt: float | Sequence[float] | None,
-    tolerances: Mapping[str, float] | None = None,
+    method, dt: float | Sequence[float] | None, tolerances: Mapping[str, float] | None = None
 ) -> protocol.StepChoice | Auto:
     """Decide which steps a run takes; a method that chooses its own is returned unchanged."""
     # They have the size `dt`, or each its own of a list. Where that is None, an explicit method

@@ -3,21 +3,12 @@
 from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
-from .command import (
-    StudyFailed,
-    require_packages,
-)
+from .command import StudyFailed, require_packages
 from .comparing import compare
 from .comparison import Comparison, Difference
 from .convergence import Convergence
 from .converging import converge
-from .figures import (
-    COLOURS,
-    MARKERS,
-    line_style,
-    mark_failures,
-    new_figure,
-)
+from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
 from .front import Study, of
 from .overlay import Overlay, compare_runs
 from .reports import write_csv

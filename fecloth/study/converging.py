@@ -87,12 +87,7 @@ POINT_PINS = (
 
 
 def refine_graded(
-    opened: Problem,
-    quantity: Quantity,
-    refine: str,
-    levels: int,
-    ratio: float | None,
-    runs: Runs,
+    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
 ) -> Convergence:
     """Run the levels on uniform meshes, find gradings from the first, and run graded levels."""
     # Both have the same h. All errors are distances to the limit of the graded meshes; of fields,

@@ -238,10 +238,7 @@ def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, Stat
 
 
 def _derive_rest(
-    setup: Setup,
-    followers: Sequence[Follower],
-    tolerance: float,
-    report: Callable[..., None],
+    setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
 ) -> Derivation:
     system, start = setup.system, setup.start
     whole = _whole(system, start)

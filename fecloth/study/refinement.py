@@ -21,12 +21,7 @@ RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to 
 
 
 def refine_problem(
-    opened: Problem,
-    quantity: Quantity,
-    refine: str,
-    levels: int,
-    ratio: float | None,
-    runs: Runs,
+    opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
 ) -> Convergence:
     """Run the levels, and return what they say."""
     cases = levels_to_run(opened, quantity, refine, levels, ratio)

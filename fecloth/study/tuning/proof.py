@@ -62,11 +62,7 @@ def verifying(bench: Bench, proof: Proof, error: np.ndarray) -> Yardstick:
 
 
 def prove(
-    bench: Bench,
-    prediction: Prediction,
-    goal: Goal,
-    other: Errors,
-    space: SpaceErrors,
+    bench: Bench, prediction: Prediction, goal: Goal, other: Errors, space: SpaceErrors
 ) -> Proof | None:
     """Run the best candidate beside a finer one; try again where it is far off."""
     # Return None if no candidate can meet the goal. The best run of the search serves as the finer

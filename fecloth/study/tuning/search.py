@@ -53,11 +53,7 @@ def _scaled(choice: Choice, by: float) -> Choice:
 
 
 def measure_meshes(
-    bench: Bench,
-    meshes: Sequence[Choice],
-    times: TimeErrors,
-    coarse: Trial,
-    goal: Goal,
+    bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
 ) -> tuple[SpaceErrors, Prediction]:
     """Refine all meshes once, then the ones that matter, until the choice among them is known."""
     # A run is left out if its predicted time is more than a tenth of the time of the search, unless

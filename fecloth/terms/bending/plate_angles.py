@@ -215,11 +215,7 @@ class PlateAngles:
         self.loop.add_blocks(call, J)
 
     def work_of_clamps(
-        self,
-        old: At,
-        new: At,
-        stages: Sequence[At],
-        moments: Callable[[np.ndarray], np.ndarray],
+        self, old: At, new: At, stages: Sequence[At], moments: Callable[[np.ndarray], np.ndarray]
     ) -> float:
         """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp."""
         # p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m]. In a
