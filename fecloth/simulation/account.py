@@ -55,6 +55,8 @@ class Account:
     name: ClassVar[str]  # in restart files and `Accounts.records`
     table: ClassVar[str] = "observed"  # where `row` stands: "energies", "observed" or "steps"
     due: int = NEVER  # number of the step that must have a row for it
+    doubt: str = ""  # a reason to doubt the run
+    sentence: str = ""  # for the log and the terminal at the end
 
     @classmethod
     def begin(cls, run: Run, others: "Accounts") -> Self:
@@ -82,11 +84,11 @@ class Account:
 
     def warnings(self) -> Iterable[str]:
         """Return reasons to doubt the run, or ""; each kind of them is reported once."""
-        return ()
+        return (self.doubt,)
 
     def words(self) -> str:
         """Return a line for the log and the terminal at the end, or ""."""
-        return ""
+        return self.sentence
 
     def summary(self) -> Mapping[str, object]:
         """Return entries of summary.json."""

@@ -42,12 +42,6 @@ class Contact(Account):
         sentence = describe_contact(run.system, run.start, end.state)
         return self.changed(sentence=sentence, doubt=self.least)
 
-    def warnings(self) -> tuple[str, ...]:
-        return (self.doubt,)
-
-    def words(self) -> str:
-        return self.sentence
-
     def summary(self) -> dict[str, object]:
         return {"contact_in_words": self.sentence} if self.sentence else {}
 

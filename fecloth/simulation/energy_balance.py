@@ -47,7 +47,7 @@ class Balance(Account):
     kinetic_before: float = 0.0
     worked: float = 0.0  # largest work that obstacles had done until then [J]
     gained: float = 0.0  # largest energy that the method had made in all until then [J]
-    doubt: str = ""  # a sentence if the balance was off
+    imbalance: str = ""  # a sentence if the balance was off; `Verdict` says whether it counts
     is_far: bool = False  # whether it was off by more than FAR
 
     @classmethod
@@ -112,7 +112,7 @@ class Balance(Account):
             f"step {self.steps}, at t = {self.t:g} s: the energy balance is "
             f"{by.format(self.remainder, self.scale)}: {DISTRUST}; take a smaller dt"
         )
-        return self.changed(doubt=self.doubt or words, is_far=is_far)
+        return self.changed(imbalance=self.imbalance or words, is_far=is_far)
 
     @property
     def scale(self) -> float:

@@ -10,7 +10,6 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed, is_number
 from fecloth.integrators import protocol
 from fecloth.integrators.step import Step, prescribed_end, set_prescribed
-from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
@@ -19,7 +18,7 @@ from fecloth.simulation.stability_limited import StabilityLimited
 from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.simulation.within_step import acceleration, deviation_within_step
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 SAFETY = 0.9
@@ -136,13 +135,7 @@ class Adaptive(ChosenSteps):
         return Control(SAFETY * dt, 1.0, a, state.t)
 
     def step(
-        self,
-        system: System,
-        state: State,
-        horizon: float,
-        solver: SolverContext,
-        memory: Control | None = None,
-        history: History | None = None,
+        self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
         """One step over at most `horizon` [s]; each attempt has the `history` of the begin."""
         tried = Counts()

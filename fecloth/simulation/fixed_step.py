@@ -15,7 +15,7 @@ from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import refuse_unstable
 from fecloth.simulation.step_times import SAME, ChosenSteps, given_times, step_times
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 
@@ -121,13 +121,7 @@ class GivenSteps(ChosenSteps):
         refuse_unstable(system, self.method, state, max(self.sizes), insist)
 
     def step(
-        self,
-        system: System,
-        state: State,
-        horizon: float,
-        solver,
-        memory: GivenMemory | None = None,
-        history: History | None = None,
+        self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
         memory = memory or GivenMemory(0)
         size, last = self.sizes[memory.number], memory.method_memory

@@ -98,18 +98,12 @@ class LoadSteps:
         return context, f"{context.linear.name} ({reason})"
 
     def step(
-        self,
-        system: System,
-        state: State,
-        horizon: float,
-        solver,
-        memory: LoadRate | None = None,
-        history: History | None = None,
+        self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
         """Find the equilibrium under `state.t` + `horizon` of the loads, or `NewtonFailed`."""
         still = np.zeros_like(state.x)
         start, load = State(TERMS_TIME, state.x, still), state.t + horizon
-        rate: Any = memory.rate if memory else 0.0
+        rate = memory.rate if memory else 0.0
         first = memory.force if memory else force_at(system, state, history)
         try:
             increase = increase_loads(

@@ -66,13 +66,5 @@ def derivative(times: Sequence[float], values: Sequence[np.ndarray]) -> np.ndarr
     y, scale = np.zeros_like(values[0]), math.factorial(len(times) - 1)
     for t, value in zip(times[1:], values[1:], strict=True):
         weight = scale / math.prod(t - other for other in times if other != t)
-        _add_difference(float(weight), value, values[0], y)
+        y += float(weight) * (value - values[0])
     return y
-
-
-@kernel
-def _add_difference(weight, a, b, y):
-    """y += weight (a − b), (n, 3)."""
-    for i in range(len(y)):
-        for k in range(3):
-            y[i, k] += weight * (a[i, k] - b[i, k])

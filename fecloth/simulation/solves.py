@@ -27,9 +27,6 @@ class Solves(Account):
     def finish(self, run: Run, end: End, others: Accounts) -> "Solves":
         return self.changed(doubt=warn_of_round_off(int(self.sums["limited"])))
 
-    def warnings(self) -> tuple[str, ...]:
-        return (self.doubt,)
-
     def words(self) -> str:
         errors = self.sums["newton_error"], self.sums["step_error"]
         return describe_newton_error(self.steps, int(self.sums["estimated"]), *errors)

@@ -13,7 +13,7 @@ from fecloth.simulation.step_times import ChosenSteps, fit_step
 from fecloth.stability.critical_step import critical_dt, estimate
 from fecloth.system.constraints import AT_ONCE
 from fecloth.system.state import State
-from fecloth.system.system import History, System
+from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
@@ -70,13 +70,7 @@ class StabilityLimited(ChosenSteps):
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def step(
-        self,
-        system: System,
-        state: State,
-        horizon: float,
-        solver=None,
-        memory: LimitMemory | None = None,
-        history: History | None = None,
+        self, system: System, state: State, horizon: float, solver=None, memory=None, history=None
     ) -> Step:
         now = system.with_history(history)
         limited = memory or self._start(now, state)

@@ -160,9 +160,6 @@ class TimeError(Account):
         known = max(self.largest, self.carried)
         return self.relative > WARNED or bool(self.unknown and known > WARNED * self.moved)
 
-    def words(self) -> str:
-        return self.sentence
-
     def summary(self) -> dict[str, object]:
         error = None if math.isnan(self.relative) else self.relative
         deformation = None if math.isnan(self.relative) else self.deforming

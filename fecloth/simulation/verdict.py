@@ -34,9 +34,6 @@ class Verdict(Account):
     def finish(self, run: Run, end: End, others: Accounts) -> "Verdict":
         return Verdict(next(filter(None, _doubts(run, end, others)), ""))
 
-    def warnings(self) -> tuple[str, ...]:
-        return (self.doubt,)
-
 
 def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     """Yield what may be said, what is a cause first; "" for none."""
@@ -54,10 +51,10 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     if has_kind(run.system.terms, "contact"):
         yield warn_of_gain(balance)
     if estimate and estimate.is_large:
-        too = f"; the energy balance is off, too: {DISTRUST}" if balance.doubt else ""
+        too = f"; the energy balance is off, too: {DISTRUST}" if balance.imbalance else ""
         yield f"{estimate.sentence}{too}"
     if balance.is_far or not is_slight:
-        yield balance.doubt
+        yield balance.imbalance
     if estimate and not error < SLIGHT:
         yield warn_of_dissipation(run, balance, others[Ledger])
 

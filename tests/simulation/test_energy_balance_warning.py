@@ -30,7 +30,7 @@ def warning(system, ledger):
 
 
 def doubt_at_end(balance):
-    return balance.finish(None, None, None).doubt
+    return balance.finish(None, None, None).imbalance
 
 
 def bump(t):

@@ -126,7 +126,7 @@ def test_a_warning_must_last_and_then_stays(cloth):
             moved = 1.0 if len(remainders) > 9 else 10 * off  # a tenth, of what grows tenfold
             ledger = replace(rest, t=number + 1.0, kinetic=off)
             balance = balance.after(system, ledger, replace(still, kinetic=moved))
-            found.append(bool(balance.doubt))
+            found.append(bool(balance.imbalance))
         told.append(any(found))
     assert told == [False, True, False]
 
@@ -140,7 +140,7 @@ def test_a_warning_of_a_run_stays_though_the_balance_closes_again(cloth):
     told = [str(one.message) for one in caught]
     assert told[-len(result.warnings) :] == list(result.warnings)
     assert sum("the energy balance is off" in words for words in result.warnings) == 1
-    assert "energy of deformation" in result.accounts[Balance].doubt
+    assert "energy of deformation" in result.accounts[Balance].imbalance
 
 
 @pytest.mark.parametrize(

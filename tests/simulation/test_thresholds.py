@@ -31,7 +31,7 @@ def moved(kinetic, opening=0.0, **values):
 
 def is_off(balance):
     """Whether the balance of a run that ends here is doubted."""
-    return bool(balance.finish(None, None, None).doubt)
+    return bool(balance.finish(None, None, None).imbalance)
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.04, False), (0.0625, True)])

@@ -19,7 +19,7 @@ from fecloth.simulation.verdict import Verdict
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
 MOVED = 0.2  # m
-OFF = Balance(0.0, doubt=f"the energy balance is off: {DISTRUST}")
+OFF = Balance(0.0, imbalance=f"the energy balance is off: {DISTRUST}")
 
 
 def doubt(monkeypatch, error, balance=OFF, method=None, eaten="", jump=0.0, terms=()):
@@ -39,17 +39,17 @@ def doubt(monkeypatch, error, balance=OFF, method=None, eaten="", jump=0.0, term
 def test_a_balance_and_dissipation_matter_from_an_error_of_three_per_cent(
     error, doubted, monkeypatch
 ):
-    assert (doubt(monkeypatch, error) == OFF.doubt) == doubted
+    assert (doubt(monkeypatch, error) == OFF.imbalance) == doubted
     assert (doubt(monkeypatch, error, Balance(0.0), eaten="much") == "much") == doubted
 
 
 def test_a_balance_counts_where_it_is_far_off_or_the_error_is_not_known(monkeypatch):
     far = replace(OFF, is_far=True)
-    assert doubt(monkeypatch, 0.001, far) == OFF.doubt
-    assert doubt(monkeypatch, float("nan")) == OFF.doubt
-    assert doubt(monkeypatch, 0.001, method=fc.LinearlyImplicitEuler()) == OFF.doubt
+    assert doubt(monkeypatch, 0.001, far) == OFF.imbalance
+    assert doubt(monkeypatch, float("nan")) == OFF.imbalance
+    assert doubt(monkeypatch, 0.001, method=fc.LinearlyImplicitEuler()) == OFF.imbalance
     touching = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
-    assert doubt(monkeypatch, 0.001, terms=touching) == OFF.doubt
+    assert doubt(monkeypatch, 0.001, terms=touching) == OFF.imbalance
     assert doubt(monkeypatch, 0.001) == ""
 
 
@@ -106,7 +106,7 @@ def test_an_energy_that_is_no_number_is_told_in_words():
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK()], ["left"])
     ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, numerical=float("nan"))
     after = Balance(0.0, largest=1.0).after(system, ledger, Deformation(0.0, 0.0, in_place={}))
-    words = after.finish(None, None, None).doubt
+    words = after.finish(None, None, None).imbalance
     assert "an energy is not finite" in words
     assert "nan" not in words
 
@@ -130,7 +130,7 @@ def test_a_thousandth_of_the_work_of_obstacles_does_not_matter_in_a_balance(part
     balance = Balance(0.0, largest=1e-3).after(system, ledger, deformation)
     ledger = replace(ledger, work={"Obstacle": 0.0}, kinetic=part * 1e-3 * 2.0)
     after = balance.after(system, ledger, deformation)
-    assert bool(after.finish(None, None, None).doubt) == is_off
+    assert bool(after.finish(None, None, None).imbalance) == is_off
 
 
 @pytest.mark.parametrize(
