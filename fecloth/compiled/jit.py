@@ -20,7 +20,9 @@ import numba
 import numpy as np
 from numba.core import event
 from numba.core.dispatcher import Dispatcher
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.types import Type
+from numba.extending import _Intrinsic, intrinsic
 
 from fecloth.compiled.cache_folder import cache_folder
 
@@ -72,15 +74,31 @@ def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     return _compile(function, fastmath=False)
 
 
-def inner(function: Function) -> Function:
+def inner(function: Function, **more: bool) -> Function:
     """Compile a function that kernels call: it is cached as a part of them."""
     # For them it has no wrapper, which would take as long to compile as the function itself. A call
     # from Python compiles it once more, with one.
-    compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True}))(function)
+    compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True} | more))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
     compiled._insert = lambda *_: None  # Python must not find machine code without a wrapper,
     compiled._compile_for_args = lambda *_, **__: wrapped()  # but call what this returns
     return compiled
+
+
+def inlined(function: Function) -> Function:
+    """Compile a function as `inner` does, to stand in its callers also if it is long or a loop."""
+    return inner(function, forceinline=True)
+
+
+@intrinsic
+def contiguous(context: Any, array: Any) -> Any:
+    """In compiled code: an array whose items lie one after another, with quicker indices."""
+    # The row of an array that repeats it for each element has not that type by itself.
+    return array.copy(layout="C")(
+        array
+    ), lambda context, builder, signature, given: impl_ret_borrowed(
+        context, builder, signature.return_type, given[0]
+    )
 
 
 def insert(template: Function, **functions: Callable) -> Function:
@@ -173,6 +191,8 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
     if isinstance(value, Dispatcher):
         options = sorted(value.targetoptions.items())
         return kind, _content(options, seen, ()), _function_content(value.py_func, seen)
+    if isinstance(value, _Intrinsic):
+        return kind, _function_content(value._defn, seen)
     if isinstance(value, tuple | list):
         return kind, *(_content(each, seen, attributes) for each in value)
     if isinstance(value, set | frozenset):

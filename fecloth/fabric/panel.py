@@ -69,10 +69,10 @@ class Panel:
 
     def each(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
         """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``."""
-        # For one fabric the result is a view of a single row.
+        # For equal rows, as of one fabric, the result is a view of a single row.
         rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
-        if len(rows) == 1:
-            return np.broadcast_to(rows, (len(self.region), rows.shape[1]))
+        if len({row.tobytes() for row in rows}) == 1:
+            return np.broadcast_to(rows[0], (len(self.region), rows.shape[1]))
         return rows[self.region]
 
     @cached_property

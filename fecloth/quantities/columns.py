@@ -56,8 +56,8 @@ class DataTable:
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
-    def numbers(self, name: str, si: str | None) -> np.ndarray:
-        """The values of a column in SI; None for `si` takes them as they are.
+    def numbers(self, name: str, si: str | None, plain: bool = False) -> np.ndarray:
+        """The values of a column in SI; None for `si`, and no unit if `plain`, takes what is there.
 
         It raises `InputError` for a column that is not there, an unknown unit, and a cell that is
         no finite number.
@@ -68,7 +68,7 @@ class DataTable:
             raise InputError(f"column {name!r}", allowed, self.where, remedy)
         unit, cells = self.cells[name]
         try:
-            factor = 1.0 if si is None else factor_to_si(name, unit, si)
+            factor = 1.0 if si is None or (plain and not unit) else factor_to_si(name, unit, si)
         except InputError as error:
             raise InputError(error.what, error.allowed, self.where, error.remedy) from None
         values = [

@@ -47,6 +47,7 @@ class Dimension:
 LENGTH = Dimension(
     {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": _INCH, "ft": _FOOT}
 )
+ANGLE = Dimension({"rad": 1.0, "deg": math.pi / 180})
 VOLUME = Dimension({"m^3": 1.0, "L": 1e-3, "mL": 1e-6, "cm^3": 1e-6, "mm^3": 1e-9})
 TIME = Dimension({"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0})
 RATE = Dimension({"1/s": 1.0, "1/ms": 1e3, "1/min": 1 / 60, "1/h": 1 / 3600})

@@ -34,7 +34,7 @@ def _check_name(name: str) -> str:
     return name
 
 
-def _resolve_path(value: str, info: ValidationInfo) -> str:
+def resolve_path(value: str, info: ValidationInfo) -> str:
     path = Path((info.context or {}).get("folder", ".")) / value
     if problem := file_problem(path):
         raise InputError("", f"{path}: {problem[0]}", "", problem[1])
@@ -42,7 +42,7 @@ def _resolve_path(value: str, info: ValidationInfo) -> str:
 
 
 Name = Annotated[str, AfterValidator(_check_name)]
-File = Annotated[str, AfterValidator(_resolve_path)]  # absolute, for copies of the scene
+File = Annotated[str, AfterValidator(resolve_path)]  # absolute, for copies of the scene
 OfTime = formula_text("t")
 OfTimeAndPlace = formula_text("t", "X", "Y")
 OfPlace = formula_text("X", "Y")

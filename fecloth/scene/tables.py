@@ -26,10 +26,11 @@ from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty, merged
 from fecloth.nonlinear.options import Newton
 from fecloth.quantities.rotation import Rotation
 from fecloth.scene.cloth_tables import Disk, MeshFile, Pieces, Rectangle
-from fecloth.scene.field_types import File
+from fecloth.scene.field_types import File, resolve_path
 from fecloth.scene.placement import RotationTable
 from fecloth.scene.table_model import Made, one_of, table_of
 from fecloth.terms.contact import shapes
+from fecloth.terms.membranes.curves import CurveData, read_rows
 from fecloth.terms.protocol import is_description
 from fecloth.validation import file_problem
 
@@ -38,6 +39,18 @@ Shape: Any = one_of(
 )
 _SHAPES = {name: getattr(shapes, name) for name in shapes.__all__ if name != "Shape"}
 _TURNED: dict[Any, Any] = {Rotation | None: (RotationTable | None, None)}
+
+
+def _read_curve(value: Any, info: ValidationInfo) -> Any:
+    """Rows in place of a file's name, so that copies of the scene and studies have the numbers."""
+    is_name = isinstance(value, str)
+    return read_rows(info.field_name or "", resolve_path(value, info)) if is_name else value
+
+
+_Curve: Any = Annotated[
+    str | dict[str, float | tuple[float, ...]] | tuple[tuple[float, float], ...] | None,
+    AfterValidator(_read_curve),
+]
 
 
 def _more(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
@@ -50,6 +63,7 @@ def _more(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
 SHAPE_TABLES = {name: table_of(cls, name, **_more(cls, _TURNED)) for name, cls in _SHAPES.items()}
 ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
+_FIELDS |= {CurveData | None: (_Curve, None)}
 
 _NewtonFields: Any = table_of(Newton)  # a base class made at run time
 

@@ -27,6 +27,7 @@ from fecloth.terms.loads.wind import Wind
 from fecloth.terms.membranes.baraff_witkin import BaraffWitkin
 from fecloth.terms.membranes.neo_hookean import NeoHookean
 from fecloth.terms.membranes.stvk import StVK, TensorCondition
+from fecloth.terms.membranes.table import MembraneTable
 from fecloth.terms.membranes.tension_field import TensionField
 from fecloth.terms.springs.springs import Springs
 from fecloth.terms.springs.tether import Tether
@@ -41,6 +42,7 @@ __all__ = [
     "Gravity",
     "HingeBending",
     "MassDamping",
+    "MembraneTable",
     "MeshObstacle",
     "NeoHookean",
     "Obstacle",

@@ -23,6 +23,11 @@ ARGUMENTS = {
     "BendingDamping": {"time": 0.01},
     "Drag": {"normal": 1.0, "tangential": 0.1},
     "MassDamping": {"rate": 1.0},
+    "MembraneTable": {
+        "warp": [(1.01, 4.0), (1.05, 40.0), (1.1, 200.0), (1.2, 900.0)],
+        "weft": [(1.01, 4.0), (1.05, 40.0), (1.1, 200.0), (1.2, 900.0)],
+        "shear": [(0.1, 5.0), (0.3, 30.0), (0.5, 200.0)],
+    },
     "Pressure": {"p": 1.0},
     "Springs": {"kind": "biquadratic"},
     "StrainRateDamping": {"time": 0.01},

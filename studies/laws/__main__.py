@@ -21,7 +21,10 @@ from studies.laws.curves import NU, SPEED, Y
 
 HERE = Path(__file__).parent
 FAMILIES = {
-    "Membranes": ("StVK", "TensorCondition", "NeoHookean", "TensionField", "BaraffWitkin"),
+    "Membranes": (
+        *("StVK", "TensorCondition", "NeoHookean", "TensionField", "MembraneTable"),
+        "BaraffWitkin",
+    ),
     "Springs and conditions": ("Springs", "Tether", "Condition"),
     "Bending": ("PlateBending", "HingeBending", "QuadraticBending", "BendingFriction"),
     "Damping": ("StrainRateDamping", "BendingDamping", "MassDamping"),

@@ -33,6 +33,7 @@ OBJECTIVE = [
     (CLOTH, CABLE),
     (QUADRATIC, fc.NeoHookean("compressible")),
     (CLOTH, fc.NeoHookean()),
+    (QUADRATIC, fc.MembraneTable([(1.05, 9.0), (1.3, 200.0)], poisson=0.2)),
     (CLOTH, fc.HingeBending(rest=0.2)),
 ]
 MEAN_STRAIN = [

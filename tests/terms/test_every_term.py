@@ -31,6 +31,7 @@ INTERNAL = [
     (fc.NeoHookean(), RUBBER),
     (fc.NeoHookean("compressible"), RUBBER),
     (fc.TensionField(), ISOTROPIC),
+    (fc.MembraneTable([(1.1, 50.0), (1.3, 400.0)], poisson=0.2), WOVEN),
     *((fc.Springs(kind, damping=0.01), ISOTROPIC) for kind in SPRINGS),
     (fc.HingeBending(0.2), WOVEN),
     (fc.QuadraticBending(), WOVEN),

@@ -13,6 +13,7 @@ BOTH = {
     "pointwise": fc.StVK(strain="pointwise"),
     "NeoHookean": fc.NeoHookean(),
     "TensionField": fc.TensionField(),
+    "MembraneTable": fc.MembraneTable([(1.02, 9.0), (1.1, 80.0)], shear=[(0.1, 5.0), (0.3, 40.0)]),
     "TensorCondition": fc.TensorCondition(200.0),
     "PlateBending": fc.PlateBending(),
     "StrainRateDamping": fc.StrainRateDamping(0.01),

@@ -1,0 +1,145 @@
+"""A membrane of measured curves."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fecloth.compiled.jit import contiguous, inlined
+from fecloth.errors import InputError, is_number
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.panel import Panel
+from fecloth.terms.loops import membrane, membrane_loops
+from fecloth.terms.loops.regge_strain import check_strain
+from fecloth.terms.membranes.curves import PIECE, Curve, CurveData, pack, read_rows
+from fecloth.terms.protocol import element_nodes
+from fecloth.terms.traits import MEMBRANE
+
+CURVES = ("warp", "weft", "shear")
+STEP = len(CURVES) * PIECE  # numbers from a piece to the next one of the same curve
+
+
+@dataclass(frozen=True)
+class MembraneTable:
+    """W = w₁(E11) + w₂(E22) + w₁₂(2 E12) + c E11 E22 with measured curves w′ = S.
+
+    With the stretch λ and the force P per width of the flat cloth along warp and weft, and the
+    shear force τ per width at the angle γ that is lost between them, whose work per area is ∫ τ dγ:
+
+        S₁ = P/λ      at E11 = (λ² − 1)/2, likewise S₂ of the weft at E22
+        S₁₂ = τ/cos γ at 2 E12 = sin γ, mirrored for E12 < 0
+        S11 = S₁ + c E22,  S22 = S₂ + c E11,  c = ν √(S₁′ S₂′) at rest
+
+    Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. The slope at
+    rest goes on in compression, the last slope beyond the last point. A slope at an end is at least
+    a tenth of the secant beside it, as PCHIP may have 0 where a J begins. As all S rise, W is
+    convex; c is lowered to √(min S₁′ min S₂′) where it would be more.
+
+    Source: Fritsch and Butland (1984), A method for constructing local monotone piecewise cubic
+    interpolants, SIAM J. Sci. Stat. Comput. 5, 300–304, and for the ends Moler (2004), Numerical
+    Computing with MATLAB, as in `scipy.interpolate.PchipInterpolator`.
+
+    Valid for loading: unloading follows the same curve. Tension curves are of specimens that keep
+    their width, as in KES; a strip with free sides bears less, near rest 1 − ν² of it. τ is exact
+    where warp and weft keep their length. That c is constant is an assumption.
+
+    Cost relative to `StVK`: force 1.3, up to 4 where strains jump between points; tangent 1.1.
+
+    Parameters
+    ----------
+    warp, weft
+        A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, or a mapping
+        of columns. A column `stiffness` in place of `force` has dS/dE [N/m] from the point before,
+        which `fit` may choose. The point (1, 0) is added. Left out: straight, from the fabric.
+    shear
+        The same with `angle [rad]` (or [deg]) and `force [N/m]`.
+    poisson
+        ν = √(ν₁₂ ν₂₁), -1 < ν < 1. Left out: from the fabric.
+    strain
+        On P2: "interpolated", which does not lock where the cloth bends (`regge_strain`),
+        or "pointwise", the Green strain itself. P1 has one constant strain in a triangle.
+
+    Raises
+    ------
+    InputError
+        For what cannot be read, a curve that begins elsewhere than at rest, a row where S does not
+        rise, an angle of 90° or more, and another `poisson`.
+    """
+
+    warp: CurveData | None = None
+    weft: CurveData | None = None
+    shear: CurveData | None = None
+    poisson: float | None = None
+    strain: str = "interpolated"
+
+    def __post_init__(self) -> None:
+        check_strain(self.strain, "MembraneTable")
+        if self.poisson is not None and not (is_number(self.poisson) and abs(self.poisson) < 1):
+            allowed = "must lie between -1 and 1"
+            raise InputError(f"poisson = {self.poisson!r}", allowed, "MembraneTable")
+        for name in CURVES:
+            if (data := getattr(self, name)) is not None:
+                object.__setattr__(self, name, read_rows(name, data))
+
+    def curves(self, fabric: Fabric) -> list[Curve]:
+        """S₁, S₂ and S₁₂ over E11, E22 and 2 E12."""
+        given = ((name, getattr(self, name)) for name in CURVES)
+        return [
+            Curve.straight(stiffness) if rows is None else Curve.through(name, rows)
+            for (name, rows), stiffness in zip(given, fabric.moduli(), strict=False)
+        ]
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ at E = 0 [N/m]; C12 is c."""
+        C, (warp, weft, shear) = fabric.moduli(), self.curves(fabric)
+        nu = C[3] / math.sqrt(C[0] * C[1]) if self.poisson is None else self.poisson
+        most = math.sqrt(warp.least_slope() * weft.least_slope())
+        C11, C22, C66 = warp.slopes[0], weft.slopes[0], shear.slopes[0]
+        return np.array([C11, C22, C66, np.clip(nu * math.sqrt(C11 * C22), -most, most), 0.0, 0.0])
+
+    def constants(self, fabric: Fabric) -> np.ndarray:
+        """(p,) the coefficients of the curves, see `pack`."""
+        return pack(self.moduli(fabric)[3], self.curves(fabric))
+
+    traits = MEMBRANE
+    stencil = element_nodes
+
+    def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+        c = panel.each(self.constants)
+        return membrane.bind("MembraneTable", KERNELS, c, panel, slots, self.strain)
+
+
+@inlined
+def above_rest(c, k, E):
+    """w, S and dS/dE of the curve k at E ≥ 0."""
+    q = np.uintp(1 + PIECE * k)
+    while c[q + np.uintp(STEP)] <= E:  # the next piece; branches are guessed before E is known
+        q += np.uintp(STEP)
+    t, w, a0 = E - c[q], c[q + np.uintp(1)], c[q + np.uintp(2)]
+    a1, a2, a3 = c[q + np.uintp(3)], c[q + np.uintp(4)], c[q + np.uintp(5)]
+    w += t * (a0 + t * (a1 / 2.0 + t * (a2 / 3.0 + t * (a3 / 4.0))))
+    return w, a0 + t * (a1 + t * (a2 + t * a3)), a1 + t * (2.0 * a2 + t * (3.0 * a3))
+
+
+@inlined
+def on_curve(c, k, E):
+    """w, S and dS/dE of the curve k at E, with the slope at rest in compression."""
+    above = E if E > 0.0 else 0.0
+    w, S, slope = above_rest(c, k, above)
+    below, rest = E - above, c[np.uintp(1 + PIECE * k + 3)]
+    return w + 0.5 * rest * below * below, S + rest * below, slope
+
+
+@inlined
+def law(E, c):
+    """c = (c, pieces …)."""
+    c = contiguous(c)
+    w1, S1, C11 = on_curve(c, 0, E[0])
+    w2, S2, C22 = on_curve(c, 1, E[1])
+    w3, S3, C66 = above_rest(c, 2, abs(2.0 * E[2]))
+    C12 = c[0]
+    S = S1 + C12 * E[1], S2 + C12 * E[0], math.copysign(S3, E[2])
+    return w1 + w2 + w3 + C12 * E[0] * E[1], S, (C11, C22, C66, C12, 0.0, 0.0)
+
+
+KERNELS = membrane_loops.kernels(law)

@@ -1,0 +1,294 @@
+"""Measured curves as a membrane: an independent W, the points, refusals, scenes and studies."""
+
+import numpy as np
+import pytest
+from conftest import rough
+from scipy.integrate import quad
+from scipy.interpolate import PchipInterpolator
+
+import fecloth as fc
+from fecloth.errors import InputError
+from fecloth.terms.membranes.curves import LEAST_END, Curve
+from fecloth.terms.membranes.table import law
+from fecloth.verify import check_term
+
+FABRIC = fc.Fabric(0.2, (1000.0, 400.0), 0.3, 60.0)
+J = np.array([(1.05, 2.0), (1.1, 5.0), (1.2, 20.0), (1.25, 45.0), (1.3, 120.0)])
+SOFTER = np.array([(1.05, 8.0), (1.12, 16.0), (1.3, 33.0)])
+LOCKING = np.array([(0.1, 0.5), (0.3, 2.0), (0.5, 6.0), (0.7, 40.0)])
+TABLE = fc.MembraneTable(J, SOFTER, LOCKING, 0.1)
+SQUARE = fc.Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+
+
+def stress(rows, E, shear=False):
+    """S and w of a curve at E, by scipy alone."""
+    rows = np.vstack([[0.0 if shear else 1.0, 0.0], rows])
+    at, S = rows[:, 0], rows[:, 1] / (np.cos(rows[:, 0]) if shear else rows[:, 0])
+    e = np.sin(at) if shear else (at**2 - 1) / 2
+    curve = PchipInterpolator(e, S)
+    size, sign = (abs(E), np.sign(E)) if shear else (E, 1.0)
+    inside = np.clip(size, 0.0, e[-1])
+    more, slope = size - inside, curve(inside, 1)
+    w = curve.antiderivative()(inside) + more * curve(inside) + slope * more**2 / 2
+    return sign * (curve(inside) + slope * more), w, slope
+
+
+def test_stress_energy_and_moduli_are_those_of_the_curves(rng):
+    """In compression, between the points and beyond them; c couples warp and weft."""
+    c = TABLE.constants(FABRIC)
+    coupling = 0.1 * np.sqrt(stress(J, 0.0)[2] * stress(SOFTER, 0.0)[2])
+    assert TABLE.moduli(FABRIC)[3] == pytest.approx(coupling)
+    for E in rng.uniform([-0.2, -0.2, -0.45], [0.5, 0.5, 0.45], (60, 3)):
+        parts = stress(J, E[0]), stress(SOFTER, E[1]), stress(LOCKING, 2 * E[2], shear=True)
+        W, S, C = law(tuple(E), c)
+        S1, S2, S12 = (part[0] for part in parts)
+        expected = S1 + coupling * E[1], S2 + coupling * E[0], S12
+        np.testing.assert_allclose(S, expected, rtol=1e-12, atol=1e-12)
+        assert pytest.approx(sum(part[1] for part in parts) + coupling * E[0] * E[1]) == W
+        np.testing.assert_allclose(C, [*(part[2] for part in parts), coupling, 0, 0], rtol=1e-11)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("strain", ["interpolated", "pointwise"])
+def test_force_and_tangent_are_derivatives(element, strain, rng):
+    """Between the points, as the slope of a tangent jumps at them, and in compression."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
+    term, still = fc.MembraneTable(J, SOFTER, LOCKING, 0.1, strain), np.zeros((len(cloth.X), 3))
+    states = []
+    for shape in ([[1.07, 0.2], [0.0, 1.07]], [[0.9, -0.15], [0.1, 0.95]]):
+        noise = 5e-4 * rng.standard_normal(still.shape)
+        states.append((f"{shape}", noise + cloth.X @ np.column_stack([shape, [0, 0]]), still))
+    check_term(term, cloth, FABRIC, states=states, scales=(1.0,))
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_strip_bears_the_measured_force_at_every_point(element):
+    """Drawn along warp or weft with ν = 0, to 1e-8 of the largest force."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
+    table = fc.MembraneTable(J, SOFTER, poisson=0.0)
+    for rows, axis, side in ((J, 0, "right"), (SOFTER, 1, "top")):
+        system = fc.System(cloth, FABRIC, [table])
+        for stretch, force in rows:
+            x = system.rest().x
+            x[:, axis] *= stretch
+            pull = -system.force(system.state(x))[cloth.nodes(side), axis].sum()
+            assert pull == pytest.approx(force, abs=1e-8 * rows[-1, 1])
+
+
+def test_shear_has_the_work_of_its_force_over_the_angle():
+    """Warp and weft keep their length; ∫ τ dγ by quadrature, and τ at every point."""
+    system = fc.System(SQUARE, FABRIC, [TABLE])
+
+    def energy(angle):
+        x = system.rest().x
+        x[:, 0] += np.sin(angle) * x[:, 1]
+        x[:, 1] *= np.cos(angle)
+        return sum(system.energies(system.state(x)).values())
+
+    def tau(angle):
+        return stress(LOCKING, np.sin(angle), shear=True)[0] * np.cos(angle)
+
+    for angle, force in LOCKING:
+        assert tau(angle) == pytest.approx(force)
+        assert energy(angle) == pytest.approx(quad(tau, 0.0, angle, epsrel=1e-10)[0], rel=1e-8)
+        assert energy(-angle) == pytest.approx(energy(angle), rel=1e-13)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_straight_curves_are_stvk(element, rng):
+    """From the fabric, and with points on S = C E."""
+    cloth = fc.Cloth.rectangle(1.0, 1.0, h=0.5, element=element)
+    C, s, g = FABRIC.moduli(), np.linspace(1.01, 1.4, 7), np.linspace(0.02, 1.2, 5)
+    points = [np.column_stack([s, C[i] * s * (s**2 - 1) / 2]) for i in (0, 1)]
+    points += [np.column_stack([g, C[2] * np.sin(g) * np.cos(g)])]
+    x = rough(cloth, rng, 0.02)
+    systems = [
+        fc.System(cloth, FABRIC, [term])
+        for term in (fc.StVK(), fc.MembraneTable(), fc.MembraneTable(*points))
+    ]
+    forces = [system.force(system.state(x)) for system in systems]
+    matrices = [system.stiffness(system.state(x)).toarray() for system in systems]
+    for f, K in zip(forces[1:], matrices[1:], strict=True):
+        np.testing.assert_allclose(f, forces[0], atol=1e-12 * abs(forces[0]).max())
+        np.testing.assert_allclose(K, matrices[0], atol=1e-11 * abs(matrices[0]).max())
+
+
+def test_regions_share_given_curves_and_have_their_own_left_out():
+    """One row of constants where the fabrics do not matter, else a row for each triangle."""
+    cloth = fc.Cloth.join([SQUARE, SQUARE], names=["a", "b"])
+    fabrics = {"a": FABRIC, "b": fc.Fabric(0.1, 300.0)}
+    shared, own = fc.MembraneTable(J, J, LOCKING, 0.1), fc.MembraneTable(J, poisson=0.0)
+    assert fc.System(cloth, fabrics, [shared]).bound[0].constants.strides[0] == 0
+    system, x = fc.System(cloth, fabrics, [own]), cloth.X * 1.1
+    stress_of = np.zeros((len(cloth.triangles), 4))
+    system.bound[0].add_stress(np.column_stack([x, 0 * x[:, 0]]), stress_of)
+    S22 = [fabric.moduli()[1] * (1.1**2 - 1) / 2 for fabric in fabrics.values()]
+    for name, expected in zip(fabrics, S22, strict=True):
+        found = stress_of[cloth.region(name)]
+        np.testing.assert_allclose(found[:, 0], 5.0 / 1.1)
+        np.testing.assert_allclose(found[:, 1], expected)
+
+
+# --- what a user may give -------------------------------------------------------------------------
+
+
+def test_files_columns_and_rows_are_the_same(tmp_path):
+    path = tmp_path / "warp.csv"
+    lines = [f"{s},{100 * P / 1e4}" for s, P in J]
+    path.write_text("\n".join(["# drawn slowly", "stretch,force [N/cm]", *lines]))
+    by_name = {"stretch": J[:, 0], "force [N/mm]": J[:, 1] / 1000}
+    with_rest = [(1.0, 0.0), *J.tolist()]
+    expected = np.array(with_rest)
+    for given in (path, str(path), by_name, J, with_rest):
+        np.testing.assert_allclose(fc.MembraneTable(given).warp, expected, rtol=1e-14)
+    degrees = {"angle [deg]": np.degrees(LOCKING[:, 0]), "force": LOCKING[:, 1]}
+    np.testing.assert_allclose(fc.MembraneTable(shear=degrees).shear[1:], LOCKING)
+
+
+def test_stiffnesses_between_the_points_add_up_to_forces():
+    table = fc.MembraneTable({"stretch": [1.1, 1.3], "stiffness [N/m]": [50.0, 200.0]})
+    S = 50 * 0.105, 50 * 0.105 + 200 * (0.345 - 0.105)
+    np.testing.assert_allclose(table.warp, [(1, 0), (1.1, 1.1 * S[0]), (1.3, 1.3 * S[1])])
+    shear = fc.MembraneTable(shear={"angle": [0.2, 0.5], "stiffness": [9.0, 9.0]}).shear
+    np.testing.assert_allclose(shear[2], (0.5, 9 * np.sin(0.5) * np.cos(0.5)))
+
+
+REFUSED = [
+    ({"warp": [(1.1, 3.0), (1.2, 3.2)]}, r"warp, row 2: S = force/stretch = 2.66667 after 2.727"),
+    ({"warp": [(1.1, 3.0), (1.1, 3.5)]}, r"warp, row 2: stretch = 1.1 after 1.1: must rise"),
+    ({"weft": [(1.0, 0.5), (1.1, 3.0)]}, r"weft, row 1: stretch = 1, force = 0.5 N/m: must begin"),
+    ({"weft": [(0.9, -1.0), (1.1, 3.0)]}, r"weft, row 1: stretch = 0.9"),
+    ({"shear": [(0.3, 1.0), (1.58, 9.0)]}, r"shear, row 2: angle = 1.58: must be below π/2"),
+    ({"shear": [(0.3, 1.0), (0.6, 0.8)]}, r"shear, row 2: S = force/cos\(angle\)"),
+    ({"warp": [1.0, 2.0]}, r"warp = .*: must be a file, columns, or rows of stretch and force"),
+    ({"warp": []}, r"warp = .*must be a file"),
+    ({"warp": [(1.0, 0.0)]}, r"warp, row 1: stretch = 1, force = 0 N/m: .*have another row"),
+    ({"warp": [(1.1, np.nan)]}, r"line 1, column 'force': nan: must be a finite number"),
+    ({"warp": {"stretch": [1.1], "load": [3.0]}}, r"column 'force': is not in the file"),
+    ({"warp": "no.csv"}, r"no.csv: no such file"),
+    ({"poisson": 1.0}, r"poisson = 1.0: must lie between -1 and 1"),
+    ({"strain": "mean"}, r"strain = 'mean'"),
+]
+
+
+@pytest.mark.parametrize(("given", "words"), REFUSED)
+def test_what_is_no_curve_is_refused_with_its_row(given, words):
+    with pytest.raises(InputError, match=words):
+        fc.MembraneTable(**given)
+
+
+# --- slopes at the ends, and the coupling ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "slope"), [(0.8, 1.0), (1.25, 1.25), (-20.0, 1.0)])
+def test_a_steep_j_keeps_a_stiffness_at_rest(share, slope):
+    """PCHIP has (3 δ₀ − δ₁)/2 at rest, or 0 where that is negative; LEAST_END δ₀ is the least."""
+    first, second = 10.0, 10.0 * (3 - 2 * share * LEAST_END)
+    data = {"stretch": np.sqrt([1.2, 1.4]), "stiffness": [first, second]}
+    curve = Curve.through("warp", fc.MembraneTable(data).warp)
+    assert curve.slopes[0] == pytest.approx(slope * LEAST_END * first)
+
+
+def test_curves_are_convex_in_strain_and_coupling_is_lowered_to_keep_w_so(rng):
+    """Softening curves: c is √(min S₁′ min S₂′), found by a search, and ℂ stays semi-definite."""
+    curve = Curve.through("warp", fc.MembraneTable(SOFTER).warp)
+    E = np.linspace(0.0, curve.E[-1], 20001)
+    assert curve.least_slope() == pytest.approx(stress(SOFTER, E)[2].min(), rel=1e-6)
+    table = fc.MembraneTable(SOFTER, SOFTER, poisson=0.9)
+    c, C = table.constants(FABRIC), table.moduli(FABRIC)
+    assert C[3] == pytest.approx(curve.least_slope()) != pytest.approx(0.9 * curve.slopes[0])
+    for strain in rng.uniform(-0.2, 0.6, (200, 3)):
+        C11, C22, C66, C12, *_ = law(tuple(strain), c)[2]
+        assert C66 > 0
+        assert min(C11, C22) > 0
+        assert C11 * C22 >= (1 - 1e-12) * C12**2
+
+
+# --- in scenes, studies and runs ------------------------------------------------------------------
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 0.2
+height = 0.05
+h = 0.05
+pattern = "right"
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 100.0
+[[terms]]
+type = "MembraneTable"
+warp = "warp.csv"
+poisson = 0.0
+[[pins]]
+where = "left"
+[[pins]]
+where = "right"
+name = "grip"
+motion = ["0.03 * t", 0, 0]
+[[probes]]
+name = "grip"
+where = "right"
+[equilibrium]
+load_steps = 3
+"""
+KNOTS = 'terms.0.warp={ stretch = [1.05, 1.1, 1.15], "stiffness" = [20.0, 60.0, 300.0] }'
+CSV = "stretch,force\n1.05,2.0\n1.1,5.0\n1.15,12.0\n"
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    (tmp_path / "warp.csv").write_text(CSV)
+    (tmp_path / "strip.toml").write_text(SCENE)
+    return tmp_path / "strip.toml"
+
+
+def test_a_scene_keeps_the_rows_of_its_file(scene_file):
+    scene = fc.load_scene(scene_file)
+    rows = [[1.0, 0.0], [1.05, 2.0], [1.1, 5.0], [1.15, 12.0]]
+    assert scene.to_tables()["terms"][0]["warp"] == rows
+    (scene_file.parent / "warp.csv").write_text(CSV.replace("5.0", "2.05"))
+    with pytest.raises(fc.SceneError, match=r"line 3: S = force/stretch = 1.86364 after 1.90476"):
+        fc.load_scene(scene_file)
+    with pytest.raises(fc.SceneError, match=r"terms.0.warp = 'wrap.csv'.*Did you mean 'warp.csv'"):
+        fc.load_scene(scene_file, ["terms.0.warp=wrap.csv"])
+
+
+def test_the_force_at_a_point_follows_its_row_alone(scene_file):
+    """A strip drawn to the last point: dF/dP is its width there, and 0 for other rows."""
+    names = [f"terms.0.warp.{row}.1" for row in (2, 3)]
+    found = fc.sensitivity(scene_file, names, "reaction.grip.x")
+    assert found.value == pytest.approx(12.0 * 0.05)
+    np.testing.assert_allclose(found.derivative, [0.0, 0.05], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_fit_chooses_a_rising_curve(scene_file):
+    """Stiffnesses of a twin, from other ones, through the forces at nine stretches."""
+    twin = fc.MembraneTable({"stretch": [1.05, 1.1, 1.15], "stiffness": [20.0, 60.0, 300.0]})
+    s = np.linspace(1.015, 1.149, 9)
+    E = (s**2 - 1) / 2
+    data = {
+        "drawn [m]": 0.2 * (s - 1),
+        "force [N]": 0.05 * s * stress(np.array(twin.warp)[1:], E)[0],
+    }
+    scene = fc.load_scene(scene_file, [KNOTS, "equilibrium.load_steps=8"])
+    how = {"along": {"drawn": "grip.x"}, "quantity": {"force": "reaction.grip.x"}, "sigma": "1 %"}
+    start = {f"terms.0.warp.stiffness.{i}": k for i, k in enumerate((40.0, 40.0, 150.0))}
+    answer = fc.fit([fc.Experiment(scene, data, **how)], start, refined=False)
+    assert list(answer.values.values()) == pytest.approx([20.0, 60.0, 300.0], rel=2e-2)
+    assert len(answer.identified) == 3
+
+
+def test_damping_and_energy_momentum(rng):
+    """τ ℂ at rest; and a swing whose energy stays to Newton's tolerance."""
+    system = fc.System(SQUARE, FABRIC, [fc.StrainRateDamping(0.1, law=TABLE)])
+    viscosity = system.bound[0].viscosity
+    np.testing.assert_allclose(viscosity[0], 0.1 * TABLE.moduli(FABRIC))
+    swing = fc.System(SQUARE, FABRIC, [TABLE, fc.Gravity()], ["left"])
+    start, newton = swing.rest(), fc.Newton(tolerance=1e-11)
+    result = fc.run(swing, fc.EnergyMomentum(), start, dt=0.01, t_end=0.1, newton=newton)
+    energies = result.energies
+    assert abs(energies["remainder"][-1]) < 1e-9 * energies["kinetic"][-1]
+    assert energies["MembraneTable"][-1] > 1e-3 * energies["kinetic"][-1]
+    assert np.isfinite(result.space_error)
