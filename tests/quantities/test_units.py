@@ -182,7 +182,7 @@ PLAIN = {  # numbers without a unit
     *("SolverTable.tolerance", "SolverTable.forcing", "EquilibriumTable.tolerance"),
     "GeneralizedAlphaTable.rho_inf",
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
-    *("HingeBendingTable.rest", "PlateBendingTable.rest"),
+    *("HingeBendingTable.rest", "PlateBendingTable.rest", "BendingFrictionTable.stiffness"),
     *("Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees
     *("Rotation.axis", "RotationTable.axis", "PinTable.direction", "PinTable.normal"),
     *("PlaneTable.normal", "CylinderTable.axis", "DiskTable.normal"),
