@@ -12,8 +12,9 @@ from fecloth.compiled.jit import inner, kernel
 from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.quantities.units import DENSITY, RESISTANCE
+from fecloth.terms.bending.dihedral_angle import cross, dot
 from fecloth.terms.loads.air_velocity import AirVelocity, Uniform, velocity_field
-from fecloth.terms.loads.pressure import cross, edge
+from fecloth.terms.loads.pressure import edge
 from fecloth.terms.loops.shared_loop import SharedLoop
 from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
 from fecloth.terms.traits import DRAG
@@ -91,8 +92,6 @@ def check_drag(drag) -> None:
 def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bound]) -> Bound:
     """Bind a drag to a cloth, in air with the velocity `wind`, as a `bound_class`."""
     cloth = panel.cloth
-    if cloth.stencil.shape[1] != 3:
-        raise InputError(f"element {cloth.element}", "must be P1", type(drag).__name__)
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
     loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
@@ -166,12 +165,6 @@ class BoundDrag(BoundTerm):
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:
     """The rows of a range of the triangles, or the one row for all."""
     return values if len(values) == 1 else values[part]
-
-
-@inner
-def dot(a, b):
-    """a · b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner

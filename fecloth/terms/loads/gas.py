@@ -9,11 +9,12 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.compiled.jit import inner, kernel
-from fecloth.errors import InputError
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import FindSlots
+from fecloth.linalg.reductions import dot
 from fecloth.quantities.units import LENGTH, PRESSURE, VOLUME
-from fecloth.terms.loads.pressure import add_skew, cross, orientation_signs
+from fecloth.terms.bending.dihedral_angle import cross
+from fecloth.terms.loads.pressure import add_skew, orientation_signs
 from fecloth.terms.protocol import BoundTerm, element_nodes
 from fecloth.terms.traits import LOAD
 
@@ -71,8 +72,6 @@ class Gas:
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
-        if cloth.stencil.shape[1] != 3:
-            raise InputError(f"element {cloth.element}", "must be P1", "Gas")
         origin = np.array(self.origin, dtype=float)
         return BoundGas(self, origin, cloth.stencil, orientation_signs(cloth), slots)
 
@@ -97,8 +96,16 @@ class BoundGas(BoundTerm):
         """(m, k, k) blocks of the triangles in the matrix."""
         return self.find_slots(self.nodes)
 
-    def volume(self, x) -> float:
-        return volume(self.nodes, self.signs, self.origin, x)
+    def gradient(self, x) -> np.ndarray:
+        """(n, 3) ∂V/∂x [m²]."""
+        out = np.zeros_like(x)
+        add_gradient(self.nodes, self.signs, self.origin, x, out)
+        return out
+
+    def volume(self, x, gradient: np.ndarray | None = None) -> float:
+        """V = ∂V/∂x · (x − o)/3 [m³], as V is cubic in the positions relative to o."""
+        gradient = self.gradient(x) if gradient is None else gradient
+        return dot(gradient, x - self.origin) / 3
 
     def absolute_pressure(self, V: float) -> float:
         """Absolute pressure p(V) [Pa]; NaN if the volume is not positive."""
@@ -118,8 +125,8 @@ class BoundGas(BoundTerm):
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p − p_ambient) ∂V/∂x [N]."""
-        p = self.absolute_pressure(self.volume(x)) - self.gas.ambient
-        add_gradient(self.nodes, self.signs, self.origin, p, x, f)
+        u = self.gradient(x)
+        f += (self.absolute_pressure(self.volume(x, u)) - self.gas.ambient) * u
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J −= wx (p − p_ambient) ∂²V; do nothing if J must be `definite`."""
@@ -129,8 +136,8 @@ class BoundGas(BoundTerm):
 
     def dense(self, x, t) -> tuple[float, np.ndarray]:
         """γ p/V and ∂V/∂x (n, 3), which define the rank-one part of K."""
-        V, u = self.volume(x), np.zeros_like(x)
-        add_gradient(self.nodes, self.signs, self.origin, 1.0, x, u)
+        u = self.gradient(x)
+        V = self.volume(x, u)
         rate = self.absolute_pressure(V) / V if V else math.nan
         return self.gas.exponent * rate, u
 
@@ -142,25 +149,14 @@ def from_origin(x, i, o):
 
 
 @kernel
-def volume(nodes, signs, o, x):
-    """Σ x₁ · (x₂ × x₃) / 6, with positions relative to o."""
-    total = 0.0
-    for e in range(len(nodes)):
-        a = from_origin(x, nodes[e, 0], o)
-        n = cross(from_origin(x, nodes[e, 1], o), from_origin(x, nodes[e, 2], o))
-        total += signs[e] * (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
-    return total / 6
-
-
-@kernel
-def add_gradient(nodes, signs, o, scale, x, f):
-    """f_a += scale (x_b × x_c) / 6 for a, b, c in cyclic order, with positions relative to o."""
+def add_gradient(nodes, signs, o, x, f):
+    """f_a += (x_b × x_c) / 6 for a, b, c in cyclic order, with positions relative to o."""
     for e in range(len(nodes)):
         for a in range(3):
             b, c = nodes[e, (a + 1) % 3], nodes[e, (a + 2) % 3]
             n = cross(from_origin(x, b, o), from_origin(x, c, o))
             for j in range(3):
-                f[nodes[e, a], j] += scale * signs[e] / 6 * n[j]
+                f[nodes[e, a], j] += signs[e] / 6 * n[j]
 
 
 @kernel

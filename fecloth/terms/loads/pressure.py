@@ -14,6 +14,7 @@ from fecloth.linalg.reductions import dot
 from fecloth.mesh.cloth import Cloth
 from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 from fecloth.quantities.units import PRESSURE
+from fecloth.terms.bending.dihedral_angle import cross
 from fecloth.terms.loops.green_strain import gradient
 from fecloth.terms.loops.shared_loop import SharedLoop, cut
 from fecloth.terms.protocol import BoundTerm, element_nodes, taken_from
@@ -132,12 +133,6 @@ class BoundPressure(BoundTerm):
 def edge(x, i, j):
     """x_j − x_i."""
     return x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
-
-
-@inner
-def cross(a, b):
-    """a × b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner
