@@ -43,10 +43,6 @@ def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Tr
         half = np.linalg.norm(b - a) / 2
         low, high = _arc(shape.radius, -1, 0) - [0, half], _arc(shape.radius, 0, 1) + [0, half]
         return _turned(np.vstack([low, high]), (a + b) / 2, b - a)
-    if isinstance(shape, shapes.Disk):
-        R, h = shape.radius, shape.thickness / 2
-        corners = [(0, -h), (R, -h), (R, -h), (R, h), (R, h), (0, h)]
-        return _turned(np.array(corners, float), shape.center, shape.normal, sharp=True)
     if isinstance(shape, shapes.Cylinder):
         axis = np.array(shape.axis, float) / np.linalg.norm(shape.axis)
         middle = shape.point + ((place - shape.point) @ axis) * axis
@@ -57,8 +53,10 @@ def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Tr
         foot = place - ((place - shape.point) @ normal) * normal
         corners = foot + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ _across(normal)
         return Triangles(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    if isinstance(shape, shapes.Box):
-        return _box(np.array(shape.center, float), np.array(shape.size, float) / 2)
+    if isinstance(shape, shapes.Box | shapes.Disk):  # triangles that share no point: sharp edges
+        body = shape.skeleton(reach)
+        corners = body.points[body.triangles].reshape(-1, 3)
+        return Triangles(corners, np.arange(len(corners)).reshape(-1, 3))
     return _marched(shape, t, place, reach)
 
 
@@ -75,26 +73,17 @@ def _across(axis: np.ndarray) -> np.ndarray:
     return np.array([first, np.cross(axis, first)])
 
 
-def _turned(profile: np.ndarray, middle, axis, sharp: bool = False) -> Triangles:
-    """A profile (k, 2) of (r, z) turned about an axis; if `sharp`, of separate pairs of points."""
+def _turned(profile: np.ndarray, middle, axis) -> Triangles:
+    """A profile (k, 2) of (r, z) turned about an axis."""
     axis = np.array(axis, float) / np.linalg.norm(axis)
     angle = 2 * math.pi / ROUND * np.arange(ROUND)
     round_ = np.column_stack([np.cos(angle), np.sin(angle)]) @ _across(axis)
     points = profile[:, 0, None, None] * round_ + profile[:, 1, None, None] * axis
-    i, j = np.meshgrid(np.arange(0, len(profile) - 1, 1 + sharp), np.arange(ROUND), indexing="ij")
+    i, j = np.meshgrid(np.arange(len(profile) - 1), np.arange(ROUND), indexing="ij")
     a, b = ROUND * i + j, ROUND * i + (j + 1) % ROUND
     c, d = a + ROUND, b + ROUND
     triangles = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1, 3)
     return Triangles(points.reshape(-1, 3) + np.array(middle, float), triangles)
-
-
-def _box(center: np.ndarray, half: np.ndarray) -> Triangles:
-    """Six faces that share no point, so that their edges are drawn sharp."""
-    points, square = [], np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    for axis in np.vstack([np.eye(3), -np.eye(3)]):
-        points.append(center + half * (axis + square @ _across(axis)))
-    first = 4 * np.arange(6)[:, None, None]
-    return Triangles(np.vstack(points), (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3))
 
 
 # --- the surface of a formula ---------------------------------------------------------------------
