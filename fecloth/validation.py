@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,14 @@ def positive(name: str, value: object, unit: str, where: str, *, or_zero: bool =
     if not (is_number(value) and (value > 0 or (or_zero and value == 0))):
         allowed = f"must be finite and {'>= 0' if or_zero else '> 0'}{f' [{unit}]' if unit else ''}"
         raise InputError(f"{name} = {value!r}", allowed, where)
+
+
+def whole(name: str, value: Any, least: int, where: str, most: int | None = None) -> None:
+    """Raise `InputError` for anything but an integer from `least`, up to `most` if given."""
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not (is_whole and least <= value and (most is None or value <= most)):
+        allowed = f">= {least}" if most is None else f"from {least} to {most}"
+        raise InputError(f"{name} = {value!r}", f"must be an integer {allowed}", where)
 
 
 def one_of(name: str, value: object, names: Sequence[str], where: str) -> None:

@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from fecloth import validation
 from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.quantities.units import GF
 
@@ -57,16 +58,14 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
     where = "Fabric.from_kes"
     values = _to_si(fields, KES_UNITS, KES_UNUSED, where)
     _check_present(values, ("W", "EMT", "G", "B"), where)
-    if not (is_number(load) and load > 0):
-        raise InputError(f"load = {load!r}", "must be a number > 0 [gf/cm]", where)
+    validation.positive("load", load, "gf/cm", where)
+    validation.one_of("tensile", tensile, ("secant", "energy"), where)
     force = 1e2 * GF * load
     if tensile == "secant":
         Y = tuple(secant(force, extension) for extension in values["EMT"])
-    elif tensile == "energy":
+    else:
         work = _work(values, force, where)
         Y = tuple(2 * w / _green_strain(e) ** 2 for w, e in zip(work, values["EMT"], strict=True))
-    else:
-        raise InputError(f"tensile = {tensile!r}", 'must be "secant" or "energy"', where)
     if "LT" in values and "WT" in values:
         _check_agreement(values, force, where)
     return {

@@ -54,8 +54,7 @@ def many_steps(
         the start, the only state stored.
     """
     check_system(system, state, "many_steps")
-    if not (isinstance(steps, int) and steps >= 1):
-        raise InputError(f"steps = {steps!r}", "must be a whole number >= 1", "many_steps")
+    validation.whole("steps", steps, 1, "many_steps")
     validation.number("dt", dt, 0.0, "many_steps")
     number_of_threads(threads, "many_steps")
     fused, turns = _bound(system, threads)

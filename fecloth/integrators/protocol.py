@@ -11,11 +11,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from inspect import signature
-from numbers import Integral
 from typing import Any, Protocol
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError, brief, is_number
 from fecloth.integrators.step import Step
 from fecloth.nonlinear.newton import NewtonFailed
@@ -102,8 +102,7 @@ class MethodTraits:
     studied: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.order, Integral) or isinstance(self.order, bool) or self.order < 0:
-            raise InputError(f"order = {self.order!r}", "must be an integer >= 0", "MethodTraits")
+        validation.whole("order", self.order, 0, "MethodTraits")
         if not is_number(self.theta) or not 0.0 <= self.theta <= 1.0:
             raise InputError(f"theta = {self.theta!r}", "must be from 0 to 1", "MethodTraits")
         if self.explicit and self.stability == (0.0, 0.0):

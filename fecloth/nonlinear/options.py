@@ -73,9 +73,7 @@ class Newton:
             raise InputError(f"tolerance = {tolerance!r}", allowed, "Newton")
         if not (is_number(self.forcing) and 0 < self.forcing < 1):
             raise InputError(f"forcing = {self.forcing!r}", "must lie in (0, 1)", "Newton")
-        most = self.max_iterations
-        if not (isinstance(most, int) and not isinstance(most, bool) and most >= 1):
-            raise InputError(f"max_iterations = {most!r}", "must be an integer >= 1", "Newton")
+        validation.whole("max_iterations", self.max_iterations, 1, "Newton")
         validation.one_of("definiteness", self.definiteness, DEFINITENESS, "Newton")
         flag("reuse", self.reuse, "Newton")
 

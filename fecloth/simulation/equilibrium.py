@@ -196,9 +196,8 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         allowed = 'must lie in [1e-13, 1), or be "auto"'
         raise InputError(f"tolerance = {tolerance!r}", allowed, "equilibrium")
     for name, value in (("max_iterations", max_iterations), ("load_steps", load_steps)):
-        is_number_of = isinstance(value, int) and not isinstance(value, bool)
-        if value is not None and not (is_number_of and value >= 1):
-            raise InputError(f"{name} = {value!r}", "must be an integer >= 1", "equilibrium")
+        if value is not None:
+            validation.whole(name, value, 1, "equilibrium")
     if solver not in ("direct", "pardiso", "superlu"):
         allowed = "must be direct, pardiso or superlu"
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")

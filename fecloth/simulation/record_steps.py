@@ -6,7 +6,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from fecloth.errors import InputError
 from fecloth.simulation.account import NEVER, Accounts, Run
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.energy_ledger import Ledger
@@ -67,11 +66,6 @@ def _advance(steps, wanted: Wanted | None):
     with suppress(StopIteration):
         return steps.send(wanted)
     return None
-
-
-def check_rows(rows: object) -> None:
-    if not isinstance(rows, int) or isinstance(rows, bool) or rows < 1:
-        raise InputError(f"rows = {rows!r}", "must be a whole number >= 1", "run")
 
 
 def rows_at_least(rows: int, start: float, t_end: float) -> Callable[[StepInfo], Wanted]:

@@ -196,7 +196,7 @@ def run(
     """
     refuse_arguments(system, method, state, newton, most_stretch)
     validation.number("most_growth", most_growth, 0.0, "run", infinite=True)
-    recording.check_rows(rows)
+    validation.whole("rows", rows, 1, "run")
     validation.function("report", report, "lambda info: print(info.t)", "run")
     opening = replace(state, t=memory.start) if memory else state
     steps = choose_steps(method, dt)

@@ -95,8 +95,7 @@ def make_levels(
     if refine not in REFINED:
         remedy = did_you_mean(refine, REFINED)
         raise InputError(f"refine = {refine!r}", 'must be "h", "dt" or "both"', "converge", remedy)
-    if not (isinstance(levels, int) and 3 <= levels <= 10):
-        raise InputError(f"levels = {levels!r}", "must be an integer from 3 to 10", "converge")
+    validation.whole("levels", levels, 3, "converge", most=10)
     validation.number("ratio", ratio, 0.0, "converge")
     if not 1.1 <= ratio <= 10:
         raise InputError(f"ratio = {ratio:g}", "must lie between 1.1 and 10", "converge")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
@@ -89,8 +90,7 @@ def chart(
         A case whose predicted or measured time is above time_limit is left out.
     """
     study = open_study(problem, shared)
-    if not (isinstance(meshes, int) and 1 <= meshes <= 4):
-        raise InputError(f"meshes = {meshes!r}", "must be an integer from 1 to 4", "chart")
+    validation.whole("meshes", meshes, 1, "chart", most=4)
     opened, timed = study.problem, replace(study.runs(LONGEST_CASE), timed=True)
     runs = replace(timed, time_limit=None, timed=False)
     run_problems.refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
@@ -131,9 +132,7 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     if free < 2:
         what = f"a system of {free} free degrees of freedom"
         raise InputError(what, "must have at least 2", "modes", "Pin less of the cloth.")
-    if not (isinstance(count, int) and not isinstance(count, bool) and 1 <= count < free):
-        allowed = f"must be an integer from 1 to {free - 1}, less than the free dofs"
-        raise InputError(f"count = {count!r}", allowed, "modes")
+    validation.whole("count", count, 1, "modes", most=free - 1)
     known = system.with_history(system.start_history(state))  # friction that sticks
     pairs = least_eigenpairs(known, state, count)
     unbalanced = _unbalanced(known, state)

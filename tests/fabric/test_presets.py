@@ -245,7 +245,7 @@ KES_MISTAKES = [
     ({"W": (20, 30)}, {}, "W = .* must be one number", ""),
     ({"WT": (65, 90)}, {}, "WT = 65: must be LT Fm EMT / 2 = 6.5", "EMT in %"),
     ({}, {"tensile": "initial"}, 'must be "secant" or "energy"', ""),
-    ({}, {"load": -1.0}, "load = -1.0: must be a number > 0", ""),
+    ({}, {"load": -1.0}, "load = -1.0: must be finite and > 0", ""),
     ({}, {"poisson_ratio": 2.0}, "poisson_ratio = 2.0: must lie between", ""),
     ({"B45": (0.1, 0.1001)}, {}, r"B45 = \(0.1, 0.1001\): must be one number", ""),
     ({"B45": 0.04}, {}, r"bias_rigidity = 3.9\d+e-06: must exceed .* = 4.903e-06 N m", "twist"),

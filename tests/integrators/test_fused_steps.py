@@ -170,5 +170,5 @@ def test_an_unstable_run_fails_at_the_same_step():
 @pytest.mark.parametrize("rows", [0, 1.5, True])
 def test_rows_are_a_number(rows):
     system, start = moving([fc.StVK()], FIXED)
-    with pytest.raises(fc.InputError, match="run: rows = .* whole number"):
+    with pytest.raises(fc.InputError, match="run: rows = .* must be an integer"):
         rows_of(system, start, 1e-5, 1e-4, rows)

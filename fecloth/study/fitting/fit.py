@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
+from fecloth import validation
 from fecloth.errors import FeclothError, InputError
 from fecloth.fabric.fabric import Fabric
 from fecloth.study.fitting.evaluation import Evaluation, Fitting, check_signs
@@ -200,8 +201,7 @@ def search(fitting: Fitting, starts: int) -> Place:
 
     It raises `FitFailed` if no start runs.
     """
-    if not (isinstance(starts, int) and 1 <= starts <= 100):
-        raise InputError(f"starts = {starts!r}", "must be an integer from 1 to 100", "fit")
+    validation.whole("starts", starts, 1, "fit", most=100)
     ends = []
     for begin in _begins(fitting, starts):
         ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
