@@ -125,9 +125,10 @@ class RemoteTerm(BoundTerm):
     needs_difference, steady_air = map(_as_here, ("needs_difference", "steady_air"))
     supplies, has_stress = map(_as_here, ("supplies", "has_stress"))
     recovers_strain, objective = map(_as_here, ("recovers_strain", "objective"))
+    has_curves = _as_here("has_curves")
     dissipates_over_step, conserves = map(_as_here, ("dissipates_over_step", "conserves"))
 
-    energy, power, supply = map(_on_all, ("energy", "power", "supply"))
+    energy, power, supply, beyond = map(_on_all, ("energy", "power", "supply", "beyond"))
     dissipation, work_of_clamps = map(_on_all, ("dissipation", "work_of_clamps"))
     strain_error, cells = map(_on_all, ("strain_error", "cells"))
     commit = _on_all("commit")

@@ -59,6 +59,7 @@ class Ability:
 
 ABILITIES = {
     "energy": Ability(total),
+    "beyond": Ability(total),
     "power": Ability(total, placed=2),
     "supply": Ability(total, placed=2),
     "dissipation": Ability(total),

@@ -19,6 +19,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from scipy.optimize import brentq
+
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean, is_number
 from fecloth.quantities.units import GF
@@ -58,9 +61,8 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
     where = "Fabric.from_kes"
     values = _to_si(fields, KES_UNITS, KES_UNUSED, where)
     _check_present(values, ("W", "EMT", "G", "B"), where)
-    validation.positive("load", load, "gf/cm", where)
     validation.one_of("tensile", tensile, ("secant", "energy"), where)
-    force = 1e2 * GF * load
+    force = _largest_force(load, where)
     if tensile == "secant":
         Y = tuple(secant(force, extension) for extension in values["EMT"])
     else:
@@ -96,6 +98,31 @@ def fast(fields: Mapping, load: int) -> dict:
         "bending_rigidity": tuple(_peirce(density, c) for c in values["C"]),
         "bias_rigidity": _peirce(density, values["C45"][0]) if "C45" in values else None,
     }
+
+
+def _largest_force(load: Any, where: str) -> float:
+    validation.positive("load", load, "gf/cm", where)
+    return 1e2 * GF * load
+
+
+def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
+    """Columns of the curve `warp`, `weft` or `shear` of `MembraneTable`, from fields of KES-F."""
+    # Of tension: the exponential that has the largest force and LT. Of shear: G, up to 8°.
+    where = "MembraneTable"
+    read = {key: value for key, value in fields.items() if key != "load"}
+    values = _to_si(read, KES_UNITS, KES_UNUSED, where)
+    _check_present(values, ("G",) if name == "shear" else ("EMT",), where)
+    x, side = np.linspace(0.0, 1.0, 17)[1:], int(name == "weft")
+    if name == "shear":
+        angles = math.radians(8.0) * x
+        return {"angle": list(angles), "force": list(sum(values["G"]) / 2 * angles)}
+    force, extension = _largest_force(fields.get("load", 500.0), where), values["EMT"][side]
+    linearity = 2 * _work(values, force, where)[side] / (force * extension)
+    if not 0.1 <= linearity <= 1.9:
+        raise InputError(f"LT = {linearity:.4g}", "must lie between 0.1 and 1.9", where)
+    a = brentq(lambda a: 1 / a - 1 / np.expm1(a) - linearity / 2, -30.0, 30.5)
+    P = force * np.expm1(a * x) / np.expm1(a)
+    return {"stretch": list(1 + extension * x), "force": list(P)}
 
 
 def _peirce(density: float, bending_length: float) -> float:

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
@@ -12,6 +12,7 @@ from fecloth.errors import FeclothWarning, InputError, is_number
 from fecloth.nonlinear import increments
 from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
 from fecloth.quantities.arguments import checks_arguments
+from fecloth.simulation.beyond_curve import area_beyond, words_beyond
 from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.load_steps import LoadSteps
@@ -149,15 +150,14 @@ def equilibrium(
     history = system.start_history(start)
     if load_steps is None and least == 1:
         whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
-        solved, over = increments.solve_increment(whole, 0.0, context, report)
-        history = over.commit(replace(start, x=solved.x), history)
+        solved, _ = increments.solve_increment(whole, 0.0, context, report)
     else:
         at = None if load_steps else start.t
         run = system, start, context, 1 / number
         increase = increments.increase_loads(*run, history=history, report=report, at=at)
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
-        solved, history = increase.solved, increase.history
+        solved = increase.solved
     x, counts = solved.x, solved.counts
     t = 1.0 if load_steps and _moves(system) else start.t
     path = increments.describe_path(system, number)
@@ -168,13 +168,10 @@ def equilibrium(
     space = error.relative, error.reason
     end = State(1.0 if load_steps else start.t, x, still)
     unstable = _find_instability(system, end, number, solved)
-    _warn(unstable)
-    doubts = *foreseen, *unstable
-    # Friction of contact, which lags, begins anew in a run; what has slid in the fabric stays.
-    pairs = zip(system.bound, history or (), strict=False)
-    kept = tuple(None if term.lags else record for term, record in pairs) or None
-    figures = counts.residual, *work, *space, solved.error, doubts
-    return Equilibrium(t, x, still, *figures, history=kept)
+    found = *unstable, *filter(None, [words_beyond(area_beyond(system, end))])
+    _warn(found)
+    doubts = *foreseen, *found
+    return Equilibrium(t, x, still, counts.residual, *work, *space, solved.error, doubts)
 
 
 def _warn(doubts: tuple[str, ...]) -> None:

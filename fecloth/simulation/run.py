@@ -18,6 +18,7 @@ from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
 from fecloth.simulation import record_steps as recording
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import find_warnings
@@ -40,7 +41,7 @@ from fecloth.simulation.verdict import Verdict
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-AT_END = (ErrorInSpace, Shapes)
+AT_END = (BeyondCurve, ErrorInSpace, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
     *(Deformation, Growth, Balance, Solves, Contact, TimeError, Verdict),
     *AT_END,
@@ -202,8 +203,7 @@ def run(
     steps = choose_steps(method, dt)
     ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
     end = float(ends[-1])
-    records = memory.term_history if memory else system.start_history(state)
-    known = system.with_history(records)
+    known = system.with_history(memory.term_history) if memory else system
     ledger, observer = Ledger.open(known, state), Observer.bind(system, state, probes)
     record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)

@@ -224,6 +224,10 @@ class BoundTerm:
         """
         raise NotImplementedError
 
+    def beyond(self, x: np.ndarray, t: float) -> float:
+        """Area [m²] at rest of where a strain is beyond what was measured; a run warns of it."""
+        return 0.0
+
     # --- over a step ------------------------------------------------------------------------------
 
     def over_step(self, step: StepDifference) -> "BoundTerm":
@@ -343,6 +347,7 @@ class BoundTerm:
 
     supplies = overrides("supply")  # its work is a column of the ledger
     has_stress = overrides("add_stress")  # it is a membrane with a stress
+    has_curves = overrides("beyond")  # it tells where a strain is beyond its curves
     recovers_strain = overrides("strain_error")  # it can estimate its error in space
     dissipates_over_step = overrides("dissipation")  # over a step, it says what it dissipated
     works_over_step = overrides("work")  # over a step, it says what work it did

@@ -17,7 +17,7 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from studies import harness
 from studies.benchmarks.measure import fastest, square
 
-FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5, bending_hysteresis=1e-3)
 ARGUMENTS = {
     "BaraffWitkin": {"area_exponent": 0.5},
     "BendingDamping": {"time": 0.01},

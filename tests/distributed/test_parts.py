@@ -55,7 +55,12 @@ CASES = {
     "law": (
         "P1",
         EVEN,
-        [fc.NeoHookean(), fc.TensionField(), fc.BendingDamping(0.1, law=fc.PlateBending())],
+        [
+            fc.NeoHookean(),
+            fc.TensionField(),
+            fc.MembraneTable([(1.02, 5.0), (1.06, 50.0)]),
+            fc.BendingDamping(0.1, law=fc.PlateBending()),
+        ],
         [],
     ),
     "P2": (
@@ -124,6 +129,10 @@ def test_forces_energies_and_stress(case, parts):
             one.add_stress(state.x, a)
             other.add_stress(state.x, b)
             close(a, b)
+        if other.has_curves:
+            area = other.beyond(state.x, state.t)
+            assert one.beyond(state.x, state.t) == pytest.approx(area)
+            assert 0.01 < area / whole.cloth.area < 0.99
         if other.recovers_strain:
             error = other.strain_error(state.x, state.t)
             close(one.strain_error(state.x, state.t), error)

@@ -16,6 +16,7 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     terms.find_counted_twice,
     terms.find_springs_of_another_fabric,
     terms.find_ignored_poisson_ratio,
+    terms.find_lowered_coupling,
     terms.find_bending_unknown_to_hinges,
     terms.find_damping_of_other_bending,
     terms.find_gas_without_pressure,

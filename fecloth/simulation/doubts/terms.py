@@ -27,6 +27,7 @@ RESISTS = 1e-3  # of the fabric's resistance; less is none
 ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
 PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
 OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's
+ROUND_OFF = 1e-12
 EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
 
 
@@ -128,6 +129,19 @@ def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[str]:
             f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5; "
             'use kind = "compressible", or leave poisson_ratio out'
         )
+
+
+def find_lowered_coupling(run: PlannedRun) -> Iterator[str]:
+    """Warn of a table with a smaller Poisson's ratio than was asked for."""
+    tables = (term for term in run.system.terms if isinstance(term, terms.MembraneTable))
+    for c, most in (
+        table.coupling(fabric) for table in tables for fabric in run.system.panel.fabrics
+    ):
+        if abs(c) > most * (1 + ROUND_OFF):
+            yield (
+                f"MembraneTable: poisson is lowered by a factor of {most / abs(c):.3g}: with more, "
+                "W would not be convex where warp and weft are softer than at rest"
+            )
 
 
 def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[str]:

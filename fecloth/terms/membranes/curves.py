@@ -13,12 +13,13 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from fecloth.compiled.jit import Array
 from fecloth.errors import InputError, brief
+from fecloth.fabric import instruments
 from fecloth.quantities.columns import read_table
 
 Rows = tuple[tuple[float, float], ...]
 """Stretch [-] and force [N/m], or angle [rad] and force [N/m]."""
 CurveData = str | Path | Mapping[str, Any] | Sequence[Sequence[float]] | np.ndarray
-"""A file, columns by name, or rows."""
+"""A file, columns by name or a KES sheet, or rows."""
 
 WHERE = "MembraneTable"
 LEAST_END = 0.1  # of the secant beside it: the least slope at an end, where PCHIP may have 0
@@ -29,7 +30,9 @@ def read_rows(name: str, data: Any) -> Rows:
     """The points of `warp`, `weft` or `shear`, with the one at rest, from what a user may give."""
     along, unit, rest = ("angle", "rad", 0.0) if name == "shear" else ("stretch", "", 1.0)
     label = f"{name} of {data}, line" if isinstance(data, str | Path) else f"{name}, row"
-    if not isinstance(data, str | Path | Mapping):
+    if isinstance(data, Mapping) and data.keys() & instruments.KES_UNITS.keys():
+        data = instruments.kes_curve(data, name)
+    elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
     x, labels = table.numbers(along, unit, True), [f"{label} {line}" for line in table.lines]
@@ -47,7 +50,7 @@ def _columns(name: str, along: str, rows: Any) -> dict[str, Any]:
     try:
         x, force = zip(*np.array(rows, dtype=float).tolist(), strict=True)
     except (TypeError, ValueError):
-        allowed = f"must be a file, columns, or rows of {along} and force, (k, 2)"
+        allowed = f"must be a file, a KES sheet, or rows of {along} and force, (k, 2)"
         raise InputError(f"{name} = {brief(rows)}", allowed, WHERE) from None
     return {along: x, "force": force}
 
@@ -82,6 +85,7 @@ class Curve:
     E: Array  # (k,)
     S: Array  # (k,) [N/m]
     slopes: Array  # (k,) dS/dE [N/m]
+    end: float  # E up to which it was measured
 
     @classmethod
     def through(cls, name: str, rows: Rows) -> Self:
@@ -91,11 +95,16 @@ class Curve:
         S = force / over
         slopes, secants = PchipInterpolator(E, S)(E, 1), np.diff(S) / np.diff(E)
         slopes[[0, -1]] = np.maximum(slopes[[0, -1]], LEAST_END * secants[[0, -1]])
-        return cls(E, S, slopes)
+        return cls(E, S, slopes, float(E[-1]))
 
     @classmethod
     def straight(cls, stiffness: float) -> Self:
-        return cls(np.array([0.0, 1.0]), np.array([0.0, stiffness]), np.full(2, stiffness))
+        return cls(np.array([0.0, 1.0]), np.array([0.0, stiffness]), np.full(2, stiffness), np.inf)
+
+    @property
+    def rest(self) -> float:
+        """dS/dE at rest [N/m]."""
+        return float(self.slopes[0])
 
     def pieces(self) -> Array:
         """(k, 6) between the points and beyond the last one: E₀, w₀, and S by powers of E − E₀."""

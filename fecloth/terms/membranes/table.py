@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.compiled.jit import contiguous, inlined
+from fecloth.compiled.jit import Array, contiguous, inlined
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
@@ -31,28 +31,32 @@ class MembraneTable:
         S11 = S₁ + c E22,  S22 = S₂ + c E11,  c = ν √(S₁′ S₂′) at rest
 
     Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. The slope at
-    rest goes on in compression, the last slope beyond the last point. A slope at an end is at least
-    a tenth of the secant beside it, as PCHIP may have 0 where a J begins. As all S rise, W is
-    convex; c is lowered to √(min S₁′ min S₂′) where it would be more.
+    rest goes on in compression, the last slope beyond the last point, with a warning of a run that
+    went there. A slope at an end is at least a tenth of the secant beside it, as PCHIP may have 0
+    where a J begins. As all S rise, W is convex; c is lowered to √(min S₁′ min S₂′), with a
+    warning, where it would be more.
 
     Source: Fritsch and Butland (1984), A method for constructing local monotone piecewise cubic
     interpolants, SIAM J. Sci. Stat. Comput. 5, 300–304, and for the ends Moler (2004), Numerical
-    Computing with MATLAB, as in `scipy.interpolate.PchipInterpolator`.
+    Computing with MATLAB, as in `scipy.interpolate.PchipInterpolator`. Between the two numbers that
+    a KES sheet prints of a curve P is Fung's exponential, Pm (exp(a ε/EMT) − 1)/(exp(a) − 1) with
+    LT/2 = 1/a − 1/(exp(a) − 1) (Fung 1967, Elasticity of soft tissues in simple elongation).
 
     Valid for loading: unloading follows the same curve. Tension curves are of specimens that keep
     their width, as in KES; a strip with free sides bears less, near rest 1 − ν² of it. τ is exact
     where warp and weft keep their length. That c is constant is an assumption.
 
-    Cost relative to `StVK`: force 1.3, up to 4 where strains jump between points; tangent 1.1.
+    Cost relative to `StVK`: force 1.3, 2 to 5 where strains jump between points; tangent 1.1 to 1.8.
 
     Parameters
     ----------
     warp, weft
-        A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, or a mapping
-        of columns. A column `stiffness` in place of `force` has dS/dE [N/m] from the point before,
-        which `fit` may choose. The point (1, 0) is added. Left out: straight, from the fabric.
+        A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, a mapping of
+        columns, or a KES sheet with EMT and LT or WT as in `Fabric.from_kes`. A column `stiffness`
+        in place of `force` has dS/dE [N/m] from the point before, which `fit` may choose. The point
+        (1, 0) is added. Left out: straight, from the fabric.
     shear
-        The same with `angle [rad]` (or [deg]) and `force [N/m]`.
+        The same with `angle [rad]` (or [deg]) and `force [N/m]`, or a sheet with G.
     poisson
         ν = √(ν₁₂ ν₂₁), -1 < ν < 1. Left out: from the fabric.
     strain
@@ -89,13 +93,18 @@ class MembraneTable:
             for (name, rows), stiffness in zip(given, fabric.moduli(), strict=False)
         ]
 
-    def moduli(self, fabric: Fabric) -> np.ndarray:
-        """(6,) ℂ at E = 0 [N/m]; C12 is c."""
-        C, (warp, weft, shear) = fabric.moduli(), self.curves(fabric)
+    def coupling(self, fabric: Fabric) -> tuple[float, float]:
+        """c [N/m], and the largest |c| for which W is convex."""
+        C = fabric.moduli()
         nu = C[3] / math.sqrt(C[0] * C[1]) if self.poisson is None else self.poisson
+        warp, weft, _ = self.curves(fabric)
         most = math.sqrt(warp.least_slope() * weft.least_slope())
-        C11, C22, C66 = warp.slopes[0], weft.slopes[0], shear.slopes[0]
-        return np.array([C11, C22, C66, np.clip(nu * math.sqrt(C11 * C22), -most, most), 0.0, 0.0])
+        return nu * math.sqrt(warp.rest * weft.rest), most
+
+    def moduli(self, fabric: Fabric) -> np.ndarray:
+        """(6,) ℂ at E = 0 [N/m]."""
+        c, most = self.coupling(fabric)
+        return np.array([*(s.rest for s in self.curves(fabric)), np.clip(c, -most, most), 0.0, 0.0])
 
     def constants(self, fabric: Fabric) -> np.ndarray:
         """(p,) the coefficients of the curves, see `pack`."""
@@ -105,8 +114,26 @@ class MembraneTable:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        c = panel.each(self.constants)
-        return membrane.bind("MembraneTable", KERNELS, c, panel, slots, self.strain)
+        c, strain = panel.each(self.constants), self.strain
+        bound = membrane.bind("MembraneTable", KERNELS, c, panel, slots, strain)
+        ends = np.array([curve.end for curve in self.curves(panel.fabrics[0])])
+        return BoundTable(**vars(bound), ends=ends)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundTable(membrane.BoundMembrane):
+    """`MembraneTable` on a cloth."""
+
+    ends: np.ndarray  # (3,) E11, E22 and 2 E12 up to which the curves were measured
+
+    def beyond(self, x: Array, t: float) -> float:
+        """Area [m²] at rest of where a strain is beyond its measured curve."""
+        nodes, A, w, _, rest = self.elements
+        E = np.zeros(rest.shape)
+        self.kernels.add_strain(*self.strain.shape, nodes, A, rest, 1.0, x, E)
+        E[:, :, 2] = 2 * abs(E[:, :, 2])
+        share = (self.ends < E).any(axis=2).mean(axis=1)
+        return float(self.loop.select(share * w.sum(axis=1)).sum())
 
 
 @inlined

@@ -1,13 +1,15 @@
-"""Measured curves as a membrane: an independent W, the points, refusals, scenes and studies."""
+"""Measured curves as a membrane: an independent W, the points, refusals, and beyond the points."""
 
 import numpy as np
 import pytest
 from conftest import rough
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
+from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.errors import InputError
+from fecloth.errors import FeclothWarning, InputError
+from fecloth.simulation.beyond_curve import LEAST, words_beyond
 from fecloth.terms.membranes.curves import LEAST_END, Curve
 from fecloth.terms.membranes.table import law
 from fecloth.verify import check_term
@@ -153,6 +155,23 @@ def test_stiffnesses_between_the_points_add_up_to_forces():
     np.testing.assert_allclose(shear[2], (0.5, 9 * np.sin(0.5) * np.cos(0.5)))
 
 
+@pytest.mark.parametrize("linearity", [0.5, 0.8, 1.0, 1.1])
+def test_a_kes_sheet_has_its_force_extension_and_work(linearity):
+    """LT = WT/(Fm EMT/2) and Fm = 500 gf/cm at EMT; 1 is a straight line."""
+    sheet = {"EMT": (4.0, 6.0), "LT": (linearity, 0.7), "G": (0.8, 0.6), "W": 20.0}
+    table = fc.MembraneTable(sheet, sheet, sheet)
+    s, P = np.array(table.warp).T
+    assert (s[-1], P[-1]) == pytest.approx((1.04, 490.3325))
+    assert PchipInterpolator(s, P).integrate(1.0, 1.04) == pytest.approx(
+        linearity * 490.3325 * 0.04 / 2, rel=1e-3
+    )
+    assert table.weft[-1] == pytest.approx((1.06, 490.3325))
+    if linearity == 1.0:
+        np.testing.assert_allclose(P, 490.3325 * (s - 1) / 0.04, rtol=1e-6)
+    G = 0.7 * 0.980665 * 180 / np.pi
+    assert table.shear[-1] == pytest.approx((np.radians(8), G * np.radians(8)))
+
+
 REFUSED = [
     ({"warp": [(1.1, 3.0), (1.2, 3.2)]}, r"warp, row 2: S = force/stretch = 2.66667 after 2.727"),
     ({"warp": [(1.1, 3.0), (1.1, 3.5)]}, r"warp, row 2: stretch = 1.1 after 1.1: must rise"),
@@ -160,12 +179,16 @@ REFUSED = [
     ({"weft": [(0.9, -1.0), (1.1, 3.0)]}, r"weft, row 1: stretch = 0.9"),
     ({"shear": [(0.3, 1.0), (1.58, 9.0)]}, r"shear, row 2: angle = 1.58: must be below π/2"),
     ({"shear": [(0.3, 1.0), (0.6, 0.8)]}, r"shear, row 2: S = force/cos\(angle\)"),
-    ({"warp": [1.0, 2.0]}, r"warp = .*: must be a file, columns, or rows of stretch and force"),
+    ({"warp": [1.0, 2.0]}, r"warp = .*: must be a file, a KES sheet, or rows of stretch and force"),
     ({"warp": []}, r"warp = .*must be a file"),
     ({"warp": [(1.0, 0.0)]}, r"warp, row 1: stretch = 1, force = 0 N/m: .*have another row"),
     ({"warp": [(1.1, np.nan)]}, r"line 1, column 'force': nan: must be a finite number"),
     ({"warp": {"stretch": [1.1], "load": [3.0]}}, r"column 'force': is not in the file"),
     ({"warp": "no.csv"}, r"no.csv: no such file"),
+    ({"warp": {"EMT": 4.0}}, r"LT is missing"),
+    ({"warp": {"EMT": 4.0, "LT": 1.95}}, r"LT = 1.95: must lie between 0.1 and 1.9"),
+    ({"warp": {"EMT": 4.0, "LT": 0.6, "load": -500.0}}, r"load = -500.0: must be a number > 0"),
+    ({"shear": {"EMT": 4.0}}, r"G is missing"),
     ({"poisson": 1.0}, r"poisson = 1.0: must lie between -1 and 1"),
     ({"strain": "mean"}, r"strain = 'mean'"),
 ]
@@ -186,7 +209,7 @@ def test_a_steep_j_keeps_a_stiffness_at_rest(share, slope):
     first, second = 10.0, 10.0 * (3 - 2 * share * LEAST_END)
     data = {"stretch": np.sqrt([1.2, 1.4]), "stiffness": [first, second]}
     curve = Curve.through("warp", fc.MembraneTable(data).warp)
-    assert curve.slopes[0] == pytest.approx(slope * LEAST_END * first)
+    assert curve.rest == pytest.approx(slope * LEAST_END * first)
 
 
 def test_curves_are_convex_in_strain_and_coupling_is_lowered_to_keep_w_so(rng):
@@ -196,12 +219,66 @@ def test_curves_are_convex_in_strain_and_coupling_is_lowered_to_keep_w_so(rng):
     assert curve.least_slope() == pytest.approx(stress(SOFTER, E)[2].min(), rel=1e-6)
     table = fc.MembraneTable(SOFTER, SOFTER, poisson=0.9)
     c, C = table.constants(FABRIC), table.moduli(FABRIC)
-    assert C[3] == pytest.approx(curve.least_slope()) != pytest.approx(0.9 * curve.slopes[0])
+    assert C[3] == pytest.approx(curve.least_slope()) != pytest.approx(0.9 * curve.rest)
     for strain in rng.uniform(-0.2, 0.6, (200, 3)):
         C11, C22, C66, C12, *_ = law(tuple(strain), c)[2]
         assert C66 > 0
         assert min(C11, C22) > 0
         assert C11 * C22 >= (1 - 1e-12) * C12**2
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_lowered_poisson_ratio_is_said(factor, sign):
+    curve = Curve.through("warp", fc.MembraneTable(SOFTER).warp)
+    limit = factor * curve.least_slope() / curve.rest
+    table = fc.MembraneTable(SOFTER, SOFTER, poisson=sign * limit)
+    found = warnings_before(fc.System(SQUARE, FABRIC, [table], ["left"]), 0.01)
+    assert ["poisson is lowered by a factor of 0.8" in words for words in found] == [True] * (
+        factor > 1
+    )
+    assert np.sign(table.moduli(FABRIC)[3]) == sign
+
+
+# --- beyond the last point ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rows", ["warp", "weft", "shear"])
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_an_equilibrium_beyond_a_curve_warns(rows, factor):
+    table = fc.MembraneTable(**{rows: LOCKING if rows == "shear" else J})
+    x = np.column_stack([SQUARE.X, np.zeros(len(SQUARE.X))])
+    end = np.sin(LOCKING[-1, 0]) if rows == "shear" else (J[-1, 0] ** 2 - 1) / 2
+    if rows == "shear":
+        x[:, 0] -= factor * end * SQUARE.X[:, 1]
+    else:
+        x[:, ("warp", "weft").index(rows)] *= np.sqrt(1 + 2 * factor * end)
+    system = fc.System(SQUARE, FABRIC, [table], ["boundary"])
+    start = system.state(x)
+    if factor < 1:
+        assert not fc.equilibrium(system, start).warnings
+        return
+    with pytest.warns(FeclothWarning, match="beyond the measured curve on 1e.02 % of the area:"):
+        fc.equilibrium(system, start)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_run_counts_area_and_time_beyond_a_curve(element):
+    """u = a X² t: E11 is beyond where X > X₀/t; at the end on a quarter, since t = 0.75."""
+    last = J[-1, 0]
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h=0.025, pattern="right", element=element)
+    motion = (f"{(last - 1) / 1.5} * X**2 * t", 0, 0)
+    hold = fc.Pin(lambda X: X[:, 0] >= 0, motion=motion)
+    system = fc.System(cloth, FABRIC, [fc.MembraneTable(J)], [hold], mass="lumped")
+    with pytest.warns(FeclothWarning, match=r"on 2\d % of the area, 0.25 s: there it goes on"):
+        result = fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.05, t_end=1.0)
+    found = result.figures["beyond_curve"]
+    assert found["area"] == pytest.approx(0.25, abs=0.03)
+
+
+def test_less_than_a_thousandth_of_the_area_is_no_warning():
+    assert not words_beyond(0.8 * LEAST)
+    assert words_beyond(1.25 * LEAST)
 
 
 # --- in scenes, studies and runs ------------------------------------------------------------------
