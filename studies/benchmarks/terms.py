@@ -52,6 +52,7 @@ def make_terms() -> list:
 def cost(term, cloth: fc.Cloth) -> tuple[float, float]:
     """Return the times of force and tangent [ns per triangle]."""
     system = fc.System(cloth, FABRIC, [term])
+    system = system.with_history(system.start_history(system.rest()))
     X, m = cloth.X, len(cloth.triangles)
     x = np.column_stack([1.02 * X, 0.02 * np.sin(3 * X[:, 0])])
     v = np.column_stack([0.1 * X, 0.2 * np.sin(5 * X[:, 1])])

@@ -46,7 +46,7 @@ class MembraneTable:
     their width, as in KES; a strip with free sides bears less, near rest 1 − ν² of it. τ is exact
     where warp and weft keep their length. That c is constant is an assumption.
 
-    Cost relative to `StVK`: force 1.3, 2 to 5 where strains jump between points; tangent 1.1 to 1.8.
+    Cost relative to `StVK`: force 1.3, 2 to 5 where strains jump between points; tangent up to 1.8.
 
     Parameters
     ----------
