@@ -187,7 +187,7 @@ REFUSED = [
     ({"warp": "no.csv"}, r"no.csv: no such file"),
     ({"warp": {"EMT": 4.0}}, r"LT is missing"),
     ({"warp": {"EMT": 4.0, "LT": 1.95}}, r"LT = 1.95: must lie between 0.1 and 1.9"),
-    ({"warp": {"EMT": 4.0, "LT": 0.6, "load": -500.0}}, r"load = -500.0: must be a number > 0"),
+    ({"warp": {"EMT": 4.0, "LT": 0.6, "load": -500.0}}, r"load = -500.0: must be finite and > 0"),
     ({"shear": {"EMT": 4.0}}, r"G is missing"),
     ({"poisson": 1.0}, r"poisson = 1.0: must lie between -1 and 1"),
     ({"strain": "mean"}, r"strain = 'mean'"),
