@@ -10,7 +10,7 @@ from fecloth.errors import InputError, SolveFailed, brief
 from fecloth.integrators import protocol
 from fecloth.integrators.step import Step
 from fecloth.simulation.step_times import ChosenSteps, fit_step
-from fecloth.stability.critical_step import critical_dt, estimate
+from fecloth.stability import critical_dt, estimate
 from fecloth.system.constraints import AT_ONCE
 from fecloth.system.state import State
 from fecloth.system.system import System

@@ -20,18 +20,15 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, aslinearoperator, e
 
 from fecloth.errors import InputError, SolveFailed
 from fecloth.integrators.explicit import ForwardEuler
-from fecloth.stability.amplification_matrix import amplification, resolve_method
-from fecloth.stability.lanczos_estimate import estimate, step_of_rates
+from fecloth.stability.amplification_matrix import resolve_method
+from fecloth.stability.lanczos_estimate import step_of_rates
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
 DENSE = 400  # free directions up to which forward Euler's limit comes from all modes
 NOTHING = 1e-9  # of the largest: less damping counts as none
-
 ROWS = 20  # iterations for a bound by rows
-
-__all__ = ["amplification", "critical_dt", "element_bound", "estimate", "rate_bounds"]
 
 
 def critical_dt(system: System, state: State, method="symplectic_euler") -> float:

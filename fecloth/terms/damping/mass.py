@@ -56,7 +56,7 @@ class MassDamping:
     def bind(self, panel: Panel, slots) -> BoundTerm:
         if panel.cloth.element != "P1" and panel.mass == "consistent":
             matrix = self.rate * panel.cloth.mass("consistent", panel.density)
-            return BoundConsistentMassDamping(self.rate, matrix, slots, panel)
+            return BoundConsistentMassDamping(matrix, slots, panel)
         return BoundMassDamping(self.rate * panel.nodal_mass[:, None], panel)
 
 
@@ -93,7 +93,6 @@ class BoundMassDamping(BoundTerm):
 class BoundConsistentMassDamping(BoundTerm):
     """`MassDamping` on a cloth of P2 triangles with a consistent mass."""
 
-    rate: float  # α [1/s]
     matrix: sparse.csr_matrix  # (n, n) α M [N s/m]
     # Finds the blocks of its entries in the system's matrix, at the first tangent.
     find_slots: FindSlots
