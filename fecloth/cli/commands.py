@@ -139,23 +139,14 @@ COMMANDS = {
     ),
     "stability": study(
         "fecloth.study.stability_map:stability",
-        [
-            shared.over(),
-            shared.names("--methods", "as bdf2,central_difference", "eight"),
-            shared.SET,
-        ],
+        [shared.over(), shared.names("--methods", "as bdf2,newmark", "eight"), shared.SET],
         "find the steps at which each method fails, over the values of a key",
         longest=120.0,
     ),
     "sensitivity": study(
         "fecloth.study.sensitivities:sensitivity",
         [
-            option(
-                "--quantity",
-                'as "max tip.z"; may be repeated (default: the first of [interest])',
-                action="append",
-                metavar="Q",
-            ),
+            shared.several("--quantity", 'as "max tip.z"', "Q", "the first of [interest]"),
             *(shared.PARAMETERS, shared.SCALE, shared.EXACTNESS, shared.SET),
         ],
         "how much quantities depend on each number of a scene",
@@ -220,12 +211,7 @@ COMMANDS = {
             option("scene", "a .toml file", nargs="?"),
             shared.changes(),
             *shared.MESH,
-            option(
-                "--ranks",
-                "memory of each process, if N of them share the cloth by mpiexec",
-                type=int,
-                metavar="N",
-            ),
+            option("--ranks", "memory of each of N processes of mpiexec", type=int, metavar="N"),
             optional_name("--fabrics", "the published fabrics; or one, also at larger strains"),
             flag("--schema", "the JSON schema of scene files"),
             optional_name("--terms", "the terms of a scene; with a name, what that term takes"),

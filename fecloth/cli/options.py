@@ -27,6 +27,12 @@ def flag(name: str, words: str) -> Option:
     return option(name, words, action="store_true")
 
 
+def several(name: str, words: str, metavar: str, usual: str = "", **keywords: Any) -> Option:
+    """Return an option that may be repeated; without it the `usual` is taken."""
+    words += "; may be repeated" + (f" (default: {usual})" if usual else "")
+    return option(name, words, action="append", metavar=metavar, **keywords)
+
+
 def optional_name(name: str, words: str) -> Option:
     return option(name, words, nargs="?", const="", metavar="NAME")
 
@@ -67,12 +73,7 @@ THREADS = option(
 )
 
 SET = changes("replace a value")
-QUANTITIES = option(
-    "--quantity",
-    'as "max tip.z"; may be repeated (default: all of [interest])',
-    action="append",
-    metavar="Q",
-)
+QUANTITIES = several("--quantity", 'as "max tip.z"', "Q", "all of [interest]")
 REFINE = option("--refine", "what is refined (h)", choices=("h", "dt", "both"), default="h")
 RATIO = option("--ratio", "h or dt of a level over the next (2 or √2)", type=float, metavar="R")
 
@@ -111,9 +112,8 @@ def read_seconds(text: str) -> str | float:
 
 
 def over(required: bool = False) -> Option:
-    words = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2; may be repeated"
-    more: dict = {"required": True} if required else {}
-    return option("--over", words, action="append", metavar="KEY=VALUES", **more)
+    words = "values of a key: KEY=a:b:log:n, KEY=a:b:lin:n or KEY=v1,v2"
+    return several("--over", words, "KEY=VALUES", required=required)
 
 
 def read_size(text: str) -> tuple[str, float]:
@@ -122,21 +122,15 @@ def read_size(text: str) -> tuple[str, float]:
     return key.strip(), float(number)
 
 
-PARAMETERS = option(
+PARAMETERS = several(
     "--parameter",
-    "a number of the scene, as fabric.bending_rigidity; may be repeated (default: all numbers of "
-    "the fabric and of the terms)",
-    action="append",
+    "a number of the scene, as fabric.bending_rigidity",
+    "KEY",
+    "all numbers of the fabric and of the terms",
     dest="parameters",
-    metavar="KEY",
 )
-SCALE = option(
-    "--scale",
-    "a usual change of a number that is 0; may be repeated",
-    action="append",
-    type=read_size,
-    default=[],
-    metavar="KEY=SIZE",
+SCALE = several(
+    "--scale", "a usual change of a number that is 0", "KEY=SIZE", type=read_size, default=[]
 )
 EXACTNESS = option(
     "--tolerance", "relative error of the derivatives (1e-4)", default=1e-4, metavar="T"
@@ -150,12 +144,7 @@ ELEMENTS = names("--elements", "of P1,P2", "both")
 SCENES_OR_RUNS = option(
     "scene", "a .toml file; several without --variants; or the folders of two runs", nargs="+"
 )
-VARIANTS = option(
-    "--variants",
-    "values of a key, as terms.0.type=StVK,Springs; may be repeated",
-    action="append",
-    metavar="KEY=VALUES",
-)
+VARIANTS = several("--variants", "values of a key, as terms.0.type=StVK,Springs", "KEY=VALUES")
 BUDGET = option(
     "--budget",
     'longest CPU time of the tuned run, as "60 s": seek the most accurate setting within it',

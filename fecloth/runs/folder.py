@@ -70,12 +70,6 @@ class Table:
         with writing(self.path):
             self._stream.close()
 
-    def __enter__(self) -> "Table":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")

@@ -65,11 +65,6 @@ class Problem:
         """The step [s] if it is fixed, else None."""
         return self.steps.dt
 
-    @property
-    def first_memory(self) -> Memory:
-        """What `march` needs before the first step."""
-        return Memory(0, self.state.t, None)
-
     def warnings(self) -> list[str]:
         """Return a sentence for each likely problem of the run, with its remedy."""
         return list(find_warnings(self.planned, OF_SCENES))
@@ -107,5 +102,5 @@ class Problem:
         # With a memory `march` does not search the stable step again: `build` has refused a longer
         # dt.
         run = self.system, self.steps, state or self.state, None, self.t_end
-        memory = memory or self.first_memory
+        memory = memory or Memory(0, self.state.t, None)
         return march(*run, stops=self.stops, solver=solver, memory=memory, wanted=wanted)

@@ -9,14 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    ValidationInfo,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import AfterValidator, BaseModel, ValidationInfo, WithJsonSchema, model_validator
 
 from fecloth import terms
 from fecloth.errors import InputError, brief
@@ -71,7 +64,7 @@ _NewtonFields: Any = table_of(Newton)  # a base class made at run time
 class SolverTable(_NewtonFields):
     """Newton's iteration, the linear solver, and threads."""
 
-    model_config = ConfigDict(use_attribute_docstrings=True)
+    model_config: ClassVar = {"use_attribute_docstrings": True}
 
     linear: Literal["auto", "direct", "pardiso", "superlu", "pcg", "multigrid"] = "auto"
     """The linear solver."""

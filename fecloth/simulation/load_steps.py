@@ -6,7 +6,7 @@ files and probes serve a static scene as they serve a motion.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from fecloth.nonlinear.increments import increase_loads, shake, static_context
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.static_equation import EquilibriumFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.step_times import step_times
+from fecloth.simulation.step_times import ChosenSteps, step_times
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.protocol import BoundTerm
@@ -58,7 +58,7 @@ class LoadsFailed(NewtonFailed):
 
 
 @dataclass(frozen=True)
-class LoadSteps:
+class LoadSteps(ChosenSteps):
     """Equilibria under growing loads, by `increase_loads`; arguments as for `equilibrium`."""
 
     load_steps: int = 1
@@ -66,28 +66,20 @@ class LoadSteps:
     max_iterations: int = 500
     friction: Literal["laid", "shaken"] = "laid"  # inside the fabric; shaken: at the end it is gone
 
-    traits: ClassVar[MethodTraits] = MethodTraits(
-        order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True
-    )
+    traits = MethodTraits(order=0, theta=1.0, stability=None, chooses_dt=True, has_difference=True)
 
     @property
     def method(self) -> "LoadSteps":
         return self
 
     @property
-    def dt(self) -> float:
+    def dt(self) -> float:  # type: ignore[override]  # None in the base, which fixes no size
         """The part of the loads that a step adds."""
         return 1 / self.load_steps
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
         """Return the part of the loads at the end of every step."""
         return step_times(t, self.dt, t_end, stops)
-
-    def check(self, system: System) -> None:
-        """Nothing to refuse: the mass does not count."""
-
-    def check_start(self, system: System, state: State, insist: str = "") -> None:
-        """Nothing to refuse."""
 
     def solver(self, system: System, choice: str) -> tuple[SolverContext, str]:
         """Return the direct solver of all steps, and in words why it was chosen."""

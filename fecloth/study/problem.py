@@ -38,7 +38,8 @@ class CommonProblem:
 
     @property
     def is_explicit(self) -> bool:
-        return self.first.is_explicit
+        """Whether its steps solve no equations."""
+        return not self.is_static and self.first.steps.traits.explicit
 
     def can_refine(self, what: str) -> bool:
         """Whether there is an h, or a fixed dt."""

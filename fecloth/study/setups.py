@@ -51,11 +51,6 @@ class Setup:
         """Whether the result is an equilibrium."""
         return self.t_end is None or isinstance(self.steps, LoadSteps)
 
-    @property
-    def is_explicit(self) -> bool:
-        """Whether its steps solve no equations."""
-        return not self.is_static and self.steps.traits.explicit
-
     @cached_property
     def observer(self) -> Observer:
         return Observer.bind(self.system, self.start, self.probes, shape=True)

@@ -22,7 +22,7 @@ from fecloth.runs.folder import RunFolder, Table
 def fill(folder, system, state):
     Frames(folder.path / "swing", system.cloth, system).add(state)
     for name in ("steps.csv", "energies.csv", "observed.csv"):
-        with folder.table(name) as table:
+        with contextlib.closing(folder.table(name)) as table:
             table.add({"t": 0.0})
     folder.summary({"steps": 1})
     folder.text("scene.resolved.toml", "dt = 0.01\n")
@@ -79,7 +79,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
 
 def test_rows_keep_their_numbers_and_keys(tmp_path):
     row = {"t": np.float64(0.1) + 0.2, "n": np.int64(3), "reaction:top, left.x": float("nan")}
-    with Table(tmp_path / "steps.csv") as table:
+    with contextlib.closing(Table(tmp_path / "steps.csv")) as table:
         table.add(row)
         with pytest.raises(InputError, match=r"steps\.csv: keys extra"):
             table.add(row | {"extra": 1})
