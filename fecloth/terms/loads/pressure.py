@@ -49,7 +49,7 @@ class Pressure:
     Valid at any deformation, for a prescribed pressure. Use `Gas` for an enclosed gas, whose
     pressure depends on the volume, and `Wind` for moving air.
 
-    Cost on P1: half of `StVK`, force and tangent.
+    Cost on P1: a third of `StVK`, force and tangent.
 
     Parameters
     ----------
@@ -71,9 +71,11 @@ class Pressure:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
-        loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
-        p = scalar(self.pressure, "pressure", "Pressure")
-        return BoundPressure(p, loop, self.tangent == "symmetric", panel)
+        cloth, p = panel.cloth, scalar(self.pressure, "pressure", "Pressure")
+        symmetric = self.tangent == "symmetric"
+        loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
+        data = p, loop, orientation_signs(cloth), symmetric, panel
+        return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
 
 
 def orientation_signs(cloth: Cloth) -> np.ndarray:
@@ -85,10 +87,11 @@ def orientation_signs(cloth: Cloth) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoundPressure(BoundTerm):
-    """`Pressure` on a cloth."""
+    """`Pressure` on a cloth of P1 triangles."""
 
     p: TimeFunction
     loop: SharedLoop
+    signs: np.ndarray  # (m,) 1 or −1, see `orientation_signs`
     symmetric: bool
     panel: Panel  # the cloth with its fabrics
 
@@ -104,7 +107,7 @@ class BoundPressure(BoundTerm):
         return dot(self.panel.count(f), v)
 
     def add_force(self, x, v, t, f) -> None:
-        """f_a += p ∫ N_a n dA [N]."""
+        """f += (p/6) n at each corner [N]."""
         self.loop.add(partial(self._force, float(self.p(t)), x), f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
@@ -119,14 +122,26 @@ class BoundPressure(BoundTerm):
         self.loop.add_blocks(partial(self._tangent, self.loop.slots, wx * float(self.p(t)), x), J)
 
     def _force(self, p, x, part, f) -> Call:
+        return add_force, (self.nodes[part], self.signs[part], p, x, f)
+
+    def _tangent(self, slots, p, x, part, J) -> Call:
+        arrays = cut((self.nodes, self.signs, slots), part)
+        return add_tangent, (*arrays, p, self.symmetric, x, J)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundCurved(BoundPressure):
+    """`Pressure` on P2 triangles."""
+
+    def _force(self, p, x, part, f) -> Call:
         cloth = self.panel.cloth
         arrays = cut((self.nodes, cloth.gradients, cloth.weights), part)
-        return add_force, (*cloth.shape, *arrays, cloth.values, p, x, f)
+        return add_curved_force, (*cloth.shape, *arrays, cloth.values, p, x, f)
 
     def _tangent(self, slots, p, x, part, J) -> Call:
         cloth = self.panel.cloth
         arrays = cut((self.nodes, slots, cloth.gradients, cloth.weights), part)
-        return add_tangent, (*cloth.shape, *arrays, cloth.values, p, self.symmetric, x, J)
+        return add_curved_tangent, (*cloth.shape, *arrays, cloth.values, p, self.symmetric, x, J)
 
 
 @inner
@@ -147,7 +162,36 @@ def add_skew(s, scale, e, J):
 
 
 @kernel
-def add_force(K, Q, nodes, G, w, N, p, x, f):
+def add_force(nodes, signs, p, x, f):
+    """f_a += (p/6) n."""
+    for e in range(len(nodes)):
+        i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
+        n = cross(edge(x, i, j), edge(x, i, k))
+        sixth = signs[e] * p / 6
+        for a in range(3):
+            node = nodes[e, a]
+            f[node, 0] += sixth * n[0]
+            f[node, 1] += sixth * n[1]
+            f[node, 2] += sixth * n[2]
+
+
+@kernel
+def add_tangent(nodes, signs, slots, p, symmetric, x, J):
+    """J_ab −= (p/6) [e_b]×, or (p/12) [e_b − e_a]×."""
+    for e in range(len(nodes)):
+        i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
+        edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
+        scale, own = (-signs[e] * p / 12, 1.0) if symmetric else (-signs[e] * p / 6, 0.0)
+        for a in range(3):
+            d = edges[a]
+            for b in range(3):
+                g = edges[b]
+                change = (g[0] - own * d[0], g[1] - own * d[1], g[2] - own * d[2])
+                add_skew(slots[e, a, b], scale, change, J)
+
+
+@kernel
+def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
     """f_a += p Σ w N_a F₁ × F₂."""
     for e in range(len(nodes)):
         for q in range(len(Q)):
@@ -161,18 +205,16 @@ def add_force(K, Q, nodes, G, w, N, p, x, f):
 
 
 @kernel
-def add_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
+def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
     """J_ab += p Σ w N_a [d_b]×, or (p/2) Σ w [N_a d_b − N_b d_a]×, d_b = G_b1 F₂ − G_b2 F₁."""
-    own, d = 0.5 if symmetric else 0.0, np.empty((len(K), 3))
+    own = 0.5 if symmetric else 0.0
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
-            for b in range(len(K)):
-                g1, g2 = p * w[e, q] * G[e, q, b, 0], p * w[e, q] * G[e, q, b, 1]
-                d[b] = g1 * F12 - g2 * F11, g1 * F22 - g2 * F21, g1 * F32 - g2 * F31
             for a in range(len(K)):
                 for b in range(len(K)):
                     s, t = (1.0 - own) * N[q, a], own * N[q, b]
-                    y1, y2, y3 = d[b, 0], d[b, 1], d[b, 2]
-                    y = (s * y1 - t * d[a, 0], s * y2 - t * d[a, 1], s * y3 - t * d[a, 2])
-                    add_skew(slots[e, a, b], 1.0, y, J)
+                    g1 = s * G[e, q, b, 0] - t * G[e, q, a, 0]
+                    g2 = s * G[e, q, b, 1] - t * G[e, q, a, 1]
+                    d = (g1 * F12 - g2 * F11, g1 * F22 - g2 * F21, g1 * F32 - g2 * F31)
+                    add_skew(slots[e, a, b], p * w[e, q], d, J)
