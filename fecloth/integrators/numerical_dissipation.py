@@ -73,8 +73,9 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
 
 def barrier_dissipation(system: System, old: State, step: Step) -> float:
     """Numerical dissipation [J] of some energies, beyond the part of quadratic energies."""
-    # −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles that move: a barrier of contact, and a term
-    # whose history yields, are far from quadratic over the way of a step. Without these it is 0.
+    # −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles and of normals of clamps that move: a
+    # barrier of contact, and a term whose history yields, are far from quadratic over the way of a
+    # step. Without these it is 0.
     new, total = step.state, 0.0
     records = step.history or (None,) * len(system.bound)
     systems = step.over or system, *step.around(system)
@@ -84,6 +85,8 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
             f, still = np.zeros_like(old.x), np.zeros_like(old.v)
             for one, at in ((before, old), (after, new)):
                 one.add_force(at.x, still, at.t, f)
+                ends = (old.x, old.t), (new.x, new.t)
+                total += 0.5 * one.work_of_clamps(*ends, [(at.x, at.t)])
             total -= 0.5 * system.sums.dot(f, new.x - old.x)
             total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
             if over.works_over_step:

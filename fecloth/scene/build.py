@@ -34,6 +34,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
+from fecloth.terms.protocol import BoundTerm, has_own
 from fecloth.validation import FARTHEST
 
 FASTEST, STRONGEST = 1e6, 1e15  # m/s, N on a node: no cloth
@@ -199,7 +200,7 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     x, still = state.x, np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
     named = zip(system.names, system.bound, strict=True)
-    for name, term in ((name, term) for name, term in named if not term.limits_direction):
+    for name, term in ((name, term) for name, term in named if not _follows_pins(term)):
         forces = np.zeros((3, *x.shape))
         for t, f in zip((0.0, 0.37, 1.0), forces, strict=True):
             term.add_force(x, still, t, f)
@@ -207,6 +208,11 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             allowed = "must not depend on t in a scene with [equilibrium]"
             remedy = "Write its value, or use [time]."
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
+
+
+def _follows_pins(term: BoundTerm) -> bool:
+    """Whether a term may depend on t, as what it touches, or the normals of clamps, move."""
+    return bool(term.limits_direction or has_own(term, "work_of_clamps"))
 
 
 def _observer(

@@ -137,6 +137,9 @@ class Scene(Table):
         """Take at least 20 load steps where a fabric has friction inside."""
         fabrics = [self.fabric] if self.fabric else (self.fabrics or {}).values()
         has_friction = any(term.type == "BendingFriction" for term in self.terms)
+        if static.friction != "laid" and not has_friction:
+            what, allowed = f'equilibrium.friction = "{static.friction}"', "needs BendingFriction"
+            raise InputError(what, allowed, "", 'Add { type = "BendingFriction" } to terms.')
         if has_friction and any(any(each.make().hysteresis or ()) for each in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
             followed = static.model_copy(update={"load_steps": number})

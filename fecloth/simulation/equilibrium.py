@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
@@ -150,14 +150,15 @@ def equilibrium(
     history = system.start_history(start)
     if load_steps is None and least == 1:
         whole = increments.LoadIncrement(system, start, 1.0, 1.0, start.t, start.t, history)
-        solved, _ = increments.solve_increment(whole, 0.0, context, report)
+        solved, over = increments.solve_increment(whole, 0.0, context, report)
+        history = over.commit(replace(start, x=solved.x), history)
     else:
         at = None if load_steps else start.t
         run = system, start, context, 1 / number
         increase = increments.increase_loads(*run, history=history, report=report, at=at)
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
-        solved = increase.solved
+        solved, history = increase.solved, increase.history
     x, counts = solved.x, solved.counts
     t = 1.0 if load_steps and _moves(system) else start.t
     path = increments.describe_path(system, number)
@@ -171,7 +172,11 @@ def equilibrium(
     found = *unstable, *filter(None, [words_beyond(area_beyond(system, end))])
     _warn(found)
     doubts = *foreseen, *found
-    return Equilibrium(t, x, still, counts.residual, *work, *space, solved.error, doubts)
+    # Friction of contact, which lags, begins anew in a run; what has slid in the fabric stays.
+    pairs = zip(system.bound, history or (), strict=False)
+    kept = tuple(None if term.lags else record for term, record in pairs) or None
+    figures = counts.residual, *work, *space, solved.error, doubts
+    return Equilibrium(t, x, still, *figures, history=kept)
 
 
 def _warn(doubts: tuple[str, ...]) -> None:

@@ -203,7 +203,8 @@ def run(
     steps = choose_steps(method, dt)
     ends = steps.end_times(opening.t, t_end, stops)  # refuses wrong times
     end = float(ends[-1])
-    known = system.with_history(memory.term_history) if memory else system
+    records = memory.term_history if memory else system.start_history(state)
+    known = system.with_history(records)
     ledger, observer = Ledger.open(known, state), Observer.bind(system, state, probes)
     record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)

@@ -86,6 +86,7 @@ PARTS = {  # powers of m, kg, s and the value in SI; the degree counts as its va
     **{"min": (0, 0, 1, 60.0), "h": (0, 0, 1, 3600.0), "mph": (1, 0, -1, 63360 * INCH / 3600)},
     **{"kg": (0, 1, 0, 1.0), "g": (0, 1, 0, 1e-3), "mg": (0, 1, 0, 1e-6)},
     **{"oz": (0, 1, 0, POUND / 16), "deg": (0, 0, 0, math.pi / 180), "1": (0, 0, 0, 1.0)},
+    **{"rad": (0, 0, 0, 1.0)},
     **{"N": (1, 1, -2, 1.0), "kN": (1, 1, -2, 1e3), "mN": (1, 1, -2, 1e-3)},
     **{"uN": (1, 1, -2, 1e-6), "gf": (1, 1, -2, 1e-3 * KILOPOND), "kgf": (1, 1, -2, KILOPOND)},
     **{"Pa": (-1, 1, -2, 1.0), "hPa": (-1, 1, -2, 1e2), "kPa": (-1, 1, -2, 1e3)},
@@ -180,7 +181,8 @@ PLAIN = {  # numbers without a unit
     *("WindTable.gusts", "GasTable.exponent", "GradingTable.power"),
     *("BaraffWitkinTable.rest", "BaraffWitkinTable.area_exponent"),
     *("SolverTable.tolerance", "SolverTable.forcing", "EquilibriumTable.tolerance"),
-    "GeneralizedAlphaTable.rho_inf",
+    *("MembraneTableTable.warp", "MembraneTableTable.weft", "MembraneTableTable.shear"),
+    *("MembraneTableTable.poisson", "GeneralizedAlphaTable.rho_inf"),
     *("NewmarkTable.beta", "NewmarkTable.gamma"),
     *("HingeBendingTable.rest", "PlateBendingTable.rest", "BendingFrictionTable.stiffness"),
     *("Scene.grain_degrees", "Rotation.degrees"),  # rad; degrees

@@ -290,7 +290,7 @@ def test_slides_of_a_scene(tmp_path):
     ("override", "said"),
     [
         ("pins.0.direction=[1, 0, 0]", "pins.0: direction and normal are given: give exactly one"),
-        ("pins.0.normal=[0, 0, 0]", r"pins.0.normal = \(0.0, 0.0, 0.0\): must be three finite"),
+        ("pins.0.normal=[0, 0, 0]", r"pins.0.normal = \(0.0, 0.0, 0.0\): must not be zero"),
         ("pins.0.normal=[0, 1]", r"pins.0.normal = \[0, 1\]: must be a list of 3 finite numbers"),
         ("pins.0.normals=[0, 1]", "unknown key.*Did you mean 'normal'"),
     ],

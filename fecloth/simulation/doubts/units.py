@@ -22,6 +22,7 @@ G = 9.81  # m/s²
 DENSITY = 0.004, 5.0  # kg/m²
 STIFFNESS = 10.0, 1e7  # N/m
 BENDING_LENGTH = 0.25  # m
+HELD = 500.0  # 1/m, HB/B: the curvature that friction may hold
 SIZE = 0.002, 10.0  # m
 STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
 GRAVITY, AIR_SPEED = 50.0, 100.0  # m/s², m/s
@@ -60,6 +61,14 @@ def _of_fabric(fabric: Fabric) -> Iterator[str]:
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
                 f"cloth over 0.01 to 0.05 m. If you meant µN m, write {B * 1e-6:g}"
             )
+    for hysteresis, B in zip(fabric.hysteresis or (), fabric.bending or (), strict=False):
+        if hysteresis > 2 * HELD * B:
+            meant = f'gf·cm/cm, as KES prints, write "{hysteresis:g} gf*cm/cm"'
+            yield (
+                f"bending_hysteresis = {hysteresis:g} N: HB/B = {hysteresis / (2 * B):.3g}/m, in "
+                f"fabrics 5 to 60/m. If you meant {meant}"
+            )
+            break
 
 
 def _of_size(size: float) -> str:

@@ -116,7 +116,8 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
     """Yield scenes with other steps or tolerances, and with explicit steps."""
     if "time" not in data:
         static = data["equilibrium"]
-        if static.get("load_steps", 1) > 1:
+        follows = any(term["type"] == "BendingFriction" for term in data.get("terms", []))
+        if static.get("load_steps", 1) > 1 and not follows:
             edit = put(equilibrium=static | {"load_steps": 1})
             yield Variant("one load step", "load steps", None, "time", edit)
         return

@@ -12,7 +12,7 @@ from support.rundirs import restart_at
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.runs import restart
-from fecloth.scene.scene import Scene
+from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.stability.critical_step import critical_dt, rate_bounds
 from fecloth.stability.lanczos_estimate import estimate
@@ -164,6 +164,17 @@ def test_a_run_goes_on_from_a_restart_file_bit_for_bit(name, tmp_path):
     assert np.abs(ours).max() > 0.01
 
 
+@pytest.mark.parametrize("name", ["backward_euler", "bdf2", "generalized_alpha"])
+def test_the_ledger_has_the_work_of_clamps_that_turn(name):
+    """The remainder is a small part of their work, as without friction."""
+    turn = fc.Rotation((0, 0, 0), (0, 1, 0), "-1.0*t")
+    system = strip(pins=[fc.Pin("left", clamp=True, rotate=turn)], density=0.02, n=4)
+    energies = fall(system, METHODS[name](), 2e-3, 0.1).energies
+    assert energies["dissipated:BendingFriction"][-1] > 0
+    work = np.abs(np.diff(energies["pins"])).sum() + np.ptp(energies["Gravity"])
+    assert np.abs(energies["remainder"]).max() < 0.02 * work
+
+
 SCENE = {
     "cloth": {"shape": "rectangle", "width": L, "height": 0.05, "h": 0.025, "pattern": "right"},
     "fabric": {
@@ -187,6 +198,24 @@ def test_a_scene_takes_at_least_twenty_load_steps(given, taken):
     static = {} if given is None else {"load_steps": given}
     assert scene(**static).schedule.steps().load_steps == taken
     assert scene(0.0, **static).schedule.steps().load_steps == (given or 1)
+
+
+def test_shaken_needs_friction():
+    data = {**SCENE, "terms": [{"type": "StVK"}], "equilibrium": {"friction": "shaken"}}
+    with pytest.raises(fc.SceneError, match="shaken.*needs BendingFriction"):
+        scene_of(data)
+
+
+def test_a_clamp_may_move_in_an_equilibrium(tmp_path):
+    turn = {"point": [0.0, 0.0, 0.0], "axis": [0.0, 1.0, 0.0], "angle": "-0.1*t"}
+    pins = [{"where": "left", "clamp": True, "rotate": turn}]
+    result = fc.run_scene(
+        scene_of({**SCENE, "pins": pins, "equilibrium": {"load_steps": 20}}), tmp_path / "turned"
+    )
+    pin = fc.Pin("left", clamp=True, rotate=fc.Rotation((0, 0, 0), (0, 1, 0), "-0.1*t"))
+    system = strip(pins=[pin])
+    rest = fc.equilibrium(system, system.rest(), load_steps=20)
+    assert result.state.x == pytest.approx(rest.x, abs=1e-8)
 
 
 def test_a_scene_is_laid_or_shaken(tmp_path):
