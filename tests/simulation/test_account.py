@@ -113,7 +113,8 @@ def test_a_restart_file_of_an_older_format_is_refused_with_words(scene, tmp_path
     with monkeypatch.context() as patch:
         patch.setattr(restart, "FORMAT", 8)
         fc.run_scene(scene, tmp_path / "out")
-    with pytest.raises(fc.InputError, match="has format 8, and this fecloth reads 9; the fecloth"):
+    said = f"has format 8, and this fecloth reads {restart.FORMAT}; the fecloth"
+    with pytest.raises(fc.InputError, match=said):
         fc.run_scene(scene, tmp_path / "out", resume=True)
 
 

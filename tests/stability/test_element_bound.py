@@ -6,7 +6,7 @@ import pytest
 import fecloth as fc
 from fecloth.stability.critical_step import critical_dt, element_bound
 
-FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1.0)
+FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1.0, bending_hysteresis=1e-3)
 
 
 def left(X):
@@ -28,6 +28,7 @@ TERMS = {
     "NeoHookean": lambda c: fc.NeoHookean(),
     "TensionField": lambda c: fc.TensionField(),
     "TensorCondition": lambda c: fc.TensorCondition(100.0),
+    "MembraneTable": lambda c: fc.MembraneTable(warp=[(1.1, 100.0), (1.2, 300.0)]),
     "BaraffWitkin": lambda c: fc.BaraffWitkin(),
     "structural": lambda c: fc.Springs(damping=1e-3),
     "van_gelder": lambda c: fc.Springs(kind="van_gelder", damping=1e-3),
@@ -35,6 +36,7 @@ TERMS = {
     "HingeBending": lambda c: fc.HingeBending(),
     "QuadraticBending": lambda c: fc.QuadraticBending(),
     "PlateBending": lambda c: fc.PlateBending(),
+    "BendingFriction": lambda c: fc.BendingFriction(),
     "BendingDamping": lambda c: fc.BendingDamping(0.1),
     "StrainRateDamping": lambda c: fc.StrainRateDamping(0.01),
     "MassDamping": lambda c: fc.MassDamping(3.0),
