@@ -9,7 +9,7 @@ from scipy.sparse.linalg import eigsh
 import fecloth as fc
 from fecloth.integrators.many_steps import many_steps
 from fecloth.simulation.resolve import resolve
-from fecloth.stability.critical_step import critical_dt, element_bound, estimate, rate_bounds
+from fecloth.stability import critical_dt, element_bound, estimate, rate_bounds
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-3)
 PATTERNS = ["right", "cross", "equilateral", "unstructured"]

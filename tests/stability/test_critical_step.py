@@ -7,8 +7,7 @@ from scipy.linalg import eigh
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
-from fecloth.stability import critical_step
-from fecloth.stability.critical_step import critical_dt, element_bound, estimate
+from fecloth.stability import critical_dt, critical_step, element_bound, estimate
 
 DAMPED = [fc.StVK(), fc.StrainRateDamping(0.5)]
 

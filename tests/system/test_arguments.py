@@ -8,7 +8,7 @@ from support.messages import message_test
 
 import fecloth as fc
 from fecloth.simulation.resolve import solver_for
-from fecloth.stability.critical_step import amplification, estimate
+from fecloth.stability import amplification, estimate
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
 FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=100.0)
