@@ -129,7 +129,7 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 def _similar(path: Path) -> str:
     """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
     there = sorted(path.parent.iterdir())
-    kind = (path.suffix, closest(path.suffix, sorted({one.suffix for one in there})))
-    stems = {one.stem: one.name for one in there if not path.suffix or one.suffix in kind}
+    kind = (path.suffix, closest(path.suffix, sorted({file.suffix for file in there})))
+    stems = {file.stem: file.name for file in there if not path.suffix or file.suffix in kind}
     close = closest(path.stem, stems)
     return f"Did you mean {stems[close]!r}?" if close else ""

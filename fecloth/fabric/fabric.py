@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError, brief, did_you_mean, is_number
 from fecloth.fabric import instruments, presets
 from fecloth.fabric.uncertainty import Uncertainty
@@ -100,8 +101,9 @@ class Fabric:
         for value in self.bending or ():
             _check_positive("bending_rigidity", value, "N m")
         self._check_bending()
-        for value in filter(None, self.hysteresis or ()):
-            _check_positive("bending_hysteresis", value, "N")
+        for value in self.hysteresis or ():
+            validation.positive("bending_hysteresis", value, "N", "Fabric", or_zero=True)
+            _check_positive("bending_hysteresis", value or 1.0, "N")
 
     def _check_bending(self) -> None:
         nu, bias = self.bending_poisson_ratio, self.bias_rigidity

@@ -163,7 +163,7 @@ def equilibrium(
     t = 1.0 if load_steps and _moves(system) else start.t
     path = increments.describe_path(system, number)
     reason = f"{solved.reason(tolerance)}; {path}" if path else solved.reason(tolerance)
-    work = counts.newton, counts.factorisations, reason
+    work = counts.residual, counts.newton, counts.factorisations, reason
     still = np.zeros_like(x)
     error = space_error(system, State(start.t, x, still))
     space = error.relative, error.reason
@@ -175,8 +175,7 @@ def equilibrium(
     # Friction of contact, which lags, begins anew in a run; what has slid in the fabric stays.
     pairs = zip(system.bound, history or (), strict=False)
     kept = tuple(None if term.lags else record for term, record in pairs) or None
-    figures = counts.residual, *work, *space, solved.error, doubts
-    return Equilibrium(t, x, still, *figures, history=kept)
+    return Equilibrium(t, x, still, *work, *space, solved.error, doubts, history=kept)
 
 
 def _warn(doubts: tuple[str, ...]) -> None:

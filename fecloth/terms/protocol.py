@@ -95,8 +95,8 @@ class BoundTerm:
     needs_path
         True where an equilibrium depends on the way there, as with friction.
     lags
-        True where a part of the force over an `Increment` of the loads is that of its `place`: the
-        increment is solved again.
+        True where a part of the force over an `Increment` of the loads belongs to the positions
+        `place` of that increment: it is solved again, with the solution as its place.
     load_steps
         The least number of load steps in which an equilibrium follows the way.
     needs_end

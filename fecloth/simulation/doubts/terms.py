@@ -132,7 +132,7 @@ def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[str]:
 
 
 def find_lowered_coupling(run: PlannedRun) -> Iterator[str]:
-    """Warn of a table with a smaller Poisson's ratio than was asked for."""
+    """Warn of a `MembraneTable` that must take a smaller Poisson's ratio than its `poisson`."""
     tables = (term for term in run.system.terms if isinstance(term, terms.MembraneTable))
     for c, most in (
         table.coupling(fabric) for table in tables for fabric in run.system.panel.fabrics

@@ -84,17 +84,16 @@ class BendingFriction:
         return cloth.edge_slopes.pairs
 
     def bind(self, panel: Panel, slots: FindSlots) -> BoundTerm:
-        each = [Sliders.of_fabric(fabric, self.stiffness) for fabric in panel.fabrics]
-        moments, limit = (
-            of_parts(panel, np.concatenate(rows)[panel.region])
-            for rows in ([one.moments for one in each], [one.limit for one in each])
-        )
+        of_fabrics = [Sliders.of_fabric(fabric, self.stiffness) for fabric in panel.fabrics]
+        moments = np.concatenate([sliders.moments for sliders in of_fabrics])[panel.region]
+        limit = np.concatenate([sliders.limit for sliders in of_fabrics])[panel.region]
+        sliders = Sliders(of_parts(panel, moments), of_parts(panel, limit))
         turn = block_diagonal(turn_curvature(of_parts(panel, panel.grain)))
         curvature = Curvature.make((turn @ panel_plate(panel, NAME)[0]).tocsr())
         plate = replace(bind_angles(panel, slots, NAME), stiffness=curvature.coupled())
         edges = panel.cloth.edge_slopes.edges
         loop = SharedLoop.over_elements(panel, edges.triangles)
-        return BoundFriction(plate, curvature, Sliders(moments, limit), edges.area, loop)
+        return BoundFriction(plate, curvature, sliders, edges.area, loop)
 
 
 @remembered
@@ -203,7 +202,7 @@ class BoundFriction(BoundTerm):
         return self._total(self.sliders.energy(self.elastic(self.plate.measures(x, t))))
 
     def power(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
-        """Zero: it has no force that depends on v. Its heat is that of the step, `dissipation`."""
+        """Zero: no force depends on v. `dissipation` is the heat of a step."""
         return 0.0
 
     def dissipation(self, x: np.ndarray) -> float:
@@ -256,8 +255,8 @@ class BoundFriction(BoundTerm):
         """κ_s at the end of the step at x."""
         if self.slid is None:
             return None
-        mu = self.plate.measures(x, t)
-        return self._record(self.curvature(mu) - self.sliders.left(self.elastic(mu)))
+        e = self.elastic(self.plate.measures(x, t))
+        return self._record(self.slid.curvature.reshape(-1, 3) + e - self.sliders.left(e))
 
     def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
         """κ_s [1/m] and the moment of the sliders [N], (11, 22, 12); on P2 means of the parts."""

@@ -304,8 +304,13 @@ def test_a_stiffness_that_is_not_positive_is_refused(stiffness):
 
 @pytest.mark.parametrize("hysteresis", [-1e-4, np.nan, (1e-4, -1e-4), 1e13])
 def test_a_wrong_hysteresis_is_refused(hysteresis):
-    with pytest.raises(fc.InputError, match="bending_hysteresis"):
+    with pytest.raises(fc.InputError, match="bending_hysteresis = .*must be"):
         fabric(hysteresis)
+
+
+def test_a_negative_hysteresis_is_told_that_zero_is_allowed():
+    with pytest.raises(fc.InputError, match=r"must be finite and >= 0 \[N\]"):
+        fabric(-1e-4)
 
 
 # --- at rest --------------------------------------------------------------------------------------
