@@ -14,7 +14,7 @@ from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition
 
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
-FILL = {"P1": 47, "P2": 24}
+FILL = {"P1": 47, "P2": 30}
 SHARED, WHOLE = 750, 370  # bytes for each block of a process, and each triangle, with GAMG
 MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak; P2: 0.7 of that
 
@@ -109,7 +109,7 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     if solver == "multigrid":
         used += MULTIGRID[0] * n + MULTIGRID[1] * blocks
     if solver == "direct":
-        used += FILL[system.cloth.element] * blocks * math.log2(n) + 23e6
+        used += (FILL[system.cloth.element] * math.log2(n) + 130) * blocks + 23e6
     return 225 + used / 1e6
 
 
