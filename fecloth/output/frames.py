@@ -37,7 +37,7 @@ class Frames:
     path: Path
     cloth: Cloth
     system: System | None = None  # without it, frames have no stress and no energy
-    stem: str = "frames/frame"  # frame i is ``stem``_00000i.vtu, relative to the folder
+    stem: str = "frames/frame"  # frame i is ``stem_00000i.vtu``, relative to the folder
     # Times of the frames written so far [s]
     times: array = field(default_factory=lambda: array("d"))
 

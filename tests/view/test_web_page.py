@@ -4,10 +4,10 @@ import base64
 import io
 import json
 import re
-import shutil
 
 import numpy as np
 import pytest
+from support.browsers import chromium
 from test_html_report import SCENE
 
 import fecloth as fc
@@ -21,7 +21,6 @@ from fecloth.view import web_page
 from fecloth.view.svg_chart import chart
 
 Image = pytest.importorskip("PIL.Image")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def falling(element="P1"):
@@ -168,15 +167,7 @@ def test_mistakes(arguments, message, tmp_path, monkeypatch, capsys):
 @pytest.fixture(scope="module")
 def browser():
     """A headless Chromium of this machine."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip(f"needs one of {', '.join(BROWSERS)}")
-    options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    with playwright.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=path, args=options, timeout=0)
-        yield browser
-        browser.close()
+    yield from chromium()
 
 
 class Page:

@@ -1,0 +1,49 @@
+"""Sphinx' configuration of the site: `sphinx-build -W -b html .docs out/site`.
+
+The chapters are the pages of the repository: a file here that includes one of them has no text of
+its own. `extensions/` beside this file turns their links into links of the site, and generates the
+lists of commands, of public names and of pictures.
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "extensions")]
+_project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+project, version = _project["name"], _project["version"]
+release = version
+extensions = [
+    *("myst_parser", "sphinx.ext.autodoc", "numpydoc"),
+    *("chapters", "commands", "field_comments", "gallery", "public_names", "section_index"),
+]
+exclude_patterns = ["_templates"]
+repository = _project["urls"][
+    "Repository"
+]  # read by `chapters`: the pages that are not in the site
+
+templates_path, html_static_path = ["_templates"], ["_static"]
+html_theme, html_title = "alabaster", f"fecloth {version}"
+html_theme_options = {
+    "description": _project["description"],
+    "fixed_sidebar": True,
+    "page_width": "1200px",
+    "sidebar_width": "250px",
+    "body_text_align": "left",
+}
+html_sidebars = {"**": ["about.html", "searchfield.html", "navigation.html"]}
+html_css_files = ["site.css"]
+html_copy_source = html_show_sourcelink = html_show_copyright = html_show_sphinx = False
+html_use_index = False  # the search finds names, too
+
+myst_heading_anchors = 4  # as on the repository's own pages
+default_role = "py:obj"  # `System` in a docstring leads to it
+highlight_language = "text"
+toc_object_entries_show_parents = "hide"
+add_module_names = False
+python_maximum_signature_line_length = 88
+autodoc_member_order = "bysource"
+autodoc_typehints_format, autodoc_preserve_defaults = "short", True
+numpydoc_show_class_members = False  # autodoc lists them

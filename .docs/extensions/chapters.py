@@ -1,0 +1,77 @@
+"""Pages of the repository as chapters of the site.
+
+A file of `.docs` that includes a page, as in
+
+    ```{include} ../fecloth/scene/README.md
+    ```
+
+is that page. A link in it to a page that is a chapter leads to the chapter, a link to any other
+file of the repository leads to `repository` in conf.py; pictures are read from where they stand.
+"""
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+INCLUDE = re.compile(r"^```\{include\} (\S+)\n```$", re.MULTILINE)
+LINK = re.compile(r"(!?)\[((?:[^][]|\[[^]]*\])*)\]\(([^()\s:#]+)(#[^()\s]*)?\)")
+FENCED = re.compile(r"^(```.*?^```[ \t]*$)", re.MULTILINE | re.DOTALL)
+
+
+def chapters(folder: Path) -> dict[Path, str]:
+    """Return, for each page that is included in the site, the name of its chapter."""
+    found = {}
+    for file in sorted(folder.rglob("*.md")):
+        for name in INCLUDE.findall(file.read_text(encoding="utf-8")):
+            found[(file.parent / name).resolve()] = (
+                file.relative_to(folder).with_suffix("").as_posix()
+            )
+    return found
+
+
+def read_chapter(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put the text of the page in the place of its `include`, with links of the site."""
+    stub = Path(app.env.doc2path(docname))
+
+    def included(match: re.Match[str]) -> str:
+        page = (stub.parent / match[1]).resolve()
+        app.env.note_dependency(str(page))
+        link = link_of(page, stub, chapters(Path(app.srcdir)), app.config.repository)
+        parts = FENCED.split(page.read_text(encoding="utf-8"))
+        return "".join(part if part.startswith("```") else LINK.sub(link, part) for part in parts)
+
+    source[0] = INCLUDE.sub(included, source[0])
+
+
+def link_of(
+    page: Path, stub: Path, known: dict[Path, str], repository: str
+) -> Callable[[re.Match[str]], str]:
+    """Return the function that rewrites a link of a page for the chapter in the file `stub`."""
+    site, root = stub.parent, Path(__file__).parents[2]
+    while site.name != ".docs":
+        site = site.parent
+
+    def rewritten(match: re.Match[str]) -> str:
+        image, words, name, anchor = match.groups(default="")
+        target = (page.parent / name).resolve()
+        words = LINK.sub(rewritten, words)
+        if target in known:
+            to = os.path.relpath(site / f"{known[target]}.md", stub.parent)
+        elif not target.exists():  # no link, as in a formula
+            return match[0]
+        elif image:
+            to = os.path.relpath(target, stub.parent)
+        else:
+            to = f"{repository}/{target.relative_to(root).as_posix()}"
+        return f"{image}[{words}]({to}{anchor})"
+
+    return rewritten
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.add_config_value("repository", "", "env", (str,))
+    app.connect("source-read", read_chapter)
+    return {"parallel_read_safe": True}

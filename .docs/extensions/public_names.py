@@ -1,0 +1,112 @@
+"""The reference of the public names, from `fecloth/__init__.pyi` and the modules that it names.
+
+Each page of `api/` has the names that are defined in some packages. A public name that no page has
+ends the build.
+"""
+
+import inspect
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_type_hints
+
+from generated import Generated
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+import fecloth
+
+PAGES = Path(__file__).parents[1] / "api"
+
+
+class Reference(Generated):
+    """The names that are defined in the packages of the argument, such as `mesh fabric`."""
+
+    required_arguments, optional_arguments = 1, 0
+
+    def text(self) -> str:
+        packages = self.arguments[0].split()
+        return "\n".join(
+            entry(name, value)
+            for name, value in names().items()
+            if package_of(name, value) in packages
+        )
+
+
+def names() -> dict[str, object]:
+    """Return each public name as a reader writes it, without modules, and its value."""
+    found = {}
+    for name in fecloth.__all__:
+        value = getattr(fecloth, name)
+        if isinstance(value, ModuleType):
+            found |= {f"fecloth.{name}.{key}": each for key, each in members(value).items()}
+        else:
+            found[f"fecloth.{name}"] = value
+    return found
+
+
+def members(module: ModuleType) -> dict[str, object]:
+    """Return the names of a module that its `__all__` has, or else that it defines."""
+    listed = getattr(module, "__all__", None) or [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
+    ]
+    values = {name: getattr(module, name) for name in listed}
+    # a name that `fecloth` has, too, stands there
+    return {key: each for key, each in values.items() if getattr(fecloth, key, None) is not each}
+
+
+def package_of(name: str, value: object) -> str:
+    """Return the package that defines it; of a constant the module that has the name."""
+    module = getattr(value, "__module__", "") or ""
+    return (module if module.startswith("fecloth.") else name).split(".")[1]
+
+
+def entry(name: str, value: object) -> str:
+    if inspect.isclass(value):
+        return f".. autoclass:: {name}\n   :members:\n"
+    if callable(value):
+        return f".. autofunction:: {name}\n"
+    return f".. py:data:: {name}\n   :value: {value!r}\n"
+
+
+def require_all(app: Sphinx) -> None:
+    """Raise an error if a public name stands on no page."""
+    told = " ".join(file.read_text(encoding="utf-8") for file in PAGES.glob("*.rst"))
+    packages = {word for line in re.findall(r"reference:: (.*)", told) for word in line.split()}
+    missing = [n for n, value in names().items() if package_of(n, value) not in packages]
+    if missing:
+        raise ExtensionError(f"no page of .docs/api has the package of {', '.join(missing)}")
+
+
+def as_written(app: Sphinx, what: str, name: str, value: object, options: object, lines: list):
+    """Show formulas as they are written: indented lines as a block, and the bars of |x|."""
+    shown: list[str] = []
+    end = next((i for i, line in enumerate(lines) if set(line) == {"-"}), len(lines))
+    above, in_block = "", False  # the last line that is not empty and stands outside of a block
+    for i, line in enumerate(lines):
+        indented = line.startswith("    ") and i < end
+        if indented and not in_block and not shown[-1] and not above.startswith(("-", "*")):
+            shown += [] if above.endswith("::") else ["::", ""]
+            in_block = True
+        elif line and not indented:
+            in_block, above = False, line
+        shown.append(line if in_block or "``" in line else line.replace("|", "\\|"))
+    lines[:] = shown
+
+
+def plain_hints(app: Sphinx, function: Callable[..., Any], is_bound: bool) -> None:
+    """Leave out of type hints what only checks of arguments read, as the range of a number."""
+    with suppress(Exception):  # a name that is there for type checkers only
+        function.__annotations__ = get_type_hints(function)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.add_directive("reference", Reference)
+    app.connect("builder-inited", require_all)
+    app.connect("autodoc-before-process-signature", plain_hints)
+    app.connect("autodoc-process-docstring", as_written, priority=400)  # before numpydoc
+    return {"parallel_read_safe": True}

@@ -1,0 +1,45 @@
+"""The pages are short enough to be read, and each says at its beginning what it is for."""
+
+import re
+import subprocess
+
+import pytest
+from support.pages import GENERATED, NAMES, ROOT
+
+LIMIT = 35_000
+# the changelog, and the page that `python -m studies.laws` makes of the docstrings
+NOT_COUNTED = ("fecloth/CHANGELOG.md", "studies/laws/laws.md")
+BY_HAND = [
+    *(name for name in NAMES if "CHANGELOG" not in name),
+    *(f"fecloth/{name}/README.md" for name in ("distributed", "terms/bending", "terms/contact")),
+    "studies/validation/data/README.md",
+]
+
+
+def pages() -> list[str]:
+    """The pages of the repository, and those that the site has beside them."""
+    command = ["git", "ls-files", "*.md", "*.rst"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [name for name in listed.split() if name not in NOT_COUNTED]
+
+
+def words(name: str) -> int:
+    """Words of a page without its generated part; of a report without tables and findings."""
+    text = GENERATED.sub("", (ROOT / name).read_text(encoding="utf-8"))
+    lines = text.splitlines()
+    if name not in BY_HAND:
+        lines = [line for line in lines if not line.startswith(("|", "- ", "**"))]
+    return len(" ".join(lines).split())
+
+
+def test_all_pages_have_at_most_so_many_words():
+    counts = {name: words(name) for name in pages()}
+    assert set(BY_HAND) <= counts.keys()
+    assert sum(counts.values()) <= LIMIT, dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+
+@pytest.mark.parametrize("name", [*BY_HAND, *(n for n in pages() if n.endswith(".rst"))])
+def test_a_page_begins_with_what_one_can_do_after_it(name):
+    title, beginning = (ROOT / name).read_text(encoding="utf-8").split("\n\n")[:2]
+    assert re.match(r"# |.*\n=+$", title)
+    assert re.search(r"\bAfter this page you (can|know)\b", " ".join(beginning.split()))

@@ -1,0 +1,187 @@
+"""The site: it is built without a warning, has every name and command, and its search answers."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+import tomllib
+from html import unescape
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import quote, unquote
+
+import pytest
+from filelock import FileLock
+from support.browsers import chromium
+from support.pages import ROOT, read
+
+import fecloth as fc
+from fecloth.cli.commands import COMMANDS
+from fecloth.quantities.formula_functions import FUNCTIONS
+
+MISSING = [name for name in ("sphinx", "numpydoc", "myst_parser") if find_spec(name) is None]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(MISSING), reason=f"needs {', '.join(MISSING)} of the extra [docs]"),
+]
+
+(COMMAND,) = re.findall(
+    r"^ {4}\S*sphinx-build (.*)$", read(".github/CONTRIBUTING.md"), re.MULTILINE
+)
+REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Repository"]
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory) -> Path:
+    """The folder of the site, built once by the command of CONTRIBUTING."""
+    shared = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:  # the folder of all workers
+        shared = shared.parent
+    folder, log = shared / "site", shared / "site.log"
+    with FileLock(shared / "site.lock"):
+        if not log.exists():
+            command = [sys.executable, "-m", "sphinx", *shlex.split(COMMAND)[:-1], str(folder)]
+            start = time.perf_counter()
+            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+            seconds = f"built in {time.perf_counter() - start:.0f} s\n"
+            log.write_text(f"{done.returncode}\n{seconds}{done.stderr}", encoding="utf-8")
+    print(log.read_text(encoding="utf-8"))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def pages(site):
+    """The text of each page by its path in the site."""
+    texts = {path: path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
+    assert len(texts) > 20
+    return {path.relative_to(site).as_posix(): text for path, text in texts.items()}
+
+
+def test_it_is_built_without_a_warning(site):
+    assert "-W" in COMMAND
+    status, _, *errors = (site.parent / "site.log").read_text(encoding="utf-8").splitlines()
+    assert (status, errors) == ("0", [])
+
+
+def test_a_page_loads_nothing_from_elsewhere(site, pages):
+    loads = r"<(?:script|link|img|iframe|source)\b[^>]*?(?:src|href)=\"(?:https?:)?//[^\"]*\""
+    for name, text in pages.items():
+        assert re.findall(loads, text) == [], name
+    for style in site.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert re.findall(r"(?:url\(|@import\s)[\"']?(?:https?:)?//.*", text) == [], style
+
+
+def test_links_lead_somewhere(site, pages):
+    ids = {name: set(re.findall(r"\bid=\"([^\"]+)\"", text)) for name, text in pages.items()}
+    for name, text in pages.items():
+        for link in set(map(unescape, re.findall(r"<a\b[^>]*?href=\"([^\"]*)\"", text))):
+            target, _, anchor = unquote(link).partition("#")
+            if link.startswith(REPOSITORY):
+                assert (ROOT / target.removeprefix(f"{REPOSITORY}/")).exists(), f"{name}: {link}"
+            elif not re.match(r"\w+:", link):
+                file = (site / name).parent.joinpath(target).resolve() if target else site / name
+                assert file.is_file(), f"{name}: {link}"
+                page = file.relative_to(site.resolve()).as_posix() if target else name
+                assert not anchor or anchor in ids[page], f"{name}: {link}"
+
+
+def test_the_reference_has_every_public_name(pages):
+    text = "".join(text for name, text in pages.items() if name.startswith("api/"))
+    known = set(re.findall(r"id=\"(fecloth\.[\w.]+)\"", text))
+    modules = {"stability", "study", "verify", "shapes"}  # their names stand there
+    assert {f"fecloth.{name}" for name in fc.__all__ if name not in modules} <= known
+    assert {f"fecloth.study.{name}" for name in ("converge", "Study", "COLOURS")} <= known
+    assert {
+        "fecloth.verify.check_term",
+        "fecloth.shapes.Sphere",
+        "fecloth.homogenisation",
+    } - known == {
+        "fecloth.homogenisation"  # its three functions are names of fecloth
+    }
+
+
+def test_formulas_and_comments_of_fields_are_shown(pages):
+    terms, runs = pages["api/terms.html"], pages["api/runs.html"]
+    assert "½ k_u (|w_u| − b_u)²" in re.sub(r"<[^>]*>", "", terms)
+    assert "wall seconds by phase" in runs
+    assert "Annotated" not in terms + runs
+
+
+def test_the_list_of_commands_has_every_option(pages):
+    text = unescape(re.sub(r"<[^>]*>", "", pages["commands.html"]))
+    for name, command in COMMANDS.items():
+        assert f"fecloth {name}" in text
+        for option in command.options:
+            assert set(option.names) <= set(re.findall(r"[\w-]+", text)), (name, option)
+
+
+def test_the_functions_of_formulas_are_listed(pages):
+    text = unescape(re.sub(r"<[^>]*>", "", pages["scenes.html"]))
+    for name, function in FUNCTIONS.items():
+        assert f"{name}({', '.join(function.arguments)})" in text
+
+
+def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
+    scenes = {path.stem for path in (ROOT / "studies" / "scenes").glob("*.toml")}
+    text = unescape(re.sub(r"<[^>]*>", "", pages["gallery.html"]))
+    assert set(re.findall(r"fecloth run studies/scenes/(\w+)\.toml -o out/\1", text)) == scenes
+    assert set(re.findall(r"fecloth render out/(\w+) -o \1\.png --field", text)) == scenes
+    assert set(re.findall(r"<img [^>]*src=\"_images/(\w+)\.png\"", pages["gallery.html"])) == scenes
+
+
+# --- the search -----------------------------------------------------------------------------------
+
+QUESTIONS = {  # what is typed: page and words of its answer
+    "moved pin": ("scenes.html", "A pin follows the changes of its motion"),
+    "restart a run": ("runs.html", "continues the run in that folder"),
+    "drop a cloth on a table": ("contact.html", 'shape = { type = "Plane"'),
+    "own stress-strain curve": ("terms.html", "Each row must need more stress than the row before"),
+    "arguments of smoothstep": ("scenes.html", "smoothstep(a, b, t)"),
+    "cite fecloth": ("index.html", "Cite"),
+    "which element": ("recommend.html", "Linear triangles (P1) are the default"),
+    "why is the report amber": ("runs.html", "came to its end with warnings"),
+    "how to start a cluster": ("studies.html", "dask scheduler --port"),
+}
+
+
+@pytest.fixture(scope="module")  # as in test_web_page: two cannot be open at once
+def browser():
+    yield from chromium()
+
+
+@pytest.fixture(scope="module")
+def page(browser):
+    return browser.new_page()
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_the_search_answers(question, site, page):
+    """From a file, on the first page of results; the section that it leads to has the answer."""
+    wanted, words = QUESTIONS[question]
+    start = time.perf_counter()
+    page.goto(f"{(site / 'search.html').as_uri()}?q={quote(question)}")
+    page.wait_for_selector("#results li")
+    links = page.eval_on_selector_all("#results a", "all => all.map(a => a.getAttribute('href'))")
+    seconds = time.perf_counter() - start
+    assert 0 < len(links) <= 10
+    answers = [
+        link for link in links if link.startswith(f"{wanted}#") and words in told(page, site, link)
+    ]
+    assert answers, links
+    print(f"{question}: result {links.index(answers[0]) + 1}, {seconds:.1f} s")
+
+
+def told(page, site, link):
+    """The text of the section that a result leads to."""
+    page.goto(f"{site.as_uri()}/{link}")
+    text = page.evaluate("document.getElementById(decodeURI(location.hash.slice(1))).innerText")
+    return " ".join(text.split())
+
+
+def test_words_that_no_section_has_find_nothing(site, page):
+    page.goto(f"{(site / 'search.html').as_uri()}?q=xylophone")
+    page.wait_for_function("document.getElementById('told').innerText.startsWith('No section')")
+    assert page.query_selector("#results li") is None
