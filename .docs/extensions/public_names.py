@@ -8,6 +8,7 @@ import inspect
 import re
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_type_hints
@@ -35,6 +36,7 @@ class Reference(Generated):
         )
 
 
+@cache
 def names() -> dict[str, object]:
     """Return each public name as a reader writes it, without modules, and its value."""
     found = {}
