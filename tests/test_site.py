@@ -8,6 +8,7 @@ import sys
 import time
 import tomllib
 from html import unescape
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote, unquote
@@ -15,7 +16,7 @@ from urllib.parse import quote, unquote
 import pytest
 from filelock import FileLock
 from support.browsers import chromium
-from support.pages import ROOT, read
+from support.pages import NAMES, ROOT, read
 
 import fecloth as fc
 from fecloth.cli.commands import COMMANDS
@@ -74,6 +75,12 @@ def test_a_page_loads_nothing_from_elsewhere(site, pages):
         assert re.findall(r"(?:url\(|@import\s)[\"']?(?:https?:)?//.*", text) == [], style
 
 
+def test_every_page_written_by_hand_is_a_chapter():
+    stubs = (ROOT / ".docs").rglob("*.md")
+    included = re.findall(r"\{include\} (?:\.\./)+(\S+)", "".join(f.read_text() for f in stubs))
+    assert set(NAMES) <= set(included)
+
+
 def test_links_lead_somewhere(site, pages):
     ids = {name: set(re.findall(r"\bid=\"([^\"]+)\"", text)) for name, text in pages.items()}
     for name, text in pages.items():
@@ -130,6 +137,29 @@ def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
     assert set(re.findall(r"fecloth run studies/scenes/(\w+)\.toml -o out/\1", text)) == scenes
     assert set(re.findall(r"fecloth render out/(\w+) -o \1\.png --field", text)) == scenes
     assert set(re.findall(r"<img [^>]*src=\"_images/(\w+)\.png\"", pages["gallery.html"])) == scenes
+
+
+@pytest.fixture
+def public_names(monkeypatch):
+    """The extension that lists them."""
+    monkeypatch.syspath_prepend(ROOT / ".docs" / "extensions")
+    return import_module("public_names")
+
+
+def test_a_public_name_on_no_page_ends_the_build(public_names, monkeypatch, tmp_path):
+    for page in public_names.PAGES.glob("*.rst"):
+        text = page.read_text(encoding="utf-8").replace("reference:: terms", "reference:: none")
+        (tmp_path / page.name).write_text(text, encoding="utf-8")
+    monkeypatch.setattr(public_names, "PAGES", tmp_path)
+    with pytest.raises(Exception, match="no page .* has the package of fecloth.BaraffWitkin, "):
+        public_names.require_all(None)
+
+
+def test_formulas_of_docstrings_become_blocks(public_names):
+    lines = ["The energy of |x| is", "", "    W = ½ |x|²", "", "and", "", "- a", "", "    of |a|"]
+    public_names.as_written(None, "class", "x", None, None, lines)
+    shown = ["The energy of \\|x\\| is", "", "::", "", "    W = ½ |x|²", "", "and", "", "- a", ""]
+    assert lines == [*shown, "    of \\|a\\|"]
 
 
 # --- the search -----------------------------------------------------------------------------------

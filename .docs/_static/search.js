@@ -8,8 +8,9 @@ const TITLE = 6, PAGE_TITLE = 2; // how often a word counts in the title of a se
 const NAME = 0.5; // of a public name, beside the chapters, unless it is asked for as it is written
 const PREFIX = 0.5; // of a word that only begins with the word of the question
 const COMMON = new Set(
-  ("a an and are as at be by can do does for from has have how i if in into is it its me my of on or " +
-   "our that the their there this to was we what when where which who why will with you your").split(" ")
+  ("a an and are as at be by can do does for from get has have how i if in into is it its me my need of " +
+   "on onto or our over should take that the their there this to use using want was we what when where " +
+   "which who why will with you your").split(" ")
 );
 
 function stem(word) {
@@ -26,9 +27,12 @@ function stemOfDoubled(word) { // of "pinned": pin
   return (doubled ? word.slice(0, -1) : word).replace(/e$/, "");
 }
 
-function wordsOf(text) {
-  const parts = text.normalize("NFKC").toLowerCase().match(/[\p{L}\p{N}]+/gu) || [];
-  return parts.filter((word) => !COMMON.has(word)).map(stem);
+function wordsOf(text) { // SelfContact counts as itself, and as "self contact"
+  const parts = (text.normalize("NFKC").match(/[\p{L}\p{N}]+/gu) || []).flatMap((word) => {
+    const pieces = word.match(/\p{Lu}\p{Ll}+/gu) || [];
+    return pieces.length > 1 ? [word, ...pieces] : [word];
+  });
+  return parts.map((word) => word.toLowerCase()).filter((word) => !COMMON.has(word)).map(stem);
 }
 
 function counted(words) {
@@ -59,22 +63,24 @@ function countIn(unit, word) {
 function ranked(question) {
   const words = [...new Set(wordsOf(question))];
   const scores = new Map();
+  let all = 0;
   for (const word of words) {
     const counts = UNITS.map((unit) => countIn(unit, word));
     const having = counts.filter((count) => count > 0).length;
     const rarity = Math.log(1 + (UNITS.length - having + 0.5) / (having + 0.5));
+    all += rarity;
     counts.forEach((count, i) => {
       if (!count) return;
       const room = SATURATION * (1 - BY_LENGTH + BY_LENGTH * UNITS[i].length / MEAN_LENGTH);
       const known = scores.get(i) || { score: 0, found: 0 };
       known.score += rarity * count * (SATURATION + 1) / (count + room);
-      known.found += 1;
+      known.found += rarity;
       scores.set(i, known);
     });
   }
   const results = [...scores].map(([i, { score, found }]) => ({
-    unit: UNITS[i], // a section with all words comes first
-    score: score * found / words.length * weight(UNITS[i], question.trim().toLowerCase()),
+    unit: UNITS[i], // a section with all words, or the rare ones, comes first
+    score: score * found / all * weight(UNITS[i], question.trim().toLowerCase()),
   }));
   return { words, results: results.sort((a, b) => b.score - a.score) };
 }
