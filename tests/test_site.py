@@ -170,7 +170,7 @@ QUESTIONS = {  # what is typed: page and words of its answer
     "drop a cloth on a table": ("contact.html", 'shape = { type = "Plane"'),
     "own stress-strain curve": ("terms.html", "Each row must need more stress than the row before"),
     "arguments of smoothstep": ("scenes.html", "smoothstep(a, b, t)"),
-    "cite fecloth": ("index.html", "Cite"),
+    "cite fecloth": ("index.html", "A citation names fecloth"),
     "which element": ("recommend.html", "Linear triangles (P1) are the default"),
     "why is the report amber": ("runs.html", "came to its end with warnings"),
     "how to start a cluster": ("studies.html", "dask scheduler --port"),
