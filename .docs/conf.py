@@ -37,6 +37,7 @@ html_sidebars = {"**": ["about.html", "searchfield.html", "navigation.html"]}
 html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = html_show_copyright = html_show_sphinx = False
 html_use_index = False  # the search finds names, too
+html_additional_pages = {"search": "search.html"}  # in place of Sphinx' own, see section_index
 
 myst_heading_anchors = 4  # as on the repository's own pages
 default_role = "py:obj"  # `System` in a docstring leads to it

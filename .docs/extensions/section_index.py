@@ -58,6 +58,11 @@ def titles(node: nodes.Node) -> list[str]:
     return found
 
 
+def leave_out_other(app: Sphinx) -> None:
+    """Do not build Sphinx' own search: from a file it has no excerpts, and it ranks whole pages."""
+    app.builder.search = False
+
+
 def write(app: Sphinx, exception: Exception | None) -> None:
     if exception is None and app.builder.format == "html":
         rows = [row for name in sorted(app.env.sections) for row in app.env.sections[name]]
@@ -68,6 +73,7 @@ def write(app: Sphinx, exception: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", leave_out_other)
     app.connect("doctree-resolved", collect)
     app.connect("build-finished", write)
     return {"parallel_read_safe": True, "parallel_write_safe": False}
