@@ -152,10 +152,18 @@ def _read_vtu(file: Path, t: float) -> Frame:
     return Frame(t, mesh.points, mesh.cells[0].data, mesh.point_data, cell_data)
 
 
+def h5py():
+    """Return the package, or raise an `InputError` that says how to install it."""
+    try:
+        import h5py
+    except ImportError as error:
+        remedy = 'Install it: in the clone, pip install ".[hdf]", or write format = "vtu".'
+        raise InputError("a .vtkhdf file needs the package h5py", remedy=remedy) from error
+    return h5py
+
+
 @contextmanager
 def _hdf(file: Path) -> Iterator:
-    from fecloth.output.vtkhdf_writer import h5py
-
     try:
         with h5py().File(file, "r", locking=False) as opened:
             yield opened["VTKHDF"]

@@ -73,7 +73,7 @@ class Table:
 
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
-TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf", "run.vtkhdf.redo")
+TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf")
 LISTS = ("*.pvd", "*.vtu.series")  # only lists of these files:
 FRAMES = ("frame_", "obstacles_")  # in frames/
 

@@ -16,7 +16,7 @@ from fecloth.runs import outcome
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import Watch, peak_memory, versions
 from fecloth.runs.folder import RunFolder
-from fecloth.runs.outcome import FAILED, INTERRUPTED, SceneResult, place_in_words
+from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, place_in_words
 from fecloth.runs.restart import Progress, Restart
 from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
@@ -221,6 +221,8 @@ class Recorder:
                     memory, accounts = self.progress.memory, self.progress.accounts
                     accounts = self._frame(state, memory, accounts, ended=True)
                     self.progress = replace(self.progress, accounts=accounts)
+                if status == DONE:
+                    self.files.gather()
         except InputError as full:
             status, error = FAILED, error or full
         self.files.close()
@@ -241,7 +243,8 @@ class Recorder:
             for line in (*accounts.words(), f"{words}: {error}" if error else words):
                 self.folder.log(line)
             self._report(summary)
-            self.folder.summary(summary)  # last: `--resume` writes all of this if it is missing
+            self.folder.summary(summary)  # `--resume` writes all of this if it is missing
+            self.files.remove_gathered()
         except InputError as full:
             status, error = FAILED, error or full
         return self._result(status, summary, accounts, error, resumes)
@@ -263,7 +266,7 @@ class Recorder:
             **outcome.count_sizes(self.problem.system),
             "method": str(self.problem.method),
             "frames": len(self.files.frames.times),
-            "open": self.files.frames.opens.name,
+            "open": self.files.opens.name,
             "solver": why,
             "threads": self.problem.system.team.used,
             "seconds": self.watch.seconds | {"total": self.watch.total},

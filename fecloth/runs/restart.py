@@ -218,7 +218,8 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
         raise InputError(f"{folder} has another start", allowed)
     t = restart.progress.state.t
     to_go = now.get("time.t_end", 1.0) - t  # of [equilibrium]: all loads
-    if to_go < 0 or (to_go == 0 and _summary(folder).get("t") == t):  # a killed run may have none
+    ended = _summary(folder)  # empty of a killed run
+    if to_go < 0 or (to_go == 0 and ended.get("t") == t and ended.get("status") == DONE):
         if "time.t_end" not in now:
             raise InputError(f"the run in {folder} is complete", "nothing is left to do")
         allowed = f"the run in {folder} has already reached {t:g} s"

@@ -3,15 +3,16 @@
 import math
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from fecloth.errors import InputError, amount
-from fecloth.output.atomic_files import flush_to_disk
+from fecloth.output.atomic_files import flush_to_disk, writing
 from fecloth.output.frame_arrays import fields
-from fecloth.output.frame_reader import Frame
+from fecloth.output.frame_reader import Frame, Series
 from fecloth.output.frames import Frames
 from fecloth.output.obstacle_frames import ObstacleFrames
-from fecloth.output.vtkhdf_writer import HdfFrames
+from fecloth.output.vtkhdf_writer import gather
 from fecloth.output.vtu_writer import Arrays
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.restart import Progress
@@ -20,7 +21,7 @@ from fecloth.simulation.march import Memory
 from fecloth.system.state import State
 from fecloth.view.web_page import keep_shown
 
-FORMATS = {"vtu": (Frames, "run"), "vtkhdf": (HdfFrames, "run.vtkhdf")}
+GATHERED = "run.vtkhdf"
 TABLES = ("steps", "energies", "observed", "strains")
 MOST_FRAMES = 100_000
 _FEWER = "Raise every, or lower frames, in [output]."
@@ -31,8 +32,8 @@ class RunFiles:
 
     def __init__(self, folder: RunFolder, problem: Problem):
         self.folder, self.problem = folder, problem
-        frames, name = FORMATS[problem.frame_format]
-        self.frames = frames(folder.path / name, problem.cloth, problem.system)
+        self.frames = Frames(folder.path / "run", problem.cloth, problem.system)
+        self.opens = self.frames.opens  # the file for ParaView
         self.obstacles = ObstacleFrames(folder.path, problem.system, problem.state.x)
         self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
         self.shown: Frame | None = None  # the last frame written
@@ -40,6 +41,8 @@ class RunFiles:
 
     def keep(self) -> None:
         """Continue after the frames of the rows in strains.csv; remove later ones."""
+        if not self.opens.exists():
+            self._scatter()
         self.frames.keep(self.tables["strains"].column("t"))
         self.on_disk = len(self.frames.times)
         self.obstacles.keep(self.frames.times)
@@ -86,6 +89,28 @@ class RunFiles:
         flush_to_disk(*(table.path for table in self.tables.values()), *frames)
         flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
         self.on_disk = len(self.frames.times)
+
+    def _scatter(self) -> None:
+        """Write the frames of a whole run anew, as it goes on beyond its end."""
+        series = Series.open(self.folder.path)
+        for i in range(len(series.times)):
+            frame = series.read(i)
+            state = State(frame.t, frame.points, frame.point_data["velocity"])
+            self.frames.add(state, (frame.point_data, frame.cell_data))
+        (self.folder.path / GATHERED).unlink(missing_ok=True)
+
+    def gather(self) -> None:
+        """Write the frames of a whole run into one file, if the scene asks for it."""
+        if self.problem.frame_format == "vtkhdf":
+            self.opens = gather(Series.open(self.folder.path), self.folder.path / GATHERED)
+
+    def remove_gathered(self) -> None:
+        """Remove the frames, first the lists of them, if they are in one file."""
+        for file in reversed(self.frames.files(0) if self.opens != self.frames.opens else []):
+            with writing(file):
+                file.unlink()
+        with suppress(OSError):  # it holds frames, or obstacles
+            (self.folder.path / "frames").rmdir()
 
     def close(self) -> None:
         for table in self.tables.values():

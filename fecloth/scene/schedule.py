@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import StepChoice
-from fecloth.output.vtkhdf_writer import h5py
+from fecloth.output.frame_reader import h5py
 from fecloth.quantities.units import RATE, SPEED, TIME
 from fecloth.scene.table_model import Table, one_of, require_exactly_one, table_of
 from fecloth.simulation.load_steps import LoadSteps
@@ -153,7 +153,8 @@ class Output(Table):
     every_steps: int | None = Field(default=None, ge=1)
     """In place of `frames`: steps between two frames."""
     format: Literal["vtu", "vtkhdf"] = "vtu"
-    """A file for each frame (vtu), or one for all (vtkhdf)."""
+    """A file for each frame (vtu); or one for all (vtkhdf), into which a run gathers them at its
+    end."""
     restart_steps: int | None = Field(default=None, ge=1)
     """Steps between two restart files."""
     restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)

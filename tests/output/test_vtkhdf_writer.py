@@ -1,14 +1,24 @@
-"""Transient VTKHDF: what VTK's own reader finds at every time, while a run goes on and after it."""
+"""Transient VTKHDF: what VTK's own reader finds at every time after a run."""
 
+import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.rundirs import hdf_values, written
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.output.atomic_files import DiskFull
 from fecloth.output.frame_arrays import fields
-from fecloth.output.vtkhdf_writer import HdfFrames
+from fecloth.output.frame_reader import Series
+from fecloth.output.frames import write_vtk
+from fecloth.output.vtkhdf_writer import gather
+from fecloth.runs import run_files
+from fecloth.runs.run_files import RunFiles
+from fecloth.runs.run_scene import run_scene
+from fecloth.scene.scene import load_scene
 
 h5py = pytest.importorskip("h5py")
 vtk = pytest.importorskip("vtk")
@@ -47,14 +57,17 @@ def swinging(element):
     return system, [system.rest(), *(state for state, info in steps)]
 
 
+def gathered(folder, system, states):
+    """The states in one file, written as frames first."""
+    write_vtk(folder / "run", system.cloth, states, system)
+    return gather(Series.open(folder), folder / "run.vtkhdf")
+
+
 @pytest.mark.parametrize(("element", "cell"), [("P1", 5), ("P2", 22)])
 def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
     system, states = swinging(element)
-    frames = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
-    for state in states:
-        frames.add(state)
-    read = Reader(frames.path)
-    assert read.times == [state.t for state in states] == frames.times
+    read = Reader(gathered(tmp_path, system, states))
+    assert read.times == [state.t for state in states]
     for state in (*states, *states[::-1]):  # forwards and back, as one drags a slider
         points, cells, point_data, cell_data, kind = read.at(state.t)
         assert kind == cell
@@ -66,27 +79,11 @@ def test_vtk_reads_every_value_at_every_time(element, cell, tmp_path):
                 assert np.array_equal(found[name], values), (name, state.t)
 
 
-def test_each_frame_can_be_read_before_the_next_also_under_a_lock(tmp_path):
-    fcntl = pytest.importorskip("fcntl")
-    system, states = swinging("P1")
-    frames = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
-    frames.add(states[0])
-    with frames.path.open("rb") as other:
-        fcntl.flock(other, fcntl.LOCK_SH)  # as HDF5 itself does for a reader
-        for i, state in enumerate(states[1:], 2):
-            frames.add(state)
-            read = Reader(frames.path)
-            assert read.times == [s.t for s in states[:i]]
-            assert np.array_equal(read.at(state.t)[0], state.x)
-
-
 def test_the_topology_is_shared(tmp_path):
     system, states = swinging("P1")
-    frames = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
-    for state in states:
-        frames.add(state)
+    file = gathered(tmp_path, system, states)
     n, m = len(system.cloth.X), len(system.cloth.triangles)
-    with h5py.File(frames.path) as file:
+    with h5py.File(file) as file:
         root = file["VTKHDF"]
         assert root["Connectivity"].shape == (3 * m,)
         assert root["Points"].shape == (6 * n, 3)
@@ -94,27 +91,6 @@ def test_the_topology_is_shared(tmp_path):
         for name in ("PartOffsets", "CellOffsets", "ConnectivityIdOffsets"):
             assert root["Steps"][name].shape[0] == 6
             assert not np.any(root["Steps"][name])
-
-
-def test_a_run_goes_on_after_the_frames_it_keeps(tmp_path):
-    system, states = swinging("P1")
-    first = HdfFrames(tmp_path / "run.vtkhdf", system.cloth, system)
-    for state in states[:5]:
-        first.add(state)
-    again = HdfFrames(first.path, system.cloth, system)
-    again.keep(first.times[:2])
-    for state in states[2:]:
-        again.add(state)
-    read = Reader(first.path)
-    assert read.times == [state.t for state in states] == again.times
-    for state in states:
-        points, _, _, cell_data, _ = read.at(state.t)
-        assert np.array_equal(points, state.x)
-        assert np.array_equal(
-            cell_data["energy_density"], fields(system, state)[1]["energy_density"]
-        )
-    with h5py.File(first.path) as file:
-        assert len(file["VTKHDF/Points"]) == 6 * len(system.cloth.X)
 
 
 SCENE = """
@@ -146,6 +122,75 @@ def test_a_scene_writes_either_format_with_the_same_numbers(tmp_path, monkeypatc
     assert not list((tmp_path / "b").glob("frames/*"))
     assert main(["run", "scene.toml", "-o", "b", "--overwrite", "--quiet"]) == 0
     assert not (tmp_path / "b" / "run.vtkhdf").exists()
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return load_scene("scene.toml", ["output.format='vtkhdf'", "output.restart_steps=2"])
+
+
+def test_a_full_disk_at_the_end_leaves_the_frames_and_the_run_goes_on(scene, monkeypatch):
+    def refuse(*_):
+        raise DiskFull("out/run.vtkhdf cannot be written: no space")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(run_files, "gather", refuse)
+        outcome = run_scene(scene, "out")
+    assert outcome.status == "failed"
+    assert "no space" in str(outcome.error)
+    assert outcome.summary["open"] == "run.pvd"
+    assert len(Series.open("out").times) == 6
+    assert run_scene(scene, "out", resume=True).summary["open"] == "run.vtkhdf"
+    assert Reader("out/run.vtkhdf").times == pytest.approx([0.01 * i for i in range(6)])
+
+
+def test_a_run_that_is_killed_while_it_removes_its_frames_is_whole(scene, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(RunFiles, "remove_gathered", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_scene(scene, "out")
+    with pytest.raises(fc.InputError, match=r"has already reached 0.05 s"):
+        run_scene(scene, "out", resume=True)
+    assert len(Reader("out/run.vtkhdf").times) == 6
+
+
+def test_a_run_that_is_killed_while_it_gathers_its_frames_goes_on(scene, monkeypatch):
+    run_scene(scene, "whole")
+    with monkeypatch.context() as patched:
+        patched.setattr(run_files, "gather", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_scene(scene, "out")
+    run_scene(scene, "out", resume=True)
+    assert written("out") == written("whole")
+
+
+def test_a_run_that_stops_early_keeps_its_frames(scene):
+    def stop(info):
+        if info.step == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    assert run_scene(scene, "out", report=stop).status == "interrupted"
+    assert len(Series.open("out").times) == 4
+    assert not Path("out/run.vtkhdf").exists()
+    run_scene(scene, "out", resume=True)
+    assert len(Reader("out/run.vtkhdf").times) == 6
+
+
+def test_a_whole_run_goes_on_beyond_its_end(scene):
+    keys = ["output.format='vtkhdf'", "output.restart_steps=2"]
+    run_scene(scene, "out")
+    assert not Path("out/run.pvd").exists()
+    for folder, resume in (("out", True), ("whole", False)):
+        longer = load_scene("scene.toml", [*keys, "time.t_end=0.08"])
+        run_scene(longer, folder, resume=resume)
+    assert len(Reader("out/run.vtkhdf").times) == 9
+    assert hdf_values("out/run.vtkhdf") == hdf_values("whole/run.vtkhdf")
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
 
 
 def test_missing_h5py_is_reported_before_the_run(tmp_path, monkeypatch, capsys):

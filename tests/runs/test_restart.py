@@ -23,10 +23,8 @@ from fecloth import integrators
 from fecloth.cli.main import main
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.nonlinear.statistics import Counts
-from fecloth.output import write_ahead_log
 from fecloth.output.frames import Frames, read_frame
 from fecloth.runs import restart
-from fecloth.runs.folder import TABLES
 from fecloth.runs.recorder import Recorder
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.scene import load_scene
@@ -186,36 +184,6 @@ def test_a_run_that_is_killed_while_it_closes_is_closed(scene, tmp_path, monkeyp
         run_scene(load_scene(scene), tmp_path / "out", resume=True)
 
 
-def go_and_die(scene, folder):
-    """Killed while the bytes of the seventh frame go to their places in run.vtkhdf."""
-    made = []
-
-    def half(path, size, places, data):
-        made.append(path)
-        if len(made) == 6:  # the first frame makes the file
-            make(path, size, places[: len(places) // 2], data)
-            os.kill(os.getpid(), signal.SIGKILL)
-        make(path, size, places, data)
-
-    make, write_ahead_log._make = write_ahead_log._make, half
-    go(scene, folder, False)
-
-
-@pytest.mark.slow
-def test_a_run_that_is_killed_within_a_frame_of_vtkhdf_goes_on(tmp_path):
-    pytest.importorskip("h5py")
-    scene, whole, broken = tmp_path / "sheet.toml", tmp_path / "whole", tmp_path / "broken"
-    scene.write_text(TEXT + RUNS["vtkhdf"].replace("restart_steps = 50", "restart_steps = 40"))
-    run_scene(load_scene(scene), whole)
-    child = SERVER.Process(target=go_and_die, args=(str(scene), str(broken)))
-    child.start()
-    child.join()
-    assert child.exitcode == -signal.SIGKILL
-    assert (broken / "run.vtkhdf.redo").exists()
-    run_scene(load_scene(scene), broken, resume=True)
-    assert written(broken) == written(whole)
-
-
 def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
     scene, tmp_path, monkeypatch
 ):
@@ -245,19 +213,6 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
         "restart_000000060.npz",
     ]
     assert missed == []
-
-
-def test_a_spoilt_vtkhdf_is_refused_and_no_other_file_is_touched(scene, tmp_path):
-    pytest.importorskip("h5py")
-    scene.write_text(TEXT + RUNS["vtkhdf"])
-    interrupted(scene, tmp_path / "out", 70)
-    file = tmp_path / "out" / "run.vtkhdf"
-    file.write_bytes(file.read_bytes()[:2000])
-    before = {f.name: f.read_bytes() for f in (tmp_path / "out").rglob("*.*")}
-    with pytest.raises(fc.InputError, match=r"run.vtkhdf cannot be read.*--overwrite"):
-        go(scene, tmp_path / "out", resume=True)
-    changed = {n for n, d in before.items() if d != next((tmp_path / "out").rglob(n)).read_bytes()}
-    assert changed <= {"run.log", "scene.resolved.toml", *TABLES}
 
 
 # --- what goes on, and what does not --------------------------------------------------------------
