@@ -1,46 +1,33 @@
-"""Aggregates of coupled nodes and their rigid motions: the coarse unknowns of multigrid.
+"""Aggregates of coupled nodes: coarse unknowns of multigrid, prolongator P and matrix Pᵀ A P.
 
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
-and fourth order elliptic problems, sections 4.1 (aggregates) and 3 (tentative prolongator).
+and fourth order elliptic problems, sections 4.1 (aggregates) and 3 (prolongator).
+
+An aggregate has six unknowns, the sizes of its rigid motions: "nodes" 2a and 2a + 1 of the coarse
+matrix are the first three and the last three motions of aggregate a.
 """
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
-from fecloth.compiled.team import Team
-from fecloth.linalg.block_matrix import BlockPattern
+from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
 DEPENDENT = 1e-10  # of a motion's size: where orthogonalisation leaves less, nothing is left
+DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3
+FULL = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # (3, 3) of a block's entries 11, 22, 33, 23, 13, 12
 
 
-@dataclass(frozen=True)
-class Aggregates:
-    """Disjoint groups of neighbours that cover all nodes of a pattern."""
-
-    of_node: np.ndarray  # (n,) int32 aggregate of each node
-    # Aggregate a has the nodes members[starts[a]] … members[starts[a + 1] − 1], ascending.
-    starts: np.ndarray
-    members: np.ndarray
-
-    @classmethod
-    def from_pattern(cls, pattern: BlockPattern) -> Self:
-        """Group the nodes by the pattern alone."""
-        of_node = np.full(len(pattern), -1, np.int32)
-        count = _aggregate(pattern.indptr, pattern.indices, of_node)
-        members = np.argsort(of_node, kind="stable").astype(np.int32)
-        starts = np.searchsorted(of_node[members], np.arange(count + 1)).astype(np.int32)
-        return cls(of_node, starts, members)
-
-    def __len__(self) -> int:
-        return len(self.starts) - 1
+def aggregate(pattern: BlockPattern) -> np.ndarray:
+    """(n,) int32 number of each node's aggregate: a node and its neighbours, by the pattern."""
+    of_node = np.full(len(pattern), -1, np.int32)
+    _aggregate(pattern.indptr, pattern.indices, of_node)
+    return of_node
 
 
 @kernel
-def _aggregate(indptr: Array, indices: Array, of_node: Array) -> int:
-    """Number the aggregates in `of_node`, −1 at first; returns their number."""
+def _aggregate(indptr: Array, indices: Array, of_node: Array) -> None:
+    """Number the aggregates in `of_node`, −1 at first."""
     n, count = len(of_node), 0
     for i in range(n):  # a node whose neighbours are all free makes an aggregate with them
         row = indices[indptr[i] : indptr[i + 1]]
@@ -61,60 +48,76 @@ def _aggregate(indptr: Array, indices: Array, of_node: Array) -> int:
     for i in range(n):
         if of_node[i] >= n:
             of_node[i] -= n
-    return count
+
+
+def coarse_pattern(pattern: BlockPattern, of_node: np.ndarray) -> BlockPattern:
+    """The pattern of Pᵀ A P."""
+    n = len(pattern)
+    A = sparse.csr_matrix((np.ones_like(pattern.indices), pattern.indices, pattern.indptr))
+    P = A @ sparse.csr_matrix((np.ones(n, np.int32), of_node, np.arange(n + 1)))
+    pairs = sparse.kron(P.T @ (A @ P), np.ones((2, 2)), format="csr")
+    pairs.sort_indices()
+    return BlockPattern(pairs.indptr, pairs.indices)
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:
-    """(n, 3, 6) displacements of nodes at x (n, 3): three translations, three rotations."""
+    """(6, n, 3) displacements of nodes at x (n, 3): three translations, three rotations."""
     # The rotations are e × (x − centre) about the axes e through the mean position.
-    motions = np.zeros((len(x), 3, 6))
-    motions[:, :, :3] = np.eye(3)
-    arm = x - x.mean(axis=0)
-    for axis in range(3):
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    return motions
+    arm, axes = x - x.mean(axis=0), np.eye(3)[:, None]
+    return np.concatenate([np.broadcast_to(axes, (3, *x.shape)), np.cross(axes, arm)])
 
 
-def orthonormalise(aggregates: Aggregates, motions: np.ndarray, team: Team) -> np.ndarray:
-    """(m, 6, 6) R of the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
+def is_coupled(A: BlockMatrix) -> np.ndarray:
+    """(n, 3) whether a component of a node is coupled to another node; by a pin it is not."""
+    filled = A.values.any(axis=2)
+    blocks: np.ndarray = np.add.reduceat(filled, A.pattern.indptr[:-1], dtype=np.int32)
+    return blocks > 1  # the block on the diagonal is always filled
 
-    The `motions` (n, 3, 6) are B, overwritten with Q. A motion that depends on motions before it
-    leaves zeros. The team shares the aggregates.
+
+def orthonormalise(of_node: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    """(6, 2m, 3) R of the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
+
+    The `motions` (6, n, 3) are B, overwritten with Q. A motion that depends on motions before it
+    leaves zeros. The columns of R are the motions of the coarse nodes.
     """
-    m = len(aggregates)
-    coarse = np.empty((m, 6, 6))
-    data = aggregates.starts, aggregates.members, motions, coarse
-    team.each(m, lambda part: (_orthonormalise, (*data, part.start, part.stop)), m)
-    return coarse
+    m = of_node.max() + 1
+    R = np.zeros((6, m, 6))
+
+    def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.bincount(of_node, np.einsum("nc,nc->n", a, b), m)
+
+    for k, motion in enumerate(motions):
+        before = dot(motion, motion)
+        for j in 2 * [*range(k)]:
+            overlap = dot(motions[j], motion)
+            R[k, :, j] += overlap
+            motion -= overlap[of_node, None] * motions[j]
+        after = dot(motion, motion)
+        size = np.sqrt(np.where(after > DEPENDENT**2 * before, after, 0.0))
+        R[k, :, k] = size
+        motion *= np.divide(1.0, size, where=size > 0.0, out=np.zeros(m))[of_node, None]
+    return R.reshape(6, 2 * m, 3)
 
 
-@kernel
-def _orthonormalise(
-    starts: Array, members: Array, motions: Array, coarse: Array, begin: int, end: int
-) -> None:
-    for a in range(begin, end):
-        nodes = members[starts[a] : starts[a + 1]]
-        coarse[a] = 0.0
-        for k in range(6):
-            before = 0.0
-            for i in nodes:
-                for c in range(3):
-                    before += motions[i, c, k] ** 2
-            for m in range(2 * k):
-                overlap = 0.0
-                for i in nodes:
-                    for c in range(3):
-                        overlap += motions[i, c, m % k] * motions[i, c, k]
-                coarse[a, m % k, k] += overlap
-                for i in nodes:
-                    for c in range(3):
-                        motions[i, c, k] -= overlap * motions[i, c, m % k]
-            after = 0.0
-            for i in nodes:
-                for c in range(3):
-                    after += motions[i, c, k] ** 2
-            size = np.sqrt(after) if after > DEPENDENT**2 * before else 0.0
-            coarse[a, k, k] = size
-            for i in nodes:
-                for c in range(3):
-                    motions[i, c, k] = motions[i, c, k] / size if size > 0.0 else 0.0
+def prolongator(
+    A: BlockMatrix, inverse: np.ndarray, of_node: np.ndarray, motions: np.ndarray
+) -> sparse.bsr_matrix:
+    """P (3n, 6m) = (I − DAMPING D⁻¹ A) T."""
+    # `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`, and `motions` (6, n, 3) are T.
+    n = len(of_node)
+    starts = np.arange(n + 1)
+    T = sparse.bsr_matrix((motions.transpose(1, 2, 0), of_node, starts))
+    D = sparse.bsr_matrix((inverse[:, FULL], starts[:-1], starts))
+    P = -DAMPING * D @ (A.shared @ T)
+    P.data[P.indices == np.repeat(of_node, np.diff(P.indptr))] += T.data
+    return P
+
+
+def coarse_matrix(A: BlockMatrix, P: sparse.bsr_matrix, pattern: BlockPattern) -> BlockMatrix:
+    """Pᵀ A P on its pattern, with 1 on the diagonal where P has an empty column."""
+    product = P.T @ (A.shared @ P)
+    product.sort_indices()
+    values = product.tobsr((3, 3)).data
+    diagonal = pattern.diagonal[:, None], range(3), range(3)
+    values[diagonal] += values[diagonal] == 0.0
+    return BlockMatrix(pattern, values, A.team)

@@ -93,11 +93,11 @@ class BlockMatrix:
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
         """A x for x of shape (n, 3)."""
-        product: np.ndarray = self._shared @ np.ravel(x).astype(float, copy=False)
+        product: np.ndarray = self.shared @ np.ravel(x).astype(float, copy=False)
         return product.reshape(-1, 3)
 
     @property
-    def _shared(self) -> sparse.bsr_matrix:
+    def shared(self) -> sparse.bsr_matrix:
         """A SciPy matrix with the arrays of this one."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr
@@ -105,14 +105,14 @@ class BlockMatrix:
 
     def plus(self, other: sparse.spmatrix) -> "BlockMatrix":
         """The sum with a SciPy matrix (3n, 3n), whose pattern is a new object."""
-        total = self._shared + other.tobsr((3, 3))
+        total = self.shared + other.tobsr((3, 3))
         total.sort_indices()
         starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
         return BlockMatrix(BlockPattern(starts, columns), total.data, self.team)
 
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""
-        return self._shared.copy()
+        return self.shared.copy()
 
 
 @kernel

@@ -24,17 +24,24 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import SMALL
 from fecloth.compiled.threads import ONLY, Member, part_of, wait
-from fecloth.linalg.aggregation import Aggregates, orthonormalise, rigid_motions
+from fecloth.linalg.aggregation import (
+    aggregate,
+    coarse_matrix,
+    coarse_pattern,
+    is_coupled,
+    orthonormalise,
+    prolongator,
+    rigid_motions,
+)
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
-from fecloth.linalg.coarse_matrix import Transfer, add_prolonged, clear_uncoupled, restrict
 from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step
 from fecloth.linalg.gauss_seidel import (
     SweepOrder,
-    gather,
     permute,
     permute_back,
     sweep_backward,
@@ -44,25 +51,14 @@ from fecloth.linalg.gauss_seidel import (
 from fecloth.linalg.pcg import PCG, invert_diagonal
 from fecloth.linalg.protocol import SolveInfo, block_rows, subtract_product
 
-NONE, EMPTY = np.zeros((0, 3, 6)), np.zeros(1, np.int32)  # no prolongator
-DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3
-
 
 @dataclass(frozen=True)
 class Grid:
-    """What a level owes to the pattern of its matrix alone; `transfer` is None for the coarsest."""
+    """What a level owes to the pattern of its matrix alone."""
 
     pattern: BlockPattern
     order: SweepOrder
-    transfer: Transfer | None
-
-    @property
-    def transfer_arrays(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """P by columns and by rows: starts and rows; indptr and indices."""
-        if self.transfer is None:
-            return (EMPTY, EMPTY[:0]), (EMPTY, EMPTY[:0])
-        own = self.transfer
-        return (own.starts, own.rows), (own.indptr, own.indices)
+    of_node: np.ndarray  # (n,) int32 aggregate of each node
 
 
 @dataclass(frozen=True)
@@ -72,22 +68,23 @@ class Level:
     grid: Grid
     A: BlockMatrix  # the matrix
     # (b − n, 3, 3) its blocks beside the diagonal, by colours. The blocks of the finest level are
-    # in single precision, as are P and `columns`: reading them from memory takes most of the time.
+    # in single precision, as are P and Pᵀ: reading them from memory takes most of the time.
     values: np.ndarray
     inverse: np.ndarray  # (n, 6) inverses of the diagonal blocks, by colours
-    # (p, 3, 6) the blocks of the prolongator by rows and, once more, by columns.
-    P: np.ndarray
-    columns: np.ndarray
+    # The prolongator and its transpose: nodes of this level by colours. The coarsest has 0 columns.
+    P: sparse.bsr_matrix
+    transposed: sparse.bsr_matrix
     work: np.ndarray  # (5, n, 3) work arrays
 
     @classmethod
     def allocate(
-        cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, P: np.ndarray, columns: np.ndarray
+        cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, transposed: sparse.bsr_matrix
     ) -> Self:
-        """The level of a matrix; its blocks have the precision of P."""
+        """The level of a matrix; its blocks have the precision of Pᵀ, whose columns are nodes."""
         n, b = len(A.pattern), len(grid.order.slots)
-        values: np.ndarray = np.empty((b, 3, 3), P.dtype)
-        level = cls(grid, A, values, np.empty((n, 6)), P, columns, np.zeros((5, n, 3)))
+        transposed.indices = grid.order.places[transposed.indices]
+        values, work = np.empty((b, 3, 3), transposed.dtype), np.zeros((5, n, 3))
+        level = cls(grid, A, values, np.empty((n, 6)), transposed.T, transposed, work)
         level.refill(A, inverse)
         return level
 
@@ -99,40 +96,35 @@ class Level:
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
     """Coarsen a pattern until its aggregates are no fewer than half of its nodes."""
-    aggregates = Aggregates.from_pattern(pattern)
-    order = SweepOrder.from_pattern(pattern)
-    if 2 * len(aggregates) >= len(pattern):
-        return [Grid(pattern, order, None)]
-    transfer = Transfer.from_aggregates(pattern, aggregates)
-    return [Grid(pattern, order, transfer), *make_grids(transfer.coarse)]
+    grid = Grid(pattern, SweepOrder.from_pattern(pattern), aggregate(pattern))
+    if 2 * (grid.of_node.max() + 1) >= len(pattern):
+        return [grid]
+    return [grid, *make_grids(coarse_pattern(pattern, grid.of_node))]
 
 
 def make_levels(
     grids: list[Grid], A: BlockMatrix, inverse: np.ndarray, motions: np.ndarray, kind: type
 ) -> list[Level]:
     """Compute the prolongators and the coarse matrices of A."""
-    # `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (n, 3, 6) the motions
+    # `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the motions
     # with little energy that all levels can represent, which are overwritten, and `kind` is the
     # precision of the finest level.
     grid, *coarser = grids
-    if grid.transfer is None:
-        return [Level.allocate(grid, A, inverse, NONE.astype(kind), NONE.astype(kind))]
-    clear_uncoupled(A, motions)
-    coarse_motions = orthonormalise(grid.transfer.aggregates, motions, A.team)
-    exact = grid.transfer.prolongator(A, inverse, DAMPING, motions)
-    coarse = grid.transfer.coarse_matrix(A, exact)
-    P: np.ndarray = exact.astype(kind, copy=False)
-    del exact  # what comes needs memory, too
-    columns = np.empty_like(P)
-    gather(grid.transfer.entries, P, columns, A.team)
+    if not coarser:
+        empty = sparse.bsr_matrix((0, 3 * len(A.pattern)), blocksize=(3, 3), dtype=kind)
+        return [Level.allocate(grid, A, inverse, empty)]
+    motions *= is_coupled(A)
+    coarse_motions = orthonormalise(grid.of_node, motions)
+    P = prolongator(A, inverse, grid.of_node, motions)
+    coarse = coarse_matrix(A, P, coarser[0].pattern)
+    level = Level.allocate(grid, A, inverse, P.T.astype(kind).tobsr((3, 3)))
+    del P  # what comes needs memory, too
     coarse_inverse = np.empty((len(coarse.pattern), 6))
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
-    below = coarse_motions.reshape(-1, 3, 6)
-    levels = make_levels(coarser, coarse, coarse_inverse, below, np.float64)
-    return [Level.allocate(grid, A, inverse, P, columns), *levels]
+    return [level, *make_levels(coarser, coarse, coarse_inverse, coarse_motions, np.float64)]
 
 
-NEW = 8  # iterations that cost as much as new coarse matrices
+NEW = 16  # iterations that cost as much as new coarse matrices
 
 
 class Multigrid(PCG):
@@ -210,20 +202,23 @@ def cycle(levels: list[Level], b: np.ndarray, member: Member = ONLY) -> np.ndarr
     """One cycle for A x = b, from 0: x (n, 3), valid until the next call."""
     level, *coarser = levels
     result: np.ndarray = level.work[1]
-    own = level.grid.order.arrays, level.grid.order.places, level.values, level.inverse
-    restriction, prolongation = level.grid.transfer_arrays
+    own = level.grid.order.arrays, level.values, level.inverse
     coarse: np.ndarray = coarser[0].work[3] if coarser else NOTHING
     fine = level.work[0], result, level.work[2]
-    descend(*own, b, *fine, *restriction, level.columns, coarse.reshape(-1, 6), member)
+    descend(*own, b, *fine, *_rows(level.transposed), coarse, member)
     correction = correct(coarser, coarse, member) if coarser else coarse
-    ascend(*own, *fine, *prolongation, level.P, correction.reshape(-1, 6), member)
+    ascend(*own, *fine, *_rows(level.P), correction, member)
     return result
+
+
+def _rows(matrix: sparse.bsr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return matrix.indptr, matrix.indices, matrix.data
 
 
 def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
     """The correction C b; b is overwritten."""
     level = levels[0]
-    once = len(b) < FEW or level.grid.transfer is None
+    once = len(levels) == 1 or len(b) < FEW
     x: np.ndarray = level.work[1 if once else 4]
     if member.threads > 1 and len(b) < SMALL:
         if member.thread == 0:
@@ -239,28 +234,33 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
 
 @kernel
 def descend(
-    order: tuple[Array, Array, Array, Array], places: Array, values: Array, inverse: Array,
-    b: Array, x: Array, r: Array, sorted_b: Array, p_starts: Array, p_rows: Array, columns: Array,
-    coarse: Array, member: Member,
+    order: tuple[Array, Array, Array, Array], values: Array, inverse: Array, b: Array, x: Array,
+    r: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, transposed: Array, coarse: Array,
+    member: Member,
 ) -> None:  # fmt: skip
-    """Sweep forward from x = 0, and write Pᵀ (b − A x) to `coarse` (m, 6)."""
+    """Sweep forward from x = 0, and write −Pᵀ (b − A x) to `coarse` (2m, 3)."""
     nodes, starts, indptr, indices = order
     permute(nodes, b, sorted_b, member)
     wait(member)
     sweep_forward(starts, indptr, indices, values, inverse, sorted_b, x, member)
     sweep_residual(starts, indptr, indices, values, x, r, member)
-    restrict(p_starts, p_rows, places, columns, r, coarse, member)
+    begin, end = part_of(member, 0, len(coarse))
+    coarse[begin:end] = 0.0
+    subtract_product(begin, end, p_indptr, p_indices, transposed, coarse, r, coarse)
+    wait(member)
 
 
 @kernel
 def ascend(
-    order: tuple[Array, Array, Array, Array], places: Array, values: Array, inverse: Array,
-    x: Array, result: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, P: Array,
-    correction: Array, member: Member,
+    order: tuple[Array, Array, Array, Array], values: Array, inverse: Array, x: Array,
+    result: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, P: Array, correction: Array,
+    member: Member,
 ) -> None:  # fmt: skip
-    """Add P times the correction (m, 6) to x, sweep backward, and write x by nodes to `result`."""
+    """Take P times the correction (2m, 3) from x, sweep backward, write x by nodes to `result`."""
     nodes, starts, indptr, indices = order
-    add_prolonged(p_indptr, p_indices, places, P, correction, x, member)
+    begin, end = part_of(member, 0, len(x))
+    subtract_product(begin, end, p_indptr, p_indices, P, x, correction, x)
+    wait(member)
     sweep_backward(starts, indptr, indices, values, inverse, sorted_b, x, member)
     permute_back(nodes, x, result, member)
     wait(member)

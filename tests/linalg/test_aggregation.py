@@ -3,19 +3,14 @@
 import numpy as np
 import pytest
 
-from fecloth.compiled.team import ALONE
 from fecloth.linalg import aggregation
-from fecloth.linalg.aggregation import Aggregates
 
 
 def factors(motions):
     """Q (3n, 6) and R (6, 6) of one aggregate of all nodes, from B (3n, 6)."""
-    n = len(motions) // 3
-    nodes = np.arange(n, dtype=np.int32)
-    all_ = Aggregates(0 * nodes, np.array([0, n], np.int32), nodes)
-    Q = motions.reshape(n, 3, 6).copy()
-    (R,) = aggregation.orthonormalise(all_, Q, ALONE)
-    return Q.reshape(3 * n, 6), R
+    Q = motions.T.reshape(6, -1, 3).copy()
+    R = aggregation.orthonormalise(np.zeros(Q.shape[1], np.int32), Q)
+    return Q.reshape(6, -1).T, R.reshape(6, 6).T
 
 
 def alike(apart, n=6):
