@@ -9,7 +9,6 @@ Whatever names a file or a command needs a text. Texts stand only where they are
 and no allowed word makes a text of anything else.
 """
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,7 +16,6 @@ from typing import NamedTuple
 
 from fecloth.errors import MeshError, did_you_mean
 
-MOST_STATEMENTS = 1_000_000  # with all repetitions of loops
 MOST_CHARACTERS = 20_000_000
 LONGEST_TEXT = 200  # characters of a name
 
@@ -60,8 +58,6 @@ _TEXT = re.compile(
     re.VERBOSE,
 )
 _STARTED = re.compile(r'(^|[;)}\]"\d]|\d\.|\b(Else|EndIf|EndFor))$')  # before a statement
-_NUMBER = r"(-? ?\.?\d[\d.]*(?:[eE][-+]?\d+)?)"
-_FOR = re.compile(rf"For (?:(\w+) In \{{|\() {_NUMBER} : {_NUMBER}(?: : {_NUMBER})? [)}}]")
 
 
 class Token(NamedTuple):
@@ -75,8 +71,8 @@ class Token(NamedTuple):
 def check_geo(text: str, where: str) -> str:
     """Return a .geo file without its comments, if it holds known commands only."""
     # Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
-    # without files or processes, SetFactory, DefineConstant, arithmetic, If, and For with bounds
-    # that are numbers.
+    # without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. The process
+    # that reads the file has limits of time and memory, which end a loop without end.
     tokens = list(_tokens(text, where))
     _Checker(tokens, where).check()
     lines: list[list[str]] = [[] for _ in range(tokens[-1].line if tokens else 0)]
@@ -119,9 +115,7 @@ class _Checker:
     tokens: list[Token]
     where: str
     variables: set[str] = field(default_factory=set)
-    loops: list[tuple[str, int]] = field(default_factory=list)  # variable, repetitions
     seen: set[str] = field(default_factory=set)  # the words of the statement so far
-    statements: int = 0
 
     def check(self) -> None:
         """Raise `MeshError` for the first token that is not allowed."""
@@ -129,10 +123,6 @@ class _Checker:
             before = self._join(i - 4, i)
             if text == ";":
                 self.seen.clear()
-                self.statements += math.prod(count for _, count in self.loops)
-                if self.statements > MOST_STATEMENTS:
-                    what = f"more than {MOST_STATEMENTS} statements, with all repetitions of For,"
-                    raise self._error(what, i)
             elif kind == "text" and not _TEXT.search(f"{before} {text}"):
                 raise self._error(f"the text {text}", i)
             elif text == ".":
@@ -158,19 +148,19 @@ class _Checker:
         after = self._join(i + 1, i + 2)
         is_kind = "Field" in self.seen and before.endswith("] =")  # Field[1] = Box
         is_start = bool(_STARTED.search(before))
-        if word in WORDS:
-            self._loop(word, i)
-        elif word in ("Mesh", "Geometry") and after == ".":
-            pass  # an option
+        if word in WORDS or (word in ("Mesh", "Geometry") and after == "."):
+            pass  # a command or an option
         elif word == "Mesh" and is_start and after in ("1", "2"):
             pass  # Mesh 2;
-        elif is_start and self._is_assigned(i):
-            self._refuse_loop_variable(word, i)
-            self.variables.add(word)
-        elif not is_start and "DefineConstant" in self.seen and after in "=,][()~":
+        elif self._is_assigned(i) if is_start else self._is_defined(before, after):
             self.variables.add(word)
         elif is_start or is_kind or word not in self.variables:
             raise self._error(word, i, did_you_mean(word, WORDS))
+
+    def _is_defined(self, before: str, after: str) -> bool:
+        """Return whether a word is a variable of For i In {1:4} or DefineConstant[i = 1]."""
+        is_counted = f" {before}".endswith(" For") and after == "In"
+        return is_counted or ("DefineConstant" in self.seen and after in "=,][()~")
 
     def _is_assigned(self, i: int) -> bool:
         """Return whether x = …, x[1] += … or x~{1} = … stands at i."""
@@ -181,26 +171,3 @@ class _Checker:
             if text == ";" or (depth == 0 and text not in ")]}~"):
                 return text in _ASSIGNMENTS
         return False
-
-    def _refuse_loop_variable(self, word: str, i: int) -> None:
-        if word in (name for name, _ in self.loops):
-            raise self._error(f"an assignment to {word}, over which For runs,", i)
-
-    def _loop(self, word: str, i: int) -> None:
-        """Follow For i In {1:4}, For (1:4:2) and EndFor: the bounds are numbers."""
-        if word == "EndFor":
-            if not self.loops:
-                raise self._error("EndFor without For", i)
-            self.loops.pop()
-        if word != "For":
-            return
-        match = _FOR.match(self._join(i, i + 14))
-        name, *bounds = match.groups() if match else ("", "0", "0", "0")
-        first, last, step = (float((bound or "1").replace(" ", "")) for bound in bounds)
-        if not step or max(map(abs, (first, last, step))) >= 1e15:
-            remedy = "Write them as For i In {1:4}."
-            raise self._error("For with bounds that are not numbers", i, remedy)
-        if name:
-            self._refuse_loop_variable(name, i)
-            self.variables.add(name)
-        self.loops.append((name, max(0, int(min((last - first) / step, 1e15) + 1e-9) + 1)))

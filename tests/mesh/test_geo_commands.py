@@ -101,14 +101,8 @@ EVIL = [  # the lines after the square, and the name that the refusal must have
     ('Physical Surface("a\nSystemCall %s;") = {1};', "in line 6"),
     ('If (0)\nPhysical Point("EndIf Merge") = {1};\nEndIf', "the text"),
     ("/* SystemCall", "SystemCall in line 6"),
-    # loops without end
-    ("For i In {1:1e9}\nPoint(100 + i) = {i, 0, 0};\nEndFor", "more than 1000000 statements"),
-    ("For i In {1:2000}\nFor j In {1:2000}\nx = 1;\nEndFor\nEndFor", "more than 1000000"),
-    ("n = 3;\nFor i In {1:n}\nx = 1;\nEndFor", "For with bounds that are not numbers in line 7"),
-    ("For i In {1:4:0}\nx = 1;\nEndFor", "For with bounds that are not numbers in line 6"),
-    ("For i In {1:2}\ni = 0;\nEndFor", "an assignment to i"),
-    ("For i In {1:9}\nFor i In {1:1}\nx = 1;\nEndFor\nEndFor", "an assignment to i"),
-    ("EndFor", "EndFor without For in line 6"),
+    ("For SystemCall In {1:2}\nSystemCall %s;\nEndFor", "SystemCall in line 7"),
+    ("EndFor i In {1:2}", "i in line 6"),
 ]
 HARMLESS = [  # attacks that end with the comments, or that Gmsh answers with an error
     '// SystemCall "touch CANARY";',
@@ -139,7 +133,7 @@ ORDINARY = {
           Point{p~{i}} In Surface{1};
         EndFor
         If (#n[] > 2 && n[0] != 0) Printed = 1; ElseIf (h >= 1) Printed = 2; Else Printed = 3; EndIf
-        For (1:3:2) For (1:2) Printed++; EndFor EndFor""",
+        For (1:3:2) For (1:#n[]) Printed++; EndFor EndFor""",
     "constants": """
         DefineConstant[ k = {3, Min 1, Max 9, Step 1, Name "Parameters/Number"},
           kind = {1, Choices{1="fine", 2="coarse"}, Name "Parameters/Kind", Visible 0} ];
@@ -302,6 +296,14 @@ def test_meshing_ends_at_the_limit_of_time(folder):
     with pytest.raises(InputError, match="time_limit = 0"):
         read(path, time_limit=0)
     assert main(["mesh", str(path), "--mesh-time", "1"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loop", ["For i In {1:1e9}\nx = 1;", "For i In {1:2}\ni = 0;"])
+def test_a_loop_without_end_ends_at_the_limit_of_time(folder, loop):
+    path = written(folder, f"{SQUARE}{loop}\nEndFor\n")
+    with pytest.raises(MeshError, match="meshing or reading takes longer: must end within 1 s"):
+        read(path, time_limit=1.0)
 
 
 @pytest.mark.slow
