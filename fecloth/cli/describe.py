@@ -19,7 +19,6 @@ from fecloth.linalg import select
 from fecloth.mesh.cloth import Cloth
 from fecloth.output.frames import write_mesh
 from fecloth.runs.environment import versions
-from fecloth.runs.run_scene import resolve_scene
 from fecloth.scene.json_schema import json_schema
 from fecloth.scene.plan import memory_of_each, plan
 from fecloth.scene.scene import load_scene
@@ -53,7 +52,7 @@ def _info_lines(options: Namespace) -> list[str]:
 
 def _describe_scene(options: Namespace) -> list[str]:
     scene = load_scene(options.scene, options.set, **reading(options))
-    problem, _, why = resolve_scene(scene.build())
+    problem, (_, why) = scene.build().choose()
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     if options.ranks is not None:

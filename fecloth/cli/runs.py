@@ -93,13 +93,10 @@ def check(options: Namespace) -> int:
 
 
 def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
-    from fecloth.runs.run_scene import resolve_scene
     from fecloth.scene.probe_tables import check
-    from fecloth.simulation.run import collect
 
-    problem, solver, why = resolve_scene(scene.build())
-    start = problem.system, problem.method, problem.ledger, problem.observer
-    result = collect(problem.march(solver), *start, why, report=report)
+    problem, solver = scene.build().choose()
+    result = problem.run(solver, report)
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
     return check(scene.expect, result.times, result.observed, result.energies, scene.schedule.unit)

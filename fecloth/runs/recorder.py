@@ -73,14 +73,14 @@ class Recorder:
                     self.restart(regular=True)
 
     def _begin(self) -> Progress:
-        problem, memory = self.problem, Memory(0, self.problem.state.t, None)
+        problem, memory = self.problem, Memory(0, self.problem.start.t, None)
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
-        accounts = self._frame(problem.state, memory, accounts)
+        accounts = self._frame(problem.start, memory, accounts)
         check_space(self.folder.path, problem, self.files.frames.files(0)[0].stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
-        return self._progress(problem.state, memory, accounts)
+        return self._progress(problem.start, memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, warnings=(), wanted=None) -> Progress:
         frames, sizes = len(self.files.frames.times), self.files.sizes

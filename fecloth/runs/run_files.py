@@ -34,7 +34,7 @@ class RunFiles:
         self.folder, self.problem = folder, problem
         self.frames = Frames(folder.path / "run", problem.cloth, problem.system)
         self.opens = self.frames.opens  # the file for ParaView
-        self.obstacles = ObstacleFrames(folder.path, problem.system, problem.state.x)
+        self.obstacles = ObstacleFrames(folder.path, problem.system, problem.start.x)
         self.tables = {name: folder.table(f"{name}.csv") for name in TABLES}
         self.shown: Frame | None = None  # the last frame written
         self.on_disk = 0  # number of the frames that would survive a power cut
@@ -123,7 +123,7 @@ def count_frames(problem: Problem) -> int:
         return len(problem.stops) + 2
     if not problem.dt:
         return 1
-    steps = math.ceil((problem.t_end - problem.state.t) / problem.dt - 1e-9)
+    steps = math.ceil((problem.t_end - problem.start.t) / problem.dt - 1e-9)
     return 1 + math.ceil(steps / problem.frame_steps)
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from fecloth.errors import FeclothError, InputError, amount
 from fecloth.mesh.cloth import Cloth
-from fecloth.nonlinear.context import SolverContext
 from fecloth.output.atomic_files import lock_folder, writing
 from fecloth.output.frame_arrays import fields
 from fecloth.runs import restart as restarts
@@ -29,9 +28,8 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.record_steps import trial_recorder
-from fecloth.simulation.resolve import resolve
 from fecloth.simulation.run import run
+from fecloth.simulation.setup import Setup
 from fecloth.system.system import System
 
 
@@ -89,13 +87,13 @@ def _run_scene(
         cloth = scene.mesh()
     with watch.phase("bind"):
         problem = scene.build(cloth, make_system)
-        start = restarts.digest(cloth, problem.state)
+        start = restarts.digest(cloth, problem.start)
     if found:
         restarts.refuse_another(found, scene.to_toml(), start, path)
     with watch.phase("compile"):
         compile_kernels(problem)
     with watch.phase("choose"):
-        problem, solver, why = resolve_scene(_with_earlier_method(problem, found))
+        problem, (solver, why) = _with_earlier_method(problem, found).choose()
     warnings = problem.warnings()
     announce(problem, why, warnings)
     with interruptible() as interrupted:
@@ -124,24 +122,16 @@ def _run_scene(
         return outcome
 
 
-def resolve_scene(problem: Problem) -> tuple[Problem, SolverContext, str]:
-    """Return the problem with the method that takes the steps, its solver, and why these."""
-    record = trial_recorder(problem.system, problem.ledger, problem.observer)
-    run_ = problem.system, problem.steps, problem.state, problem.t_end
-    steps, solver, why = resolve(*run_, problem.linear, problem.newton, record)
-    return replace(problem, steps=steps), solver, why
-
-
 def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
     if not found or not isinstance(problem.steps, Auto):
         return problem
     for steps in problem.steps.candidates:
         if str(steps) == found.method:
-            return replace(problem, steps=steps)
+            return problem.taking(steps)
     raise InputError(f"the run used {found.method}", "is none of Auto's methods")
 
 
-def compile_kernels(problem: Problem) -> None:
+def compile_kernels(problem: Setup) -> None:
     """Compile what the run will call, on two triangles, before the first step."""
     # Compiled code is cached on disk; later runs load it.
     whole, halves = problem.system, {"lower": [0], "upper": [1]}

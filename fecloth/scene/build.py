@@ -23,11 +23,10 @@ from fecloth.scene.placement import PinTable
 from fecloth.scene.probe_tables import refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.probes import Probe
 from fecloth.simulation.step_times import step_times
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
@@ -52,24 +51,16 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, at)
     probes = tuple(table.probe() for table in scene.probes)
-    ledger = Ledger.open(system, state)
-    observer = _observer(scene, system, state, probes, at)
-    if scene.expect or scene.interest:
-        names = sorted({*observer.row(None, None), *ledger.row()} - {"t"})
-        refuse_unknown(scene.expect, scene.interest, names, scene.source)
     pattern = getattr(scene.cloth, "pattern", "")
-    return Problem(
-        cloth=cloth,
-        system=system,
-        state=state,
-        steps=steps,
+    problem = Problem(
+        system,
+        state,
+        steps,
         t_end=scene.schedule.t_end,
         unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
-        probes=probes,
-        ledger=ledger,
-        observer=observer,
+        probes=(*probes, *_on_request(scene)),
         frame_steps=scene.output.steps(scene.schedule),
         rows=scene.output.rows,
         stops=scene.output.stops(scene.schedule),
@@ -79,6 +70,8 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         intersections=scene.output.intersections,
         error_density=scene.output.error_density,
     )
+    _check_columns(scene, problem, probes, at)
+    return problem
 
 
 def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
@@ -215,16 +208,21 @@ def _follows_pins(term: BoundTerm) -> bool:
     return bool(term.limits_direction or has_own(term, "work_of_clamps"))
 
 
-def _observer(
-    scene: Any, system: System, state: State, probes: tuple[Probe, ...], at: At
-) -> Observer:
+def _on_request(scene: Any) -> tuple[str, ...]:
     interest = scene.interest.all if scene.interest else ()
-    asked = on_request([*scene.expect, *(quantity.column for quantity in interest)])
+    return on_request([*scene.expect, *(quantity.column for quantity in interest)])
+
+
+def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: At) -> None:
+    """Refuse probes that cannot be bound, and quantities that are no columns of the run."""
     try:
-        return Observer.bind(system, state, (*probes, *asked))
+        _ = problem.observer
     except InputError:  # bind the probes one by one, to name the one with the mistake
         for i, probe in enumerate(probes):
             with at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
-                probe.weights(system.cloth)
+                probe.weights(problem.cloth)
         with at("interest" if scene.interest else "expect"):
             raise
+    if scene.expect or scene.interest:
+        names = sorted(problem.row().keys() - {"t"})
+        refuse_unknown(scene.expect, scene.interest, names, scene.source)

@@ -19,8 +19,8 @@ from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.run import columns
+from fecloth.simulation.setup import Setup
 from fecloth.study.parameters import Parameter
-from fecloth.study.setups import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import records
@@ -172,13 +172,13 @@ def _derive_motion(
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
-    system, t_end, chosen = setup.system, setup.t_end, setup.choose()
+    system, t_end, (chosen, solver) = setup.system, setup.t_end, setup.choose()
     assert t_end is not None
-    steps, solver, _ = chosen
+    steps = chosen.steps
     method, tangents = method_of(steps), None
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
-        tangents = StepTangents(system, symmetric, solver, len(followers), tolerance)
+        tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
     sizes = list[float]()
 
     def watch(states) -> Iterator:
@@ -202,7 +202,7 @@ def _derive_motion(
             report(info)
             yield state, info
 
-    result = setup.run(chosen, watch=watch)
+    result = chosen.run(solver, watch=watch)
     all_columns = {**result.energies, **result.observed}
     times = result.times
     if not recorded.whole:

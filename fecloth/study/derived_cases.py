@@ -21,13 +21,13 @@ from fecloth.simulation.fixed_step import GivenSteps
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
+from fecloth.simulation.setup import Setup
 from fecloth.study import status
 from fecloth.study.derivation import Derivation, Recorded, derive_run, find_rest
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes
 from fecloth.study.parameters import Parameter, setup_with
 from fecloth.study.problems import Problem
-from fecloth.study.setups import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
 

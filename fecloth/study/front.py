@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.march import StepInfo
+from fecloth.simulation.setup import Setup
 from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
-from fecloth.study.setups import Setup
 from fecloth.study.simplification import simplify
 from fecloth.study.tuning import tune
 from fecloth.system.state import State
@@ -39,7 +39,8 @@ def _equilibrium(setup: Setup) -> State:
     if setup.t_end is None:
         return equilibrium(setup.system, setup.start)
     steps: list[StepInfo] = []
-    state = setup.run(setup.choose(), steps.append).state
+    chosen, solver = setup.choose()
+    state = chosen.run(solver, steps.append).state
     return replace(state, history=steps[-1].memory.term_history)
 
 

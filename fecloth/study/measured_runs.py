@@ -19,9 +19,9 @@ from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.run import columns
+from fecloth.simulation.setup import Setup
 from fecloth.study.modes import modes as natural_modes
 from fecloth.study.problem import find_obstacles
-from fecloth.study.setups import Setup
 from fecloth.study.status import TimeLimit, check_time_limit
 
 WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
@@ -111,13 +111,13 @@ def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> 
 
 
 def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
-    chosen, sizes = setup.choose(), [0.0]
+    (chosen, solver), sizes = setup.choose(), [0.0]
 
     def follow(info):
         sizes.append(info.dt)
         report(info)
 
-    result = setup.run(chosen, follow, None if whole else ROWS)
+    result = chosen.run(solver, follow, None if whole else ROWS)
     return {
         "times": result.times,
         "columns": {**result.energies, **result.observed},
@@ -127,7 +127,7 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
         "step": math.nan if setup.is_static else max(sizes),
         "newton": result.newton,
         "time_error": result.time_error,
-        "time_order": 0 if setup.is_static else chosen[0].traits.order,
+        "time_order": 0 if setup.is_static else chosen.steps.traits.order,
         "warnings": list(result.warnings),
     }
 

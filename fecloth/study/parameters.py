@@ -10,10 +10,10 @@ import numpy as np
 
 from fecloth.errors import InputError, brief, did_you_mean, is_number
 from fecloth.scene.toml_text import flatten
+from fecloth.simulation.setup import Setup
 from fecloth.study.change import Change
 from fecloth.study.function_problem import FunctionProblem
 from fecloth.study.problems import Problem, SceneProblem
-from fecloth.study.setups import Setup
 
 WHERE = "sensitivity"
 TABLES = ("fabric", "fabrics", "terms")  # whose numbers are taken if none are named

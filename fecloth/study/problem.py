@@ -8,11 +8,8 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
-from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.quantity import Quantity, parse_quantity
-from fecloth.study.setups import Setup
+from fecloth.simulation.setup import Setup
 from fecloth.terms import PointForce
 from fecloth.terms.kinematics import principal_stretches
 from fecloth.terms.traits import has_kind, traits_of
@@ -59,10 +56,7 @@ class CommonProblem:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """A sentence for each likely mistake in the set-up, as before a run."""
-        setup = self.first
-        end = setup.start.t if setup.t_end is None else setup.t_end
-        planned = PlannedRun(setup.system, setup.start, setup.steps or LoadSteps(), np.array([end]))
-        return tuple(find_warnings(planned, OF_SCENES))
+        return tuple(self.first.warnings())
 
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""

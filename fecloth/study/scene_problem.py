@@ -11,12 +11,14 @@ from fecloth.errors import InputError
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
+from fecloth.runs.run_scene import compile_kernels
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.setup import Setup
 from fecloth.study.change import Change, Level
 from fecloth.study.problem import CommonProblem, quantities_of
-from fecloth.study.setups import Setup, setup_of_scene, table_of_grading
+from fecloth.study.setups import table_of_grading
 from fecloth.study.workload import Workload
 
 WORDS = ("title", "expect", "interest", "output")  # tables that change no result
@@ -37,7 +39,7 @@ class SceneProblem(CommonProblem):
 
     @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
-        return setup_of_scene(self.scene)
+        return self.scene.build()
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -167,7 +169,10 @@ class SceneProblem(CommonProblem):
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
         """Build the scene, on the cloth if it is given, and compile what its run needs."""
-        return setup_of_scene(self.scene, compiled=cloth is None, cloth=cloth)
+        setup = self.scene.build(cloth)
+        if cloth is None:
+            compile_kernels(setup)
+        return setup
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""

@@ -1,116 +1,23 @@
-"""What a study runs: the objects of a scene, or the objects that a user's function returns."""
+"""What a study runs of a user's function, and how terms and gradings are described in tables."""
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
-from typing import Any, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
 
 from fecloth import terms as all_terms
 from fecloth.errors import InputError, did_you_mean
-from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.runs.run_scene import compile_kernels
-from fecloth.scene.scene import Scene
-from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import StepInfo, march
-from fecloth.simulation.on_request import on_request
-from fecloth.simulation.probes import Observer, Probe
-from fecloth.simulation.record_steps import rows_at_least, trial_recorder
-from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
-from fecloth.simulation.run import Result, collect
+from fecloth.simulation.probes import Probe
+from fecloth.simulation.resolve import choose_steps
+from fecloth.simulation.setup import Setup
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.traits import parameters_of, traits_of
 
 RETURNS = "must return cloth, system, method and start"
-Chosen = tuple[Any, SolverContext, str]
-
-
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """A system with its start and how it is solved; an equilibrium without `t_end`."""
-
-    system: System
-    start: State
-    steps: Any = None
-    t_end: float | None = None
-    newton: Newton | None = None
-    linear: str = "auto"
-    probes: tuple[Probe | str, ...] = ()
-
-    @property
-    def cloth(self) -> Cloth:
-        return self.system.cloth
-
-    @property
-    def is_static(self) -> bool:
-        """Whether the result is an equilibrium."""
-        return self.t_end is None or isinstance(self.steps, LoadSteps)
-
-    @cached_property
-    def observer(self) -> Observer:
-        return Observer.bind(self.system, self.start, self.probes, shape=True)
-
-    @cached_property
-    def ledger(self) -> Ledger:
-        return Ledger.open(self.system, self.start)
-
-    @property
-    def energies(self) -> list[str]:
-        """Names of the columns of the ledger."""
-        return sorted(self.ledger.row())
-
-    def row(self, rest: State | None = None) -> dict[str, float]:
-        """Return the columns at the start, or at an equilibrium."""
-        if rest is None:
-            return self.ledger.row() | self.observer.row(None, None)
-        return Ledger.open(self.system, rest).row() | self.observer.row_at_rest(rest)
-
-    def recording(self, columns: Iterable[str]) -> Self:
-        """Return the setup that also has those of the columns that are on request."""
-        return replace(self, probes=(*self.probes, *on_request(columns)))
-
-    def probed_as(self, base: "Setup") -> Self:
-        """Return the setup with the probes of another, which are bound once for one cloth."""
-        probed = replace(self, probes=base.probes)
-        if self.cloth is base.cloth:
-            bound = replace(base.observer, system=self.system, start=self.start)
-            vars(probed)["observer"] = bound
-        return probed
-
-    def choose(self) -> Chosen:
-        """Return the choice of steps, also of `Auto`, their solver, and in words why."""
-        assert self.t_end is not None
-        run = self.system, self.steps, self.start, self.t_end, self.linear, self.newton
-        return resolve(*run, trial_recorder(self.system, self.ledger, self.observer))
-
-    def run(
-        self,
-        chosen: Chosen,
-        report: Callable[[StepInfo], None] = lambda info: None,
-        rows: int | None = None,
-        watch: Callable[[Iterable], Iterable] = iter,
-    ) -> Result:
-        """March to the end; `watch` passes the steps on, `rows` are as for `fecloth.run`."""
-        (steps, solver, why), t_end = chosen, self.t_end
-        assert t_end is not None
-        states = watch(march(self.system, steps, self.start, None, t_end, solver=solver))
-        next_row = rows_at_least(rows, self.start.t, t_end) if rows else None
-        given = self.system, method_to_report(steps), self.ledger, self.observer, why
-        return collect(states, *given, report=report, next_row=next_row)
-
-
-def setup_of_scene(scene: Scene, compiled: bool = False, cloth: Cloth | None = None) -> Setup:
-    """Return the setup of a scene, with what its run needs compiled if asked for."""
-    built = scene.build(cloth)
-    if compiled:
-        compile_kernels(built)
-    run = built.system, built.state, built.steps, built.t_end, built.newton, built.linear
-    return Setup(*run, built.probes)
 
 
 def setup_of_function(

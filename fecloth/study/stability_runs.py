@@ -12,12 +12,12 @@ import numpy as np
 from fecloth.errors import InputError, SolveFailed, amount
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.simulation.fixed_step import FixedStep
+from fecloth.simulation.setup import Setup
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study.change import FIRST, describe_values
 from fecloth.study.measured_runs import measure
 from fecloth.study.problems import Problem
 from fecloth.study.run_problems import Runs, Task, run_tasks
-from fecloth.study.setups import Setup
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
 from fecloth.study.workload import ANYWAY, Workload, check_size

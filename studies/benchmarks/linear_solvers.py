@@ -52,7 +52,7 @@ class Case:
 def scene(name: str, *overrides: str) -> Case:
     """Return the run of a file in studies/scenes."""
     built = load_scene(SCENES / f"{name}.toml", overrides).build()
-    return Case(built.system, built.method, built.state, built.dt, built.t_end, built.newton)
+    return Case(built.system, built.method, built.start, built.dt, built.t_end, built.newton)
 
 
 def damped_sheet(h: float, t_end: float) -> Case:

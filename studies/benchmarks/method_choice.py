@@ -84,7 +84,7 @@ FABRIC = fc.Fabric(areal_density=0.2, tensile_stiffness=1000.0, poisson_ratio=0.
 def from_file(name: str, t_end: float, *overrides: str) -> Case:
     """Return the run of a file in studies/scenes."""
     built = load_scene(SCENES / f"{name}.toml", overrides).build()
-    return Case(built.system, built.state, t_end, built.newton)
+    return Case(built.system, built.start, t_end, built.newton)
 
 
 def stiff_strip(t_end: float, h: float) -> Case:

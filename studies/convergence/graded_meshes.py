@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 import fecloth as fc
+from fecloth.simulation.setup import Setup
 from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.reports import markdown_table
-from fecloth.study.setups import Setup
 from studies import harness
 from studies.convergence.singular_corners import (
     SMALL,

@@ -66,7 +66,7 @@ class Numbers:
 
     @cached_property
     def _forces(self) -> dict[str, np.ndarray]:
-        forces, start = {}, self.built.state
+        forces, start = {}, self.built.start
         for term, bound in zip(self.built.system.terms, self.built.system.bound, strict=True):
             if bound.load:
                 f = np.zeros_like(start.x)
@@ -105,7 +105,7 @@ class Numbers:
         """One of "across", "hung" and "along"."""
         if self._is_surrounded():
             return "across"
-        x, (a, b, c) = self.built.state.x, self.built.cloth.triangles[:, :3].T
+        x, (a, b, c) = self.built.start.x, self.built.cloth.triangles[:, :3].T
         normals = np.cross(x[b] - x[a], x[c] - x[a])
         normal = normals.sum(axis=0) / _size(normals)
         acts = sum(np.abs(f @ normal).sum() for f in self._forces.values())
@@ -159,7 +159,7 @@ class Numbers:
 
     @cached_property
     def seconds(self) -> float:
-        return self.built.t_end - self.built.state.t
+        return self.built.t_end - self.built.start.t
 
     @cached_property
     def h(self) -> float:

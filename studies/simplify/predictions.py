@@ -89,7 +89,7 @@ def _without(name: str, numbers: Numbers) -> float | None:
 def find_limits(numbers: Numbers) -> list[str]:
     """Return which assumptions of the predictions the scene does not fulfil, in words."""
     scene, built = numbers.scene, numbers.built
-    x = built.state.x
+    x = built.start.x
     normals = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1]
     known = {*numbers.dampings, *numbers.loads}
     known |= {n for n, traits in numbers.traits.items() if traits.kind in ("membrane", "bending")}
@@ -99,7 +99,7 @@ def find_limits(numbers: Numbers) -> list[str]:
         "nothing is pinned": not len(built.system.constraints.nodes),
         "pins move": any(pin.motion or pin.rotate for pin in scene.pins),
         "the cloth does not start flat": normals[2] > FLAT * normals[0],
-        "it does not start at rest": bool(np.any(built.state.v)),
+        "it does not start at rest": bool(np.any(built.start.v)),
         "the first of several fabrics counts": len(built.system.panel.fabrics) > 1,
         f"no formula has {', '.join(other)}": bool(other),
     }

@@ -101,7 +101,7 @@ def test_a_resumed_run_counts_at_the_same_frames(scene):
 def test_the_result_of_run_has_the_shape_at_the_end(scene, element):
     plain = ["cloth.element=P2", "terms=[{type='StVK'}]"] if element == "P2" else []
     problem = load_scene(scene, plain).build()
-    start = problem.system, problem.method, problem.state
+    start = problem.system, problem.method, problem.start
     with pytest.warns(fc.FeclothWarning, match=r"passes through itself at t = 0\.12 s \(\d+ pairs"):
         result = fc.run(*start, problem.dt, 0.12)
     assert result.shape.intersecting > 0

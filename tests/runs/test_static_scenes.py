@@ -65,7 +65,7 @@ def test_a_run_leaves_the_files_of_its_load_steps(scene, tmp_path, capsys):
     out, problem = tmp_path / "out", load_scene(scene).build()
     observed, energies = rows(out / "observed.csv"), rows(out / "energies.csv")
     assert [row["t"] for row in observed] == pytest.approx([0, 0.25, 0.5, 0.75, 1])
-    exact = fc.equilibrium(problem.system, problem.state, load_steps=4)
+    exact = fc.equilibrium(problem.system, problem.start, load_steps=4)
     np.testing.assert_allclose(last_frame(out, problem, 4).x, exact.x, rtol=0, atol=1e-12)
     assert not last_frame(out, problem, 4).v.any()
     assert observed[-1]["sag"] == pytest.approx(-exact.x[:, 2].min(), abs=1e-12)
@@ -106,7 +106,7 @@ def test_one_load_step_is_the_python_call(scene, tmp_path):
     one = load_scene(scene, ["equilibrium.load_steps=1"])
     run_scene(one, tmp_path / "one")
     problem = one.build()
-    found = fc.equilibrium(problem.system, problem.state)
+    found = fc.equilibrium(problem.system, problem.start)
     np.testing.assert_array_equal(last_frame(tmp_path / "one", problem, 1).x, found.x)
 
 
@@ -246,7 +246,7 @@ def test_modes_are_those_about_the_equilibrium(scene, capsys):
     assert main(["modes", str(scene), "-n", "3"]) == 0
     printed = capsys.readouterr()
     problem = load_scene(scene).build()
-    found = fc.modes(problem.system, fc.equilibrium(problem.system, problem.state), count=3)
+    found = fc.modes(problem.system, fc.equilibrium(problem.system, problem.start), count=3)
     lines = [float(line) for line in printed.out.splitlines()]
     assert lines == pytest.approx(found.frequencies, rel=1e-4)
     assert "stable" in printed.err

@@ -45,7 +45,7 @@ def written(tmp_path, text=TEXT, element="P1"):
 def test_pieces_have_their_fabric_sets_and_start(element, tmp_path):
     scene = load_scene(written(tmp_path, element=element))
     built = scene.build()
-    cloth, state = built.cloth, built.state
+    cloth, state = built.cloth, built.start
     lower = fc.Cloth.rectangle(0.4, 0.3, 0.1, element=element)
     upper = fc.Cloth.disk(0.1, 0.05, element=element)
     over = cloth.nodes("upper")

@@ -114,8 +114,8 @@ def test_build_equals_the_python_calls(file):
     assert (built.dt, built.t_end, built.linear, built.newton) == (0.01, 0.1, "auto", fc.Newton())
     assert built.system.mass_kind == "lumped"
     assert built.probes == (fc.Probe("middle", point=(0.5, 0.2)), fc.Probe("tip", "right"))
-    np.testing.assert_array_equal(built.state.x, built.system.rest().x)
-    assert not built.state.v.any()
+    np.testing.assert_array_equal(built.start.x, built.system.rest().x)
+    assert not built.start.v.any()
     left, corner = built.system.constraints.groups.values()
     assert list(built.system.constraints.groups) == ["left", "corner"]
     np.testing.assert_array_equal(left[1], built.cloth.nodes("left"))
@@ -198,23 +198,23 @@ ALONG = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}
 @pytest.mark.parametrize("plane", ALONG)
 def test_start_in_a_plane(file, plane):
     built = load_scene(file, [f"start.plane={plane}"]).build()
-    np.testing.assert_array_equal(built.state.x[:, ALONG[plane]], built.cloth.X)
-    assert np.count_nonzero(built.state.x.any(axis=0)) == 2
+    np.testing.assert_array_equal(built.start.x[:, ALONG[plane]], built.cloth.X)
+    assert np.count_nonzero(built.start.x.any(axis=0)) == 2
 
 
 def test_start_is_turned_and_then_shifted(file):
     turn = "start.rotate={axis=[0, 0, 2], degrees=90}"
     built = load_scene(file, [turn, "start.shift=[1, 2, 3]"]).build()
     X, Y = built.cloth.X.T
-    np.testing.assert_allclose(built.state.x, np.stack([1 - Y, 2 + X, 3 + 0 * X], 1), atol=1e-15)
+    np.testing.assert_allclose(built.start.x, np.stack([1 - Y, 2 + X, 3 + 0 * X], 1), atol=1e-15)
 
 
 def test_start_from_formulas(file):
     position = 'start.position=["X", "0.01*sin(pi*X)", "Y"]'
     built = load_scene(file, [position, 'start.velocity=["0", "X*Y", "1"]']).build()
     X, Y = built.cloth.X.T
-    np.testing.assert_allclose(built.state.x, np.stack([X, 0.01 * np.sin(np.pi * X), Y], 1))
-    np.testing.assert_allclose(built.state.v, np.stack([0 * X, X * Y, 1 + 0 * X], 1))
+    np.testing.assert_allclose(built.start.x, np.stack([X, 0.01 * np.sin(np.pi * X), Y], 1))
+    np.testing.assert_allclose(built.start.v, np.stack([0 * X, X * Y, 1 + 0 * X], 1))
 
 
 def test_rotation_keeps_lengths_and_the_axis():
@@ -230,10 +230,10 @@ def test_rotation_keeps_lengths_and_the_axis():
 
 def test_start_from_the_frame_of_a_run(file):
     built = load_scene(file).build()
-    state = built.system.state(built.state.x + 0.1, built.state.v - 0.2, t=7.0)
+    state = built.system.state(built.start.x + 0.1, built.start.v - 0.2, t=7.0)
     frames.write_vtk(file.parent / "out", built.cloth, [state])
     (frame,) = (file.parent).rglob("*.vtu")
-    start = load_scene(file, [f"start.frame='{frame.relative_to(file.parent)}'"]).build().state
+    start = load_scene(file, [f"start.frame='{frame.relative_to(file.parent)}'"]).build().start
     np.testing.assert_array_equal(start.x, state.x)
     np.testing.assert_array_equal(start.v, state.v)
     assert start.t == 0.0
@@ -281,8 +281,8 @@ def test_a_motion_of_x_and_y_gathers_an_edge(file):
     expected = np.stack([-0.02 * X, 0 * X, 0.01 * X * Y], axis=1)
     np.testing.assert_allclose(pin.motion(0.1), expected, rtol=0, atol=1e-15)
     assert pickle.loads(pickle.dumps(pin)).motion(0.1).tolist() == pin.motion(0.1).tolist()
-    end = fc.run(built.system, built.method, built.state, built.dt, built.t_end).state
-    np.testing.assert_allclose(end.x[nodes], built.state.x[nodes] + expected, rtol=0, atol=1e-12)
+    end = fc.run(built.system, built.method, built.start, built.dt, built.t_end).state
+    np.testing.assert_allclose(end.x[nodes], built.start.x[nodes] + expected, rtol=0, atol=1e-12)
 
 
 def test_a_motion_of_t_alone_is_one_vector_for_all_nodes(file):
@@ -953,5 +953,5 @@ def test_options_that_a_method_lacks_are_refused_with_file_and_key(file, overrid
 def test_a_motion_may_begin_at_the_start(file):
     """√t has no value before, and its difference must not ask for one."""
     built = load_scene(file, ["pins.0.motion.2='0.1*sqrt(t)**3'"]).build()
-    steps = fc.march(built.system, built.method, built.state, built.dt, built.t_end)
+    steps = fc.march(built.system, built.method, built.start, built.dt, built.t_end)
     assert next(steps)[0].t == 0.01

@@ -86,7 +86,7 @@ def test_scene_with_regions_equals_the_python_calls(line, grain, file, rng):
     terms = [fc.StVK(), fc.StrainRateDamping(0.01), fc.Gravity()]
     fabric = {"body": BODY, "hem": HEM}
     twin = fc.System(built.cloth, fabric, terms, ["left"], grain=grain)
-    state = twin.state(built.state.x + 0.01 * rng.standard_normal(built.state.x.shape))
+    state = twin.state(built.start.x + 0.01 * rng.standard_normal(built.start.x.shape))
     np.testing.assert_array_equal(built.system.force(state), twin.force(state))
     assert built.system.nodal_mass.sum() == pytest.approx(0.15 * 0.3 + 0.4 * 0.2, rel=1e-12)
 

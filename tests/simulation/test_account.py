@@ -72,7 +72,7 @@ def scene(tmp_path, monkeypatch):
 def test_it_is_in_the_result_of_run(scene):
     problem = scene.build()
     with pytest.warns(fc.FeclothWarning, match="the cloth has .* mJ"):
-        result = fc.run(problem.system, problem.method, problem.state, problem.dt, 0.1)
+        result = fc.run(problem.system, problem.method, problem.start, problem.dt, 0.1)
     kinetic = result.energies["kinetic"]
     assert np.array_equal(result.observed["fastest"], np.maximum.accumulate(kinetic))
     assert result.figures["most_kinetic"] == kinetic.max() == result.accounts[Fastest].kinetic

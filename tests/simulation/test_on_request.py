@@ -294,4 +294,4 @@ def test_what_a_cloth_does_not_have_is_refused(scene, text, match):
     with pytest.raises(SceneError, match=match):
         scene(f'[interest]\nquantities = ["{text}"]\n').build()
     with pytest.raises(InputError, match="By name: distance of A and B"):
-        Observer.bind(problem.build().system, problem.build().state, ["fold"])
+        Observer.bind(problem.build().system, problem.build().start, ["fold"])

@@ -16,13 +16,14 @@ from fecloth.errors import InputError
 from fecloth.simulation.doubts.course import WRINKLES
 from fecloth.simulation.energy_balance import DISTRUST
 from fecloth.simulation.quantity import parse_quantity
+from fecloth.simulation.setup import Setup
 from fecloth.study import run_problems
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.measured_runs import measure
 from fecloth.study.problem import find_obstacles, is_round, space_order
 from fecloth.study.problems import open_problem
 from fecloth.study.result import Table, with_uncertainty
-from fecloth.study.setups import Setup, setup_of_function
+from fecloth.study.setups import setup_of_function
 from fecloth.study.uncertainty import estimate_uncertainty
 from studies.references.closed_forms import hanging_strip_tip
 

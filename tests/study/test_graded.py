@@ -5,8 +5,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.cli.main import main
+from fecloth.simulation.setup import Setup
 from fecloth.study.graded_meshes import choose_gradings
-from fecloth.study.setups import Setup
 from studies.convergence.singular_corners import (
     CORNER,
     FABRIC,

@@ -11,7 +11,7 @@ from fecloth.scene.scene import load_scene
 from fecloth.study import measured_runs, problems
 from fecloth.study.cases import Progress
 from fecloth.study.change import Level
-from fecloth.study.setups import setup_of_scene
+from fecloth.study.scene_problem import SceneProblem
 from fecloth.study.status import TimeLimit
 
 SCENE = STRIP.partition("interest")[0]
@@ -139,7 +139,7 @@ def test_the_size_of_a_level_needs_no_mesh(scene):
 
 def test_compilation_does_not_count_against_the_limit_of_a_variant(scene, monkeypatch):
     """The run that warms up is over its limit, as where it compiles; the next is not."""
-    setup = setup_of_scene(load_scene(scene), compiled=True)
+    setup = SceneProblem(load_scene(scene), "scene").setup()
     clock = iter([0.0, 2.0, 2.0, 2.5, 3.0])  # begin and step of the first; begin, step and end
     monkeypatch.setattr(measured_runs.time, "process_time", lambda: next(clock))
     row = measured_runs.measure(setup, [], timed=True, repeats=1, most=1.0)

@@ -16,7 +16,7 @@ from fecloth.scene.scene import load_scene, scene_of
 from fecloth.simulation.quantity_values import RunRecord, relative_difference
 from fecloth.study.measured_runs import measure
 from fecloth.study.result import read_tolerance
-from fecloth.study.setups import setup_of_scene
+from fecloth.study.scene_problem import SceneProblem
 from fecloth.study.simplification.outcome import Findings, Outcome, find_resolutions
 from fecloth.study.simplification.result import make_verdict
 from fecloth.study.simplification.simplify import combine_variants, simplify
@@ -161,7 +161,7 @@ def test_the_predicted_sag_across_is_that_of_the_equilibrium():
     numbers = Numbers.of(make_strip())
     assert numbers.case == "across"
     built = numbers.built
-    sag = -fc.equilibrium(built.system, built.state).x[:, 2].min()
+    sag = -fc.equilibrium(built.system, built.start).x[:, 2].min()
     assert numbers.sag * numbers.L == pytest.approx(sag, rel=0.02)
 
 
@@ -171,7 +171,7 @@ def test_loads_across_or_along_the_cloth():
     along = Numbers.of(make_strip(pins=one, start={"position": ["0", "Y", "-X"]}))
     assert (along.case, along.without_bending()) == ("along", 0.0)
     built = along.built
-    hung = fc.equilibrium(built.system, built.state).x[:, 2].min() + 1
+    hung = fc.equilibrium(built.system, built.start).x[:, 2].min() + 1
     assert along.moved * along.L == pytest.approx(-hung, rel=0.02)
 
 
@@ -212,7 +212,7 @@ def test_the_reduced_scene_is_within_the_tolerance(tmp_path):
 
 
 def _march(built):
-    return built.system, built.method, built.state, built.dt, built.t_end
+    return built.system, built.method, built.start, built.dt, built.t_end
 
 
 ORDERS = {"sag": {"mesh": 2.0, "dt": 2.0}}
@@ -419,8 +419,8 @@ def test_a_static_scene(static):
 
 def _solve(scene, h):
     built = load_scene(scene, [f"cloth.h={h}"]).build()
-    end = fc.equilibrium(built.system, built.state)
-    return built.cloth, end.x - built.state.x
+    end = fc.equilibrium(built.system, built.start)
+    return built.cloth, end.x - built.start.x
 
 
 def test_an_equilibrium_in_place_of_a_motion_to_rest_is_a_scene():
@@ -428,7 +428,7 @@ def test_an_equilibrium_in_place_of_a_motion_to_rest_is_a_scene():
     data = make_strip(terms=[{"type": "StVK"}, {"type": "Gravity"}]).to_tables()
     data["cloth"]["h"] = 0.1
     named = {one.name: one for one in list_variants(data, Interest(end=("sag",)))}
-    setup = setup_of_scene(scene_of(named["equilibrium"].apply(data)), compiled=True)
+    setup = SceneProblem(scene_of(named["equilibrium"].apply(data)), "strip").setup()
     moved = measure(setup, [])["displacement"]
     expected = fc.equilibrium(setup.system, setup.start).x - setup.start.x
     np.testing.assert_allclose(moved, expected, atol=1e-9)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.study.setups import Setup, with_terms
+from fecloth.simulation.setup import Setup
+from fecloth.study.setups import with_terms
 
 pytestmark = [
     pytest.mark.usefixtures("counted_work"),

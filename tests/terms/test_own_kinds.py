@@ -13,10 +13,10 @@ from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.scene.plan import plan
 from fecloth.scene.probe_tables import Interest
 from fecloth.scene.scene import load_scene
+from fecloth.simulation.setup import Setup
 from fecloth.study.chart_grid import change_names
 from fecloth.study.problem import find_obstacles
 from fecloth.study.problems import open_problem
-from fecloth.study.setups import Setup
 from fecloth.study.simplification.variants import list_variants
 from studies.simplify.numbers import Numbers, table
 from studies.simplify.predictions import find_limits, predict_change

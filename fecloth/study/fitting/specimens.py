@@ -13,6 +13,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.scene.tables import Shorthands
 from fecloth.simulation.quantity import Quantity
+from fecloth.simulation.setup import Setup
 from fecloth.study.change import FIRST, Change, Level
 from fecloth.study.derived_cases import Sought
 from fecloth.study.fitting.experiment import Experiment
@@ -21,7 +22,6 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Parameter, grouped, numbers_of, refuse_sizes
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.sensitivities import PRICE
-from fecloth.study.setups import Setup
 from fecloth.study.workload import Workload
 from fecloth.system.state import State
 

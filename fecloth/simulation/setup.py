@@ -1,0 +1,137 @@
+"""A run before its first step: what moves, from where, by which steps, and what is recorded."""
+
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from fecloth.mesh.cloth import Cloth
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.options import Newton
+from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.planned_run import PlannedRun
+from fecloth.simulation.energy_ledger import Ledger
+from fecloth.simulation.fused_march import Wanted
+from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.march import Memory, StepInfo, march
+from fecloth.simulation.on_request import on_request
+from fecloth.simulation.probes import Observer, Probe
+from fecloth.simulation.record_steps import rows_at_least, trial_recorder
+from fecloth.simulation.resolve import method_to_report, resolve
+from fecloth.simulation.run import Result, collect
+from fecloth.system.state import State
+from fecloth.system.system import System
+
+Solver = tuple[SolverContext, str]  # and in words why it was chosen
+Marched = Generator[tuple[State, StepInfo], Wanted | None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A system with its start and how it is solved; an equilibrium without `t_end`."""
+
+    system: System
+    start: State
+    steps: Any = None  # the method and the choice of its steps; `choose` resolves `Auto`
+    t_end: float | None = None
+    newton: Newton | None = None
+    linear: str = "auto"  # the choice of the linear solver
+    probes: tuple[Probe | str, ...] = ()
+    stops: tuple[float, ...] = ()  # times at which a step must end
+    shape: bool = False  # whether stretches and volume are recorded, see `Observer`
+
+    @property
+    def cloth(self) -> Cloth:
+        return self.system.cloth
+
+    @property
+    def is_static(self) -> bool:
+        """Whether an equilibrium is sought; in load steps t is the part of the loads."""
+        return self.t_end is None or isinstance(self.steps, LoadSteps)
+
+    @property
+    def method(self) -> Any:
+        """The method as reports name it; see `method_to_report`."""
+        return method_to_report(self.steps)
+
+    @cached_property
+    def observer(self) -> Observer:
+        return Observer.bind(self.system, self.start, self.probes, self.shape)
+
+    @cached_property
+    def ledger(self) -> Ledger:
+        return Ledger.open(self.system, self.start)
+
+    @cached_property
+    def planned(self) -> PlannedRun:
+        end = self.start.t if self.t_end is None else self.t_end
+        ends = np.append(self.stops, end)
+        return PlannedRun(self.system, self.start, self.steps or LoadSteps(), ends)
+
+    def warnings(self) -> list[str]:
+        """Return a sentence for each likely problem of the run, with its remedy."""
+        return list(find_warnings(self.planned, OF_SCENES))
+
+    @property
+    def energies(self) -> list[str]:
+        """Names of the columns of the ledger."""
+        return sorted(self.ledger.row())
+
+    def row(self, rest: State | None = None) -> dict[str, float]:
+        """Return the columns at the start, or at an equilibrium."""
+        if rest is None:
+            return self.ledger.row() | self.observer.row(None, None)
+        return Ledger.open(self.system, rest).row() | self.observer.row_at_rest(rest)
+
+    def recording(self, columns: Iterable[str]) -> Self:
+        """Return the setup that also has the shape, and those of the columns on request."""
+        return replace(self, probes=(*self.probes, *on_request(columns)), shape=True)
+
+    def probed_as(self, base: "Setup") -> Self:
+        """Return the setup with the columns of another, which are bound once for one cloth."""
+        probed = replace(self, probes=base.probes, shape=base.shape)
+        if self.cloth is base.cloth:
+            bound = replace(base.observer, system=self.system, start=self.start)
+            vars(probed)["observer"] = bound
+        return probed
+
+    def choose(self) -> tuple[Self, Solver]:
+        """Return the setup with the steps that are taken, also of `Auto`, and their solver."""
+        assert self.t_end is not None
+        run = self.system, self.steps, self.start, self.t_end, self.linear, self.newton
+        record = trial_recorder(self.system, self.ledger, self.observer)
+        steps, solver, why = resolve(*run, record)
+        return self.taking(steps), (solver, why)
+
+    def taking(self, steps: Any) -> Self:
+        """Return the setup with other steps, from the same start."""
+        after = replace(self, steps=steps)
+        vars(after).update(ledger=self.ledger, observer=self.observer)
+        return after
+
+    def march(
+        self,
+        solver: SolverContext,
+        state: State | None = None,
+        memory: Memory | None = None,
+        wanted: Wanted | None = None,
+    ) -> Marched:
+        """March to the end from the start, or from a later state with the `Memory` of its step."""
+        run = self.system, self.steps, state or self.start, None, self.t_end
+        return march(*run, stops=self.stops, solver=solver, memory=memory, wanted=wanted)
+
+    def run(
+        self,
+        chosen: Solver,
+        report: Callable[[StepInfo], None] = lambda info: None,
+        rows: int | None = None,
+        watch: Callable[[Iterable], Iterable] = iter,
+    ) -> Result:
+        """March to the end; `watch` passes the steps on, `rows` are as for `fecloth.run`."""
+        (solver, why), t_end = chosen, self.t_end
+        assert t_end is not None
+        next_row = rows_at_least(rows, self.start.t, t_end) if rows else None
+        given = self.system, self.method, self.ledger, self.observer, why
+        return collect(watch(self.march(solver)), *given, report=report, next_row=next_row)
