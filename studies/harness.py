@@ -297,7 +297,7 @@ def figure(
     drawing, axes = new_figure(*panels, size, **subplots)
     from matplotlib import rc_context
 
-    with rc_context(STYLE):
+    with rc_context(fname=STYLE):
         for ax in np.ravel(axes):
             ax.set(xlabel=xlabel, ylabel=ylabel, title=title)
             if log:

@@ -17,12 +17,7 @@ from fecloth.validation import file_problem
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
 COMMAS = "write commas between columns, and decimal points"
 PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a dimension
-_TABLES = [each for each in vars(units).values() if isinstance(each, Dimension)]
-DIMENSIONS = {each.si: each for each in reversed(_TABLES)} | {  # the first of one SI unit counts
-    "J": Dimension({"J": 1.0, "mJ": 1e-3, "uJ": 1e-6, "N*m": 1.0}),
-    "Hz": Dimension({"Hz": 1.0, "kHz": 1e3, "1/s": 1.0}),
-    "m^2": Dimension({"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6}),
-}
+DIMENSIONS = {each.si: each for each in reversed(units.DIMENSIONS.values())}  # the first counts
 
 
 def factor_to_si(name: str, unit: str | None, si: str) -> float:

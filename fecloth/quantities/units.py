@@ -1,22 +1,20 @@
-"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Fixed tables, no algebra of units.
+"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Fixed tables, no algebra of units:
+units.toml has their values in SI, and the sources.
 
 The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]``. From there
 `in_si` takes the units that a text may have, and error messages take the SI unit.
 """
 
-import math
 import re
+import tomllib
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from fecloth.errors import InputError, did_you_mean, is_number
-
-GF = 9.80665e-3
-"""Gram-force [N], by the standard acceleration of gravity, 9.80665 m/s² (CGPM 1901)."""
-_INCH, _FOOT, _POUND = 0.0254, 0.3048, 0.45359237  # [m], [kg]: the agreement of 1959
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,57 +42,31 @@ class Dimension:
         return all(table.get(key) == value for key, value in self.only)
 
 
-LENGTH = Dimension(
-    {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": _INCH, "ft": _FOOT}
-)
-ANGLE = Dimension({"rad": 1.0, "deg": math.pi / 180})
-VOLUME = Dimension({"m^3": 1.0, "L": 1e-3, "mL": 1e-6, "cm^3": 1e-6, "mm^3": 1e-9})
-TIME = Dimension({"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0})
-RATE = Dimension({"1/s": 1.0, "1/ms": 1e3, "1/min": 1 / 60, "1/h": 1 / 3600})
-SPEED = Dimension(
-    {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "mph": 5280 * _FOOT / 3600}
-)
-ACCELERATION = Dimension({"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3, "N/kg": 1.0})
-FORCE = Dimension({"N": 1.0, "kN": 1e3, "mN": 1e-3, "uN": 1e-6, "gf": GF, "kgf": 1e3 * GF})
-PRESSURE = Dimension(
-    {
-        "Pa": 1.0,
-        "hPa": 1e2,
-        "kPa": 1e3,
-        "MPa": 1e6,
-        "mbar": 1e2,
-        "bar": 1e5,
-        "atm": 101325.0,
-        "psi": 1e3 * GF * _POUND / _INCH**2,
-        "N/m^2": 1.0,
-        "kN/m^2": 1e3,
-    }
-)
-DENSITY = Dimension(
-    {"kg/m^3": 1.0, "g/m^3": 1e-3, "g/L": 1.0, "g/cm^3": 1e3, "Pa*s^2/m^2": 1.0, "N*s^2/m^4": 1.0}
-)
-RESISTANCE = Dimension({"Pa*s/m": 1.0, "mPa*s/m": 1e-3, "N*s/m^3": 1.0, "kg/(m^2*s)": 1.0})
-DAMPER = Dimension({"N*s/m": 1.0, "mN*s/m": 1e-3, "N*s/mm": 1e3, "kg/s": 1.0, "g/s": 1e-3})
-AREAL = Dimension(
-    {"kg/m^2": 1.0, "g/m^2": 1e-3, "mg/cm^2": 1e-2, "oz/yd^2": _POUND / 16 / (3 * _FOOT) ** 2}
-)
-PER_WIDTH = Dimension(
-    {
-        "N/m": 1.0,
-        "mN/m": 1e-3,
-        "kN/m": 1e3,
-        "N/cm": 1e2,
-        "N/mm": 1e3,
-        "gf/cm": 1e2 * GF,
-        "kgf/cm": 1e5 * GF,
-    }
-)
-PER_ANGLE = Dimension(
-    {**PER_WIDTH.units, "N/(m*deg)": 180 / math.pi, "gf/(cm*deg)": 1e2 * GF * 180 / math.pi}
-)
-PER_VOLUME = Dimension({"N/m^3": 1.0, "kN/m^3": 1e3, "N/cm^3": 1e6, "J/m^4": 1.0})
-MOMENT = Dimension({"N*m": 1.0, "mN*m": 1e-3, "uN*m": 1e-6, "mN*cm": 1e-5, "gf*cm^2/cm": 1e-2 * GF})
-HYSTERESIS = Dimension({"N": 1.0, "mN": 1e-3, "gf*cm/cm": GF})
+_FILE = Path(__file__).with_name("units.toml")
+DIMENSIONS = {
+    name: Dimension(units)
+    for name, units in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
+}
+LENGTH = DIMENSIONS["length"]
+ANGLE = DIMENSIONS["angle"]
+VOLUME = DIMENSIONS["volume"]
+TIME = DIMENSIONS["time"]
+RATE = DIMENSIONS["rate"]
+SPEED = DIMENSIONS["speed"]
+ACCELERATION = DIMENSIONS["acceleration"]
+FORCE = DIMENSIONS["force"]
+PRESSURE = DIMENSIONS["pressure"]
+DENSITY = DIMENSIONS["density"]
+RESISTANCE = DIMENSIONS["resistance"]
+DAMPER = DIMENSIONS["damper"]
+AREAL = DIMENSIONS["areal"]
+PER_WIDTH = DIMENSIONS["per_width"]
+PER_ANGLE = DIMENSIONS["per_angle"]
+PER_VOLUME = DIMENSIONS["per_volume"]
+MOMENT = DIMENSIONS["moment"]
+HYSTERESIS = DIMENSIONS["hysteresis"]
+GF = FORCE.units["gf"]
+"""Gram-force [N]."""
 
 _QUANTITY = re.compile(r"([-+]?(?:\d++\.?+\d*+|\.\d++)(?:[eE][-+]?\d++)?+)\s*+((?:1?/)?[^\W\d_].*)")
 _SPELLINGS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "⋅": "*", "µ": "u", "μ": "u", " ": "*"})

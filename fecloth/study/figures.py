@@ -1,6 +1,7 @@
 """One style for all figures: legible at 800 pixels, lines differ in colour and marker."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -16,22 +17,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
 GAP = 0.062  # between two labels, as a fraction of the axes
-STYLE: dict[Any, Any] = {
-    "figure.dpi": 100,
-    "savefig.dpi": 160,
-    "font.size": 12,
-    "axes.titlesize": 12,
-    "legend.fontsize": 10,
-    "legend.framealpha": 0.9,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 6,
-    "axes.grid": True,
-    "grid.color": "0.88",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "svg.hashsalt": "fecloth",  # the same figure gives the same file
-}
+STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
 def new_figure(
@@ -40,7 +26,7 @@ def new_figure(
     """Return a figure and its axes in this style, without pyplot: the user's backend stays."""
     from matplotlib import figure, rc_context
 
-    with rc_context(STYLE):
+    with rc_context(fname=STYLE):
         drawing = figure.Figure(figsize=size, layout="constrained")
         return drawing, drawing.subplots(rows, columns, **subplots)
 

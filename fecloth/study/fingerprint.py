@@ -35,7 +35,8 @@ def source_hash(file: str | Path) -> str:
     root, module = module_of(Path(file).resolve())
     folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
     scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
-    package = sorted(Path(fecloth.__file__).parent.rglob("*.py"))
+    whole = Path(fecloth.__file__).parent.rglob("*")
+    package = sorted(file for file in whole if file.suffix in (".py", ".toml"))
     digest = hashlib.sha256()
     for source in (*package, *sorted(_imported_files(Path(file))), *scenes):
         digest.update(source.read_bytes())

@@ -55,7 +55,7 @@ def picture(path: Path, panels: int, size=None, rows: int = 1):
     from matplotlib.figure import Figure
     from PIL import Image  # comes with Matplotlib
 
-    with rc_context({**STYLE, "font.size": 13, "legend.fontsize": 12, "savefig.dpi": 100}):
+    with rc_context({"font.size": 13, "legend.fontsize": 12, "savefig.dpi": 100}, STYLE):
         size = size or (8.0, 4.0)
         figure = Figure(figsize=size, layout="constrained")
         yield figure, figure.subplots(rows, panels)
