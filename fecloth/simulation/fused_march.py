@@ -53,29 +53,57 @@ class Skipped:
     seconds: float  # wall time
 
 
-@dataclass(frozen=True, eq=False)
-class FusedMarch:
-    """A choice of steps whose steps may be fused."""
+class Skipping:
+    """The fused steps of one march: bound when a step is first skipped, given up when they fail."""
 
-    # The choice of steps, and the system's fused steps.
-    steps: FixedStep | StabilityLimited
-    fused: FusedSteps
-    most_stretch: float  # as for `march`
-
-    @classmethod
-    def bind(cls, system: System, steps: StepChoice, most_stretch: float) -> "FusedMarch | None":
-        """Return the fused march, or None where steps need Python: see `FusedSteps.bind`."""
-        if not isinstance(steps, FixedStep | StabilityLimited):
-            return None
-        if type(steps.method) is not CentralDifference:
-            return None
-        fused = FusedSteps.bind(system)
-        return None if fused is None else cls(steps, fused, most_stretch)
+    def __init__(
+        self,
+        system: System,
+        steps: StepChoice,
+        most_stretch: float,
+        targets: np.ndarray,
+        stops: Sequence[float],
+    ):
+        self.system, self.most_stretch, self.targets = system, most_stretch, targets
+        self.kept = np.flatnonzero(np.isin(targets, [*stops, targets[-1]]))  # never skipped
+        self.fused: FusedSteps | None = None
+        has_loop = isinstance(steps, FixedStep | StabilityLimited)
+        self.is_open = has_loop and type(steps.method) is CentralDifference
 
     def skip(
-        self, state: State, memory: object, number: int, targets: np.ndarray, wanted: Wanted
+        self, state: State, memory: object, number: int, wanted: Wanted | None
     ) -> Skipped | None:
-        """Take the steps before the `wanted` one; None if there are too few."""
+        """Take the steps before the `wanted` one; None where it is near, or steps need Python."""
+        if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
+            return None
+        place = int(np.searchsorted(self.targets, state.t, side="right"))
+        if place == len(self.targets):
+            return None
+        chosen = state.t + memory.dt if isinstance(memory, LimitMemory) else self.targets[place]
+        if wanted.t <= chosen:
+            return None  # the next step is wanted
+        self.fused = self.fused or FusedSteps.bind(self.system)
+        if self.fused is None:
+            self.is_open = False
+            return None
+        stop = self.kept[np.searchsorted(self.kept, place)]
+        targets = self.targets[place : stop + 1]
+        try:
+            return self._take(self.fused, state, memory, number, targets, wanted)
+        except FloatingPointError:
+            self.is_open = False  # single steps will tell where they fail
+            return None
+
+    def _take(
+        self,
+        fused: FusedSteps,
+        state: State,
+        memory: object,
+        number: int,
+        targets: np.ndarray,
+        wanted: Wanted,
+    ) -> Skipped | None:
+        """Take steps of one size, up to the last of the targets."""
         # `state` and `memory` are left by step `number`, and `targets` the times at which steps
         # must end, up to one that must not be skipped. Raises `FloatingPointError` if they end
         # beyond all bounds; single steps will tell where.
@@ -96,7 +124,7 @@ class FusedMarch:
             least, largest = limited.least / BEYOND, min(largest, limited.largest * BEYOND)
         assert isinstance(last, LastForce)
         plan = times[: count + 1], sizes[:count]
-        taken = self.fused.take(state, last, *plan, look, least, largest)
+        taken = fused.take(state, last, *plan, look, least, largest)
         if taken is None or not (limited or taken.step):
             raise FloatingPointError("fused steps end beyond all bounds")
         left: object = taken.memory
@@ -119,7 +147,7 @@ class FusedMarch:
         if most < FEWEST:
             return none
         if limited.steps % LOOK == 0:
-            least, largest = extreme_stretches(self.fused.system.cloth, state.x)
+            least, largest = extreme_stretches(self.system.cloth, state.x)
             if largest > BEYOND * limited.largest or least * BEYOND < limited.least:
                 return none
         dt = limited.dt
@@ -134,44 +162,3 @@ def _equal(sizes: np.ndarray) -> int:
         return 0
     unlike = np.abs(sizes - sizes[0]) > ALIKE * sizes[0]
     return int(np.argmax(np.append(unlike, True)))
-
-
-class Skipping:
-    """The fused steps of one march: bound when a step is first skipped, given up when they fail."""
-
-    def __init__(
-        self,
-        system: System,
-        steps: StepChoice,
-        most_stretch: float,
-        targets: np.ndarray,
-        stops: Sequence[float],
-    ):
-        self.run = system, steps, most_stretch
-        self.targets = targets
-        self.kept = np.flatnonzero(np.isin(targets, [*stops, targets[-1]]))  # never skipped
-        self.bound: FusedMarch | None = None
-        self.is_open = True
-
-    def skip(
-        self, state: State, memory: object, number: int, wanted: Wanted | None
-    ) -> Skipped | None:
-        if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
-            return None
-        place = int(np.searchsorted(self.targets, state.t, side="right"))
-        if place == len(self.targets):
-            return None
-        chosen = state.t + memory.dt if isinstance(memory, LimitMemory) else self.targets[place]
-        if wanted.t <= chosen:
-            return None  # the next step is wanted
-        self.bound = self.bound or FusedMarch.bind(*self.run)
-        self.is_open = self.bound is not None
-        if self.bound is None:
-            return None
-        stop = self.kept[np.searchsorted(self.kept, place)]
-        targets = self.targets[place : stop + 1]
-        try:
-            return self.bound.skip(state, memory, number, targets, wanted)
-        except FloatingPointError:
-            self.is_open = False  # single steps will tell where they fail
-            return None

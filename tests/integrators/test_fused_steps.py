@@ -8,7 +8,6 @@ import pytest
 import fecloth as fc
 from fecloth.integrators.fused_steps import FusedSteps
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.fused_march import FusedMarch
 from fecloth.terms.kinematics import largest_stretch
 
 FABRIC = fc.Fabric(
@@ -116,7 +115,7 @@ def test_rows_of_a_run_are_those_of_a_run_with_more_rows(dt, pins):
 @pytest.mark.filterwarnings("ignore::fecloth.FeclothWarning")
 def test_a_run_with_a_row_at_each_step_makes_no_fused_steps(dt, monkeypatch):
     system, start = moving([fc.StVK(), GRAVITY], FIXED)
-    monkeypatch.setattr(FusedMarch, "bind", lambda *run: pytest.fail("fused steps are made"))
+    monkeypatch.setattr(FusedSteps, "bind", lambda *run: pytest.fail("fused steps are made"))
     seconds = 20 * (dt or fc.critical_dt(system, start))
     assert len(rows_of(system, start, dt, seconds, 10**6).times) > 20
     with pytest.raises(pytest.fail.Exception, match="fused steps are made"):
