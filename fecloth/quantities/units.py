@@ -8,7 +8,7 @@ The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]
 import re
 import tomllib
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -40,6 +40,20 @@ class Dimension:
     def holds(self, table: Mapping[str, object]) -> bool:
         """Whether the quantity has this dimension beside the other fields of the table."""
         return all(table.get(key) == value for key, value in self.only)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], Any]) -> Any:
+        """The JSON schema of a quantity in a file: a text may stand in place of each number."""
+        return _or_text(handler(schema))
+
+
+def _or_text(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_or_text(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    if schema.get("type") == "number":
+        return schema | {"type": ["number", "string"]}
+    return {key: _or_text(value) for key, value in schema.items()}
 
 
 _FILE = Path(__file__).with_name("units.toml")

@@ -6,47 +6,36 @@ allows these, too.
 """
 
 import json
-from collections.abc import Iterator
 from typing import Any
+
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema, to_jsonable_python
 
 from fecloth.fabric import presets
 from fecloth.scene.scene import Scene
 from fecloth.scene.schedule import METHOD_TABLES
-from fecloth.scene.table_model import Table
 from fecloth.scene.tables import Shorthands
-from fecloth.scene.type_words import dimensions
+
+
+class SchemaOfFiles(GenerateJsonSchema):
+    """Describes tables without null, which TOML does not have."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        described = super().default_schema(schema)
+        return {key: value for key, value in described.items() if value is not None}
+
+    def encode_default(self, default: Any) -> Any:
+        return to_jsonable_python(default, exclude_none=True)
 
 
 def json_schema() -> str:
     """Return the schema of scene files as JSON text."""
-    schema = _without_null(Scene.model_json_schema())
-    tables = schema["$defs"]
-    for model in subclasses(Table):
-        properties = tables.get(model.__name__, {}).get("properties", {})
-        for key in properties:
-            if dimensions(model.model_fields[key]):
-                properties[key] = _allow_units(properties[key])
-    _allow_names(schema, tables)
+    schema = Scene.model_json_schema(schema_generator=SchemaOfFiles)
+    _allow_names(schema, schema["$defs"])
     return json.dumps(schema, indent=2, ensure_ascii=False)
-
-
-def subclasses(cls: type) -> Iterator[type[Any]]:
-    """Yield all classes that derive from this one."""
-    derived: type[Any]
-    for derived in cls.__subclasses__():
-        yield derived
-        yield from subclasses(derived)
-
-
-def _allow_units(schema: Any) -> Any:
-    """Return the schema of a key with text allowed in place of each number."""
-    if isinstance(schema, list):
-        return [_allow_units(item) for item in schema]
-    if not isinstance(schema, dict):
-        return schema
-    if schema.get("type") == "number":
-        return schema | {"type": ["number", "string"]}
-    return {key: _allow_units(value) for key, value in schema.items()}
 
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
@@ -55,7 +44,7 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     method = tables["Time"]["properties"]["method"]
     method["anyOf"] = [{"enum": list(METHOD_TABLES)}, *method.pop("oneOf")]
     published = {"enum": list(presets.names())}
-    shorthands = _without_null(Shorthands.model_json_schema())["properties"]
+    shorthands = Shorthands.model_json_schema(schema_generator=SchemaOfFiles)["properties"]
     fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published}
     required = fabric.pop("required"), *([key] for key in shorthands)
     fabric["anyOf"] = [{"required": keys} for keys in required]
@@ -67,16 +56,3 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
     del schema["required"]
-
-
-def _without_null(schema: Any) -> Any:
-    """The schema without null, which TOML does not have."""
-    if isinstance(schema, list):
-        return [_without_null(item) for item in schema]
-    if not isinstance(schema, dict):
-        return schema
-    schema = {key: _without_null(value) for key, value in schema.items() if value is not None}
-    choices = [choice for choice in schema.get("anyOf", ()) if choice != {"type": "null"}]
-    if len(choices) == 1:
-        return {key: value for key, value in schema.items() if key != "anyOf"} | choices[0]
-    return schema | {"anyOf": choices} if choices else schema

@@ -11,13 +11,21 @@ from fecloth.cli import main as cli
 from fecloth.cli.commands import FIELD_NAMES
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene.cloth_tables import Disk
-from fecloth.scene.json_schema import json_schema, subclasses
+from fecloth.scene.json_schema import json_schema
 from fecloth.scene.scene import Scene
 from fecloth.scene.schedule import METHOD_TABLES
 from fecloth.scene.table_model import Table
 from fecloth.scene.tables import SHAPE_TABLES, TERM_TABLES, FabricTable, SolverTable
 from fecloth.scene.type_words import fields, meaning
 from fecloth.view.checker_pattern import CHECKS
+
+
+def subclasses(cls):
+    """All classes that derive from this one."""
+    for derived in cls.__subclasses__():
+        yield derived
+        yield from subclasses(derived)
+
 
 SCENES = sorted((Path(__file__).parents[2] / "studies" / "scenes").rglob("*.toml"))
 
