@@ -28,7 +28,7 @@ from fecloth.study.figures import (
     new_figure,
     use_plain_ticks,
 )
-from fecloth.study.reports import Row, markdown_table, write_csv
+from fecloth.study.result import Row, markdown_table, write_csv
 from fecloth.study.status import OK
 
 NAMED = 10  # failed cases that are named first

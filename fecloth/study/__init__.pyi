@@ -11,8 +11,7 @@ from .converging import converge
 from .figures import COLOURS, MARKERS, line_style, mark_failures, new_figure
 from .front import Study, of
 from .overlay import Overlay, compare_runs
-from .reports import write_csv
-from .result import StudyResult, Table
+from .result import StudyResult, Table, write_csv
 from .sensitivities import sensitivity
 from .sensitivity_result import Sensitivity
 from .simplification.result import Simplification

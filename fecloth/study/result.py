@@ -1,5 +1,6 @@
 """The shape that the results of all studies share: verdict, table, figure, report."""
 
+import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,10 +9,11 @@ from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
 from fecloth.study.figures import Figure
-from fecloth.study.reports import markdown_table, write_csv
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
 
+LONGEST_CELL = 300  # characters
+Row = Mapping[str, object]
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
 UNCERTAIN = {  # column: column of its error, which says how many of its digits are shown
@@ -23,6 +25,35 @@ UNCERTAIN = {  # column: column of its error, which says how many of its digits 
 }
 
 
+def write_csv(rows: Sequence[Row], path: str | Path) -> None:
+    """Write all rows, with the union of their columns; omit columns that hold lists."""
+    columns = [
+        c for c in _columns(rows) if not any(isinstance(row.get(c), list | dict) for row in rows)
+    ]
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with writing(Path(path)), Path(path).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def markdown_table(rows: Sequence[Row]) -> str:
+    """Format rows as a Markdown table, numbers to four digits."""
+    columns = _columns(rows)
+    table = [columns, *[[_cell(row.get(column)) for column in columns] for row in rows]]
+    lines = [f"| {' | '.join(cells)} |" for cells in table]
+    return "\n".join([lines[0], f"|{'---|' * len(columns)}", *lines[1:]])
+
+
+def _columns(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(key for row in rows for key in row))
+
+
+def _cell(value: object) -> str:
+    text = " ".join(_text(value).split())
+    return (text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …").replace("|", "\\|")
+
+
 @dataclass(frozen=True)
 class Table(Sequence[Mapping[str, Cell]]):
     """Rows of named cells; numbers are shown to four digits, or as many as their error has."""
@@ -32,7 +63,7 @@ class Table(Sequence[Mapping[str, Cell]]):
     @property
     def columns(self) -> list[str]:
         """Names of the columns, in their order."""
-        return list(dict.fromkeys(key for row in self.rows for key in row))
+        return _columns(self.rows)
 
     def __getitem__(self, key):
         """Return a row by its number, or a column by its name."""
@@ -74,7 +105,7 @@ def _head(column: str) -> str:
     return f"{column} [{UNITS[column]}]" if column in UNITS else column
 
 
-def _text(value: Cell) -> str:
+def _text(value: object) -> str:
     if value is None:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -39,7 +39,7 @@ class SceneProblem(CommonProblem):
 
     @cached_property
     def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
-        return self.scene.build()
+        return self._build()
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -169,10 +169,13 @@ class SceneProblem(CommonProblem):
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
         """Build the scene, on the cloth if it is given, and compile what its run needs."""
-        setup = self.scene.build(cloth)
+        setup = self._build(cloth)
         if cloth is None:
             compile_kernels(setup)
         return setup
+
+    def _build(self, cloth: Cloth | None = None) -> Setup:
+        return replace(self.scene.build(cloth), stops=())  # no step must end at a frame
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""

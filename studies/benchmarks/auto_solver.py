@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import fecloth as fc
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.benchmarks import multigrid
 from studies.benchmarks.linear_solvers import damped_sheet, scene

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.benchmarks.measure import Measured, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of

@@ -24,8 +24,7 @@ import numpy as np
 
 import fecloth as fc
 from fecloth import study
-from fecloth.study.reports import markdown_table
-from fecloth.study.result import Table
+from fecloth.study.result import Table, markdown_table
 from studies import harness
 from studies.benchmarks.measure import fastest
 from studies.benchmarks.multigrid import DT, fallen, sheet, steps, transfer

@@ -17,7 +17,7 @@ tables of the full form.
 from __future__ import annotations
 
 from fecloth import study
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.bending import figure
 from studies.bending.cases import MODELS, PROBLEMS, run

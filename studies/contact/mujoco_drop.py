@@ -27,7 +27,7 @@ import numpy as np
 import fecloth as fc
 from fecloth.errors import FeclothWarning
 from fecloth.scene.scene import load_scene
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.benchmarks.mujoco import make_flex, mujoco
 

@@ -19,7 +19,7 @@ import numpy as np
 import fecloth as fc
 from fecloth import study
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.convergence.known_problems import Known, motions, statics
 

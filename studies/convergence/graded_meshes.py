@@ -18,7 +18,7 @@ import numpy as np
 import fecloth as fc
 from fecloth.simulation.setup import Setup
 from fecloth.study.graded_meshes import choose_gradings
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.convergence.singular_corners import (
     SMALL,

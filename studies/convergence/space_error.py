@@ -16,7 +16,7 @@ from itertools import product
 from pathlib import Path
 
 import fecloth as fc
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.convergence.space_error_cases import PROBLEMS
 from studies.convergence.true_error import true_error

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.reports import Row, markdown_table, write_csv
+from fecloth.study.result import Row, markdown_table, write_csv
 from studies.harness import Finding
 
 DATA = Path(__file__).parents[1] / "validation" / "data"  # measured curves

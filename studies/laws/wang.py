@@ -14,7 +14,7 @@ import numpy as np
 
 from fecloth.fabric import presets, strips
 from fecloth.study.figures import COLOURS
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.laws.figures import picture
 

@@ -24,7 +24,7 @@ from scipy.sparse.linalg import splu
 
 import fecloth as fc
 from fecloth import study
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 
 ALLOWED = 1e-5  # of the largest displacement

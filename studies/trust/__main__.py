@@ -15,7 +15,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fecloth import study
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.trust.cases import judge
 from studies.trust.setups import SETUPS, Setup

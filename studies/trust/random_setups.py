@@ -24,7 +24,7 @@ from fecloth.linalg.reductions import rms
 from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
-from fecloth.study.reports import markdown_table
+from fecloth.study.result import markdown_table
 from studies import harness
 from studies.trust.cases import AGREE, FEWEST, frame_times, march_through
 from studies.trust.drawn import Drawn, draw

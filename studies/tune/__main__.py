@@ -30,7 +30,7 @@ from fecloth import study
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.study.problems import SceneProblem
-from fecloth.study.reports import markdown_table, write_csv
+from fecloth.study.result import markdown_table, write_csv
 from fecloth.study.run_problems import Runs
 from fecloth.study.status import OK
 from studies import harness

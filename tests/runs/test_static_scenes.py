@@ -367,7 +367,7 @@ def test_half_of_a_path_is_the_path_of_half_the_way(tmp_path):
     file.write_text(DRAWN)
     problem = load_scene(file).build()
     half = load_scene(file, ["pins.2.motion=['0.02 * t', '0', '0']"]).build()
-    x = [fc.equilibrium(p.system, p.state, load_steps=n).x for p, n in ((problem, 4), (half, 2))]
+    x = [fc.equilibrium(p.system, p.start, load_steps=n).x for p, n in ((problem, 4), (half, 2))]
     strains = [values[:, 0].max() - 0.2 for values in x]
     assert strains == pytest.approx([0.04, 0.02], abs=1e-12)
 

@@ -5,7 +5,7 @@ import pytest
 from support.plates import rolled, square
 
 import fecloth as fc
-from fecloth.study.simplification.weak_friction import describe_weak_friction
+from fecloth.study.simplification.runs import describe_weak_friction
 
 B = 2e-5
 

@@ -18,8 +18,7 @@ from fecloth.study.fitting.specimens import fabric_with
 from fecloth.study.fitting.statistics import statistics
 from fecloth.study.parameters import numbers_of
 from fecloth.study.problems import SceneProblem
-from fecloth.study.reports import write_csv
-from fecloth.study.result import Cell, StudyResult, Table, in_percent
+from fecloth.study.result import Cell, StudyResult, Table, in_percent, write_csv
 
 Interval = tuple[float, float]
 EMPTY = Table(())
