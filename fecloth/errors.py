@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from numbers import Real
 from typing import TYPE_CHECKING
 
@@ -67,6 +68,15 @@ class MeshError(InputError):
 
 class SceneError(InputError):
     """An unknown key, a wrong type or a value out of range in a scene file."""
+
+
+@contextmanager
+def errors_of(where: str, before: str = "", kind: type[InputError] = InputError) -> Iterator[None]:
+    """Raise an `InputError` of the block again, at this place and with the words before it."""
+    try:
+        yield
+    except InputError as error:
+        raise kind(f"{before}{error.what}", error.allowed, where, error.remedy) from None
 
 
 class SolveFailed(FeclothError):

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast, get_type_hints
 
-from fecloth.errors import InputError, brief, did_you_mean
+from fecloth.errors import InputError, brief, did_you_mean, errors_of
 from fecloth.quantities.units import Dimension, Measured, in_si
 
 Target = TypeVar("Target", bound=Callable[..., Any])
@@ -107,10 +107,8 @@ def _names(target: Callable[..., Any], required: bool) -> str:
 def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
     fields = _fields(target)
     named = {name: value for name, value in values.items() if name in fields}
-    try:
+    with errors_of(target.__qualname__):
         return in_si(named, fields, refuse_other_text=False)
-    except InputError as error:
-        raise InputError(error.what, error.allowed, target.__qualname__, error.remedy) from None
 
 
 @functools.cache

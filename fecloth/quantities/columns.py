@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, did_you_mean
+from fecloth.errors import InputError, brief, did_you_mean, errors_of
 from fecloth.quantities import units
 from fecloth.quantities.units import Dimension
 from fecloth.validation import file_problem
@@ -62,10 +62,8 @@ class DataTable:
             remedy = did_you_mean(name, self.cells)
             raise InputError(f"column {name!r}", allowed, self.where, remedy)
         unit, cells = self.cells[name]
-        try:
+        with errors_of(self.where):
             factor = 1.0 if si is None or (plain and not unit) else factor_to_si(name, unit, si)
-        except InputError as error:
-            raise InputError(error.what, error.allowed, self.where, error.remedy) from None
         values = [
             self._number(name, cell, line) for cell, line in zip(cells, self.lines, strict=True)
         ]

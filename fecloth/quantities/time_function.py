@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, errors_of
 from fecloth.quantities.formula import Formula
 
 OfTime = float | str | Callable[[float], float]
@@ -86,10 +86,8 @@ def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
 
 def _part(value: object, name: str, where: str) -> float | Formula:
     if isinstance(value, str):
-        try:
+        with errors_of(where, f"{name}: "):
             return Formula(value, ("t",))
-        except InputError as error:
-            raise InputError(f"{name}: {error.what}", error.allowed, where, error.remedy) from None
     if isinstance(value, bool) or not np.isscalar(value) or not np.isfinite(value):
         allowed = "must be a finite number, a formula of t, or a function of t"
         raise InputError(f"{name} = {value!r}", allowed, where)

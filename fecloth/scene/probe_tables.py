@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from fecloth.errors import InputError, SceneError, did_you_mean
+from fecloth.errors import InputError, SceneError, did_you_mean, errors_of
 from fecloth.quantities.units import LENGTH, TIME
 from fecloth.scene.field_types import Name
 from fecloth.scene.table_model import Table, require_exactly_one
@@ -151,10 +151,8 @@ def refuse_unknown(
             raise SceneError(f"expect.{name}", allowed, source, did_you_mean(name, names))
     for key, quantities in interest.parsed.items() if interest else ():
         for quantity in quantities:
-            try:
+            with errors_of(source, kind=SceneError):
                 quantity.require_known(names, f"interest.{key}")
-            except InputError as error:
-                raise SceneError(error.what, error.allowed, source, error.remedy) from None
 
 
 @dataclass(frozen=True)

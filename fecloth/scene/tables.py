@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BaseModel, ValidationInfo, WithJsonSchema, model_validator
 
 from fecloth import terms
-from fecloth.errors import InputError, brief
+from fecloth.errors import InputError, brief, errors_of
 from fecloth.fabric import presets
 from fecloth.fabric.fabric import Fabric, constants_in
 from fecloth.fabric.uncertainty import CONSTANTS, PAIRS, Uncertainty, merged
@@ -175,10 +175,8 @@ def _constants(key: str, value: Any, folder: Path) -> dict:
     make, names = _INSTRUMENTS[key]
     settings = {name: value[name] for name in names if name in value}
     fields = {name: one for name, one in value.items() if name not in settings}
-    try:
+    with errors_of("", f"{key}."):
         return dataclasses.asdict(make(fields, **settings))
-    except InputError as error:
-        raise InputError(f"{key}.{error.what}", error.allowed, "", error.remedy) from None
 
 
 def _from_file(name: Any, folder: Path) -> dict:
@@ -187,11 +185,8 @@ def _from_file(name: Any, folder: Path) -> dict:
         raise InputError(f"file = {brief(name)}", "must be the path of a TOML file")
     if problem := file_problem(folder / name):
         raise InputError(f"file = {name!r}", f"{folder / name}: {problem[0]}", "", problem[1])
-    try:
+    with errors_of("", f"file = {name!r}: "):
         return constants_in(folder / name)
-    except InputError as error:
-        what = f"file = {name!r}: {error.what}"
-        raise InputError(what, error.allowed, "", error.remedy) from None
 
 
 _INSTRUMENTS: dict[str, tuple[Callable[..., Fabric], tuple[str, ...]]] = {

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from fecloth.errors import InputError, SolveFailed
+from fecloth.errors import InputError, SolveFailed, errors_of
 from fecloth.integrators.bdf2 import BDF2
 from fecloth.integrators.explicit import CentralDifference
 from fecloth.integrators.newmark import GeneralizedAlpha
@@ -72,10 +72,8 @@ class Auto(ChosenSteps):
     traits = MethodTraits(order=2, chooses_dt=True)
 
     def __post_init__(self):
-        try:
+        with errors_of("Auto"):
             self._candidate(GeneralizedAlpha())  # refuses the parameters
-        except InputError as error:
-            raise InputError(error.what, error.allowed, "Auto", error.remedy) from None
 
     @property
     def candidates(self) -> tuple[Adaptive, Adaptive]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from fecloth.errors import InputError
+from fecloth.errors import InputError, errors_of
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
@@ -120,12 +120,9 @@ class SceneProblem(CommonProblem):
 
     def changed(self, change: Change) -> "SceneProblem":
         """Return the problem with a change; raise `InputError` with its name if it is refused."""
-        try:
+        with errors_of(f"{self.source} with {change.name}" if change.name else self.source):
             tables = change.apply(self._without_defaults(change))
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
-        except InputError as error:
-            where = f"{self.source} with {change.name}" if change.name else self.source
-            raise InputError(error.what, error.allowed, where, error.remedy) from None
 
     def _without_defaults(self, change: Change) -> dict:
         """Return the tables; a term that changes its type without the defaults of the old type."""

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import FeclothError, InputError, brief, flag, is_number
+from fecloth.errors import FeclothError, InputError, brief, errors_of, flag, is_number
 from fecloth.mesh.selection import Where
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Formula
@@ -149,10 +149,8 @@ class Pin:
             raise InputError("velocity without a motion", "needs both", self._label)
 
     def _formulas(self, parts: Sequence[str | float], name: str = "motion") -> Motion:
-        try:
+        with errors_of(self._label):
             return Motion.read(parts, name)
-        except InputError as error:
-            raise InputError(error.what, error.allowed, self._label, error.remedy) from None
 
     @property
     def _label(self) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fecloth.errors import InputError, SceneError, did_you_mean
+from fecloth.errors import SceneError, did_you_mean, errors_of
 from fecloth.scene import toml_text
 from fecloth.scene.scene import load_scene
 from fecloth.study.fitting import fit as by_experiments
@@ -53,10 +53,8 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], trust_geo: bo
     given = {key: value for key, value in table.items() if key != "scene"}
     given["data"] = path.parent / table["data"]
     scene = load_scene(path.parent / table["scene"], trust_geo=trust_geo)
-    try:
+    with errors_of(where, kind=SceneError):
         return Experiment(scene, **given)
-    except InputError as error:
-        raise SceneError(error.what, error.allowed, where, error.remedy) from None
 
 
 def _check_keys(

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 
 from fecloth import validation
-from fecloth.errors import InputError
+from fecloth.errors import InputError, errors_of
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.rotation import Rotation
@@ -197,10 +197,8 @@ class Sdf(Shape):
         super().__post_init__()
         if self.radius is not None:
             validation.positive("radius", self.radius, "m", "Sdf")
-        try:
+        with errors_of("Sdf"):
             _ = self._formula
-        except InputError as error:
-            raise InputError(error.what, error.allowed, "Sdf", error.remedy) from None
 
     @cached_property
     def deforms(self) -> bool:  # type: ignore[override]  # constant in the base, here computed
