@@ -148,7 +148,7 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
 
 def _check_start(scene: Any, system: System, state: State, at: At) -> None:
     """Refuse a term whose force at the start is not finite, or beyond all measure."""
-    for name, term in zip(system.names, system.bound, strict=True):
+    for name, term in system.named:
         f = np.zeros_like(state.x)
         with at("start"):
             term.check_start(state.x, state.t, "")
@@ -192,8 +192,7 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
     x, still = state.x, np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
-    named = zip(system.names, system.bound, strict=True)
-    for name, term in ((name, term) for name, term in named if not _follows_pins(term)):
+    for name, term in (pair for pair in system.named if not _follows_pins(pair[1])):
         forces = np.zeros((3, *x.shape))
         for t, f in zip((0.0, 0.37, 1.0), forces, strict=True):
             term.add_force(x, still, t, f)

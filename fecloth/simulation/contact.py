@@ -29,7 +29,7 @@ class Contact(Account):
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
         after, new = self, info.result.state
-        for name, term in zip(run.system.names, run.system.bound, strict=True):
+        for name, term in run.system.named:
             if not term.restitution or Growth.name not in others.records:
                 continue  # an equilibrium has no speeds
             v = term.touch_speed(info.old, new.x, new.t)
@@ -51,8 +51,7 @@ def describe_contact(system: System, start: State, end: State) -> str:
     # A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, the
     # gap less what the barrier gives way: errors of its place, beside the largest displacement.
     moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
-    named = zip(system.names, system.bound, strict=True)
-    means = [(name, term, term.mean_distance(end.x, end.t)) for name, term in named]
+    means = [(name, term, term.mean_distance(end.x, end.t)) for name, term in system.named]
     return "; ".join(_sentence(n, term.gap, D, moved) for n, term, D in means if D is not None)
 
 

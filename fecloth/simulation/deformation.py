@@ -144,5 +144,5 @@ def _energies_in_place(system: System, state: State, energies, start) -> dict[st
     x = state.x.copy()
     for piece, now, then in zip(system.movable_pieces, _places(system, state), start, strict=True):
         x[piece.nodes] -= now - then
-    loads = zip(system.names, system.bound, strict=True)
-    return {name: term.energy(x, state.t) for name, term in loads if name in energies and term.load}
+    loads = [pair for pair in system.named if pair[0] in energies and pair[1].load]
+    return {name: term.energy(x, state.t) for name, term in loads}

@@ -145,5 +145,5 @@ class Balance(Account):
 
 def _work_of_obstacles(system: System, ledger: Ledger) -> float:
     """Return the sum of what the contacts have done or taken [J]."""
-    names = zip(system.names, system.bound, strict=True)
-    return sum(abs(ledger.work.get(name, 0.0)) for name, term in names if term.limits_direction)
+    contacts = [name for name, term in system.named if term.limits_direction]
+    return sum(abs(ledger.work.get(name, 0.0)) for name in contacts)

@@ -53,9 +53,8 @@ class Ledger(Account):
         opening = system.energies(state)
         energies = dict(opening)
         kinetic = energies.pop("kinetic")
-        named = list(zip(system.names, system.bound, strict=True))
-        dissipated = {name: 0.0 for name, term in named if term.dissipative}
-        work = {name: 0.0 for name, term in named if term.supplies}
+        dissipated = {name: 0.0 for name, term in system.named if term.dissipative}
+        work = {name: 0.0 for name, term in system.named if term.supplies}
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
         resisting = _resisting(system, state, dissipated)
@@ -153,10 +152,10 @@ class Ledger(Account):
 
 def _resisting(system: System, state: State, dissipated) -> tuple[str, ...]:
     """Return the names of the terms that dissipate at a velocity of 1 m/s along each axis."""
-    v, named = np.ones_like(state.v), zip(system.names, system.bound, strict=True)
+    v = np.ones_like(state.v)
     return tuple(
         name
-        for name, term in named
+        for name, term in system.named
         if name in dissipated and (term.supplies or term.power(state.x, v, state.t) > NO_POWER)
     )
 

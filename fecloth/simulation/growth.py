@@ -67,7 +67,7 @@ def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
     # `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
     # impact may have taken nearly all of the rigid motion's.
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
-    loads = [n for n, term in zip(system.names, system.bound, strict=True) if term.load]
+    loads = [n for n, term in system.named if term.load]
     moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]
     unsolved = UNSOLVED * sum(abs(energy or 0.0) for energy in moved)
     rounded = 0.5 * system.total_mass * speed**2 + unsolved

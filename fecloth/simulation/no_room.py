@@ -16,8 +16,7 @@ def name_no_room(system: System, state: State, horizon: float) -> str:
     """Return what the pins and the obstacles lead the cloth into within `horizon` [s], or ""."""
     # It is the first event of these: nodes that pins hold completely pass into an obstacle, or
     # edges and triangles of such nodes through others; or two obstacles pass through each other.
-    named = zip(system.names, system.bound, strict=True)
-    contacts = [pair for pair in named if isinstance(pair[1], BoundContact)]
+    contacts = [pair for pair in system.named if isinstance(pair[1], BoundContact)]
     for dt in horizon * SPANS if contacts else ():
         if words := _name_held(system, state, dt, contacts) or _name_two(state, dt, contacts):
             return words

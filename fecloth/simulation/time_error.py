@@ -268,9 +268,8 @@ class TimeError(Account):
         if others[Contact].ratio > 1.0:
             return BOUNCES
         ledger, drift = others[Ledger], drift_of(run.method.traits)
-        names = zip(run.system.names, run.system.bound, strict=True)
-        heat = [ledger.dissipated.get(name, 0.0) for name, term in names if term.limits_direction]
-        lost = ledger.numerical + sum(heat)
+        contacts = [name for name, term in run.system.named if term.limits_direction]
+        lost = ledger.numerical + sum(ledger.dissipated.get(name, 0.0) for name in contacts)
         return HITS if drift and drift[0] > 1 and lost > HIT * self.fastest else ""
 
     def kick_length(self, system: System, t: float) -> float:

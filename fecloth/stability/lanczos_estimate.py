@@ -120,7 +120,7 @@ class _Products:
 
 def _not_finite(system: System, state: State) -> str:
     """Say which term has no finite force at a state."""
-    for name, term in zip(system.names, system.bound, strict=True):
+    for name, term in system.named:
         f = np.zeros_like(state.x)
         term.add_force(state.x, state.v, state.t, f)
         if not np.isfinite(f).all():

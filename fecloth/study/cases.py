@@ -8,12 +8,11 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
+from fecloth import __version__
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.runs.environment import versions
 from fecloth.study import status
 from fecloth.study.fingerprint import source_hash
 from fecloth.study.processes import run_in_processes, run_on_cluster
@@ -126,7 +125,7 @@ class Case:
     @property
     def key(self) -> str:
         """Hash of everything on which the result depends."""
-        parts = (self.text, Path(self.file).name, self.name, package_version(), self.source)
+        parts = (self.text, Path(self.file).name, self.name, __version__, self.source)
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:24]
 
 
@@ -242,9 +241,3 @@ def _read_entry(path: Path) -> dict | None:
         return entry if is_whole and result["status"] in status.REPRODUCIBLE else None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-
-
-@cache
-def package_version() -> str:
-    """Return fecloth's version. Cached: a look-up takes 4 ms, and there are thousands of cases."""
-    return versions()["fecloth"]

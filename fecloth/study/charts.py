@@ -21,7 +21,7 @@ from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import refine_problem
 from fecloth.study.result import Table
-from fecloth.study.status import OK
+from fecloth.study.status import NO_VALUE, OK, failure
 from fecloth.study.workload import in_words
 
 LONGEST_CASE = 60.0  # s
@@ -169,7 +169,7 @@ def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limi
     line: dict[str, Any] = dict(setting if isinstance(setting, dict) else setting.cells)
     if row is None or limit is None or row["status"] != OK:
         status = row or {"status": "not run", "cause": ""}
-        return line | {"status": status["status"], "cause": str(status["cause"]).split("\n")[0]}
+        return line | failure(status["status"], status["cause"])
     line.setdefault("h", row["edge"])
     if math.isfinite(row["step"]):
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times
@@ -177,7 +177,7 @@ def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limi
     try:
         error = limit.error(run_problems.record_at(row, quantity))
     except InputError as refusal:  # as where a signal has no period
-        return line | {"status": "no value", "cause": str(refusal).splitlines()[0]}
+        return line | failure(NO_VALUE, refusal)
     line |= {"error": error, "uncertainty": limit.study.uncertainty}
     if limit.size:
         line["error %"] = 100 * error / limit.size

@@ -1,7 +1,7 @@
 """Cloth + fabric + terms + pins: the assembled operators, without any notion of a time step."""
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -204,6 +204,11 @@ class System(Arguments):
             names.append(name if plain.count(name) == 1 else f"{name}.{seen[name]}")
         return tuple(names)
 
+    @property
+    def named(self) -> Iterator[tuple[str, Any]]:
+        """The terms, bound to the cloth, each with its name."""
+        return zip(self.names, self.bound, strict=True)
+
     @cached_property
     def constraints(self) -> Constraints:
         return Constraints.bind(self.pins, self.cloth)
@@ -335,7 +340,7 @@ class System(Arguments):
         kinetic = 0.5 * self.sums.dot(state.v, self.mass_times(state.v))
         potentials = {
             name: self.sums.total(term.energy(state.x, state.t))
-            for name, term in zip(self.names, self.bound, strict=True)
+            for name, term in self.named
             if term.has_energy
         }
         return {"kinetic": kinetic, **potentials}

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fecloth.linalg.aggregation import rigid_motions
 from fecloth.mesh.cloth import Cloth
 from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.simulation.doubts.signals import Signal, name_motion
@@ -179,10 +180,8 @@ def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
     constraints = system.constraints
     if not len(constraints.nodes):
         return None
-    middle, size = x.mean(axis=0), np.ptp(x, axis=0).max()
-    units = np.eye(3)
-    turns = [np.cross(axis, (x - middle) / size) for axis in units]
-    modes = np.stack([*(np.tile(axis, (len(x), 1)) for axis in units), *turns])
+    size = np.ptp(x, axis=0).max()
+    modes = np.moveaxis(rigid_motions(x / size), 2, 0)
     held = np.stack([constraints.held_part(mode).ravel() for mode in modes], axis=1)
     _, values, rows = np.linalg.svd(held, full_matrices=True)
     values = np.pad(values, (0, 6 - len(values)))

@@ -74,7 +74,7 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
             values = _motion(pin.motion)
             effort = PLACES if pin.motion.by_place else FORMULAS
         yield Signal(name_motion(name), values, effort, *run, "pin")
-    for name, bound in zip(system.names, system.bound, strict=True):
+    for name, bound in system.named:
         body = bound.body if isinstance(bound, BoundContact) else None
         if body is not None and body.moves:
             values = each(partial(_place, body, system.cloth.extent))

@@ -198,7 +198,7 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[str]:
 
 def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
     """Warn of triangles that an obstacle may cut between the points on which it acts."""
-    for name, term in zip(run.system.names, run.system.bound, strict=True):
+    for name, term in run.system.named:
         is_shape, cloth = isinstance(term, BoundObstacle), run.system.cloth
         if is_shape and (depth := cutting_depth(term.shape, term.gap, cloth)):
             what, remedy = "has edges that", "a larger gap or rounder edges"

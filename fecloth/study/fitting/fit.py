@@ -115,11 +115,11 @@ def fit(
     specimens = open_specimens(listed, sought, fabric, shared)
     fitting = Fitting(specimens, make_unknowns(parameters, specimens), runs)
     _check_cost(fitting, starts, refined)
-    place = search(fitting, starts)
+    end, same = search(fitting, starts)
     finer = fitting.finer() if refined else None
-    end, coarse, remarks = place.best, None, list[str]()
+    coarse, remarks = None, list[str]()
     if starts > 1:
-        remarks.append(f"{place.same} of {starts} starts end at these constants")
+        remarks.append(f"{same} of {starts} starts end at these constants")
     why = "no problem has h or dt to refine"
     if finer:
         better = refine(finer, end)
@@ -188,16 +188,8 @@ class Search:
         return self.at(solved.x)
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Where the searches ended."""
-
-    best: Evaluation
-    same: int  # number of the starts that ended there
-
-
-def search(fitting: Fitting, starts: int) -> Place:
-    """Search from the given start, and from others around it; the least misfit counts.
+def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
+    """Search from the given start and others: the least misfit, and how many of them end there.
 
     It raises `FitFailed` if no start runs.
     """
@@ -211,7 +203,7 @@ def search(fitting: Fitting, starts: int) -> Place:
         raise FitFailed(f"no start of the fit runs: {ends[0].cause}. {remedy}")
     best = min(ran, key=lambda end: float((end.residual**2).sum()))
     same = [end for end in ran if np.abs(end.u - best.u).max() < SAME]
-    return Place(best, len(same))
+    return best, len(same)
 
 
 def refine(fitting: Fitting, end: Evaluation) -> Evaluation:

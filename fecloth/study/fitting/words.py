@@ -1,13 +1,11 @@
 """The answer of a fit in words: constants, what is not told, the law, mesh and step."""
 
 from collections.abc import Iterator
-from typing import get_type_hints
 
 import numpy as np
 
 from fecloth.errors import amount
-from fecloth.fabric.fabric import Fabric
-from fecloth.quantities.units import Dimension
+from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
 from fecloth.study.fitting.statistics import Statistics
 from fecloth.study.result import in_percent, with_uncertainty
@@ -30,10 +28,8 @@ HINTS = (  # words in the names of unknowns, and what would tell them
 
 def unit_of(name: str) -> str:
     """The SI unit of a constant of the fabric; "" of any other."""
-    key = name.split(".")[1] if name.startswith("fabric.") else ""
-    hint = get_type_hints(Fabric, include_extras=True).get(key)
-    marks = [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Dimension)]
-    return marks[0].si if marks else ""
+    dimension = CONSTANTS.get(name.split(".")[1]) if name.startswith("fabric.") else None
+    return dimension.si if dimension else ""
 
 
 def describe_value(name: str, value: float, interval: tuple[float, float]) -> str:
