@@ -34,7 +34,7 @@ KERNELS = {
     "reductions": {"dot", "weighted_dot", "weighted_sum"},
     "threads": {"wait"},
     # the errors in time and space, and the shape
-    "rigid_motion": {"_rms_without_rigid"},
+    "rigid_motion": {"_sums"},
     "kinematics": {"_extreme_stretches"},
     "probes": {"_area"},
 }
