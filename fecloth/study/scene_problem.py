@@ -172,7 +172,10 @@ class SceneProblem(CommonProblem):
         return setup
 
     def _build(self, cloth: Cloth | None = None) -> Setup:
-        return replace(self.scene.build(cloth), stops=())  # no step must end at a frame
+        """Return what moves, without frames: no step must end at one."""
+        built = self.scene.build(cloth)
+        run = built.system, built.start, built.steps, built.t_end, built.newton, built.linear
+        return Setup(*run, built.probes)
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""

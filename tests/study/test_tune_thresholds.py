@@ -297,7 +297,7 @@ def test_finer_meshes_do_not_help_whose_changes_fall_with_an_order_below_03(orde
     changes = 0.1, 0.1 * 0.5**order
     runs = tuple(mesh_runs([1.0, 1.0 + changes[0], 1.0 + sum(changes)]))
     mesh = Mesh(runs[0].choice, None, None, runs)
-    space = SpaceErrors((mesh,), runs[-1], np.zeros(1), runs)
+    space = SpaceErrors((mesh,), runs[-1], np.zeros(1))
     assert space.stalls(PowerLaws(), 0.01) == stalls
 
 
@@ -305,7 +305,7 @@ def test_finer_meshes_do_not_help_whose_changes_fall_with_an_order_below_03(orde
 def test_changes_up_to_twice_the_tolerance_may_be_irregular(part, stalls):
     runs = tuple(mesh_runs([1.0, 1.001, 1.001 + 2 * part * 0.01]))
     mesh = Mesh(runs[0].choice, None, None, runs)
-    space = SpaceErrors((mesh,), runs[-1], np.zeros(1), runs)
+    space = SpaceErrors((mesh,), runs[-1], np.zeros(1))
     assert space.stalls(PowerLaws(), 0.01) == stalls
 
 

@@ -48,7 +48,6 @@ class SpaceErrors:
     meshes: tuple[Mesh, ...]
     reference: Trial  # the best known run
     error: np.ndarray  # its own error, (q,)
-    trials: tuple[Trial, ...]
     rival: Mesh | None = None  # the other mesh if the two best mostly make the error by differing
 
     @property
@@ -94,7 +93,7 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
     is_doubted = error.max() > own.max()
     rivals = [mesh for mesh in meshes if is_doubted and mesh.trials[-1] is others[0][0]]
-    return SpaceErrors(tuple(meshes), reference, error, tuple(trials), *rivals)
+    return SpaceErrors(tuple(meshes), reference, error, *rivals)
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
