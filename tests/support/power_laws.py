@@ -108,4 +108,4 @@ def known_run(prediction, x, error, n=10_000):
     """What is known of the error in space: the best run has this x, and this error of its own."""
     choice = replace(prediction.meshes[0].choice, h=1 / x, steps=n)
     best = trial(choice, 1 + 1 / x**2)
-    return SpaceErrors(prediction.meshes, best, np.array([error]), (best,))
+    return SpaceErrors(prediction.meshes, best, np.array([error]))
