@@ -4,6 +4,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
+from operator import attrgetter
 from types import FunctionType
 from typing import Any, Protocol, Self
 
@@ -96,16 +97,6 @@ NOT_NEEDED = {"here", "nbytes", "force_calls"}  # on several processes
 _new_keys = count()
 
 
-def _on_all(name: str) -> Any:
-    """One of `ABILITIES`, asked of all processes."""
-    return lambda self, *arguments: self.crew.ask(self.key, name, *arguments)
-
-
-def _as_here(name: str) -> Any:
-    """What the term says of itself on this process."""
-    return property(lambda self: getattr(self.local, name))
-
-
 class RemoteTerm(BoundTerm):
     """A bound term of the whole cloth, `key` on the processes; each has its part, here `local`."""
 
@@ -116,22 +107,6 @@ class RemoteTerm(BoundTerm):
             if name not in OFFERED | NOT_NEEDED and has_own(local, name):
                 allowed = "is not offered by several processes"
                 raise InputError(f"{name} of {local.name}", allowed, "mpiexec", "Run on one.")
-
-    name, symmetric, load = map(_as_here, ("name", "symmetric", "load"))
-    has_energy, dissipative = map(_as_here, ("has_energy", "dissipative"))
-    velocity_dependent, stores_strain = map(_as_here, ("velocity_dependent", "stores_strain"))
-    needs_path, needs_end = map(_as_here, ("needs_path", "needs_end"))
-    lags, load_steps = map(_as_here, ("lags", "load_steps"))
-    needs_difference, steady_air = map(_as_here, ("needs_difference", "steady_air"))
-    supplies, has_stress = map(_as_here, ("supplies", "has_stress"))
-    recovers_strain, objective = map(_as_here, ("recovers_strain", "objective"))
-    has_curves = _as_here("has_curves")
-    dissipates_over_step, conserves = map(_as_here, ("dissipates_over_step", "conserves"))
-
-    energy, power, supply, beyond = map(_on_all, ("energy", "power", "supply", "beyond"))
-    dissipation, work_of_clamps = map(_on_all, ("dissipation", "work_of_clamps"))
-    strain_error, cells = map(_on_all, ("strain_error", "cells"))
-    commit = _on_all("commit")
 
     def start_history(self, x: np.ndarray, t: float) -> Any:
         """The record of the whole cloth; raises `InputError` if it has no rows of triangles."""
@@ -178,3 +153,15 @@ class RemoteTerm(BoundTerm):
 
     def here(self) -> BoundTerm:
         return self.local
+
+
+def _on_all(name: str) -> Any:
+    """One of `ABILITIES`, asked of all processes."""
+    return lambda self, *arguments: self.crew.ask(self.key, name, *arguments)
+
+
+_PROPERTIES = (name for name, each in vars(BoundTerm).items() if isinstance(each, property))
+for _name in (*BoundTerm.__annotations__, *_PROPERTIES):  # what the term says of itself here
+    setattr(RemoteTerm, _name, property(attrgetter(f"local.{_name}")))
+for _name in ABILITIES.keys() - vars(RemoteTerm).keys():
+    setattr(RemoteTerm, _name, _on_all(_name))
