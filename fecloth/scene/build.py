@@ -24,6 +24,7 @@ from fecloth.scene.probe_tables import refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.march import Memory
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Probe
@@ -61,6 +62,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         newton=scene.solver.make(),
         linear=scene.solver.linear,
         probes=(*probes, *_on_request(scene)),
+        memory=Memory(0, state.t, None),  # the start is checked above
         frame_steps=scene.output.steps(scene.schedule),
         rows=scene.output.rows,
         stops=scene.output.stops(scene.schedule),

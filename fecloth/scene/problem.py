@@ -3,13 +3,11 @@
 import math
 from dataclasses import dataclass
 
-from fecloth.nonlinear.context import SolverContext
 from fecloth.simulation.doubts.before_run import NOTES, find_warnings
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.march import Memory, StepInfo
+from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import ROWS, rows_at_least
-from fecloth.simulation.setup import Marched, Setup
-from fecloth.system.state import State
+from fecloth.simulation.setup import Setup
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,14 +46,3 @@ class Problem(Setup):
             start, every = self.start.t, self.restarts
             t = min(t, start + every * (math.floor((info.t - start) / every + 1e-9) + 1))
         return Wanted(step, t)
-
-    def march(
-        self,
-        solver: SolverContext,
-        state: State | None = None,
-        memory: Memory | None = None,
-        wanted: Wanted | None = None,
-    ) -> Marched:
-        """March as any setup, without the checks of the start: `build` has refused a longer dt."""
-        memory = memory or Memory(0, self.start.t, None)
-        return super().march(solver, state, memory, wanted)

@@ -25,7 +25,6 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 Solver = tuple[SolverContext, str]  # and in words why it was chosen
-Marched = Generator[tuple[State, StepInfo], Wanted | None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +40,7 @@ class Setup:
     probes: tuple[Probe | str, ...] = ()
     stops: tuple[float, ...] = ()  # times at which a step must end
     shape: bool = False  # whether stretches and volume are recorded, see `Observer`
+    memory: Memory | None = None  # as `march` takes it: with one it does not check the start
 
     @property
     def cloth(self) -> Cloth:
@@ -117,10 +117,10 @@ class Setup:
         state: State | None = None,
         memory: Memory | None = None,
         wanted: Wanted | None = None,
-    ) -> Marched:
+    ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
         """March to the end from the start, or from a later state with the `Memory` of its step."""
-        run = self.system, self.steps, state or self.start, None, self.t_end
-        return march(*run, stops=self.stops, solver=solver, memory=memory, wanted=wanted)
+        run, known = (self.system, self.steps, state or self.start, None), memory or self.memory
+        return march(*run, self.t_end, stops=self.stops, solver=solver, memory=known, wanted=wanted)
 
     def run(
         self,
