@@ -69,7 +69,7 @@ class Recorder:
                 self._resume(found)
             else:
                 self.progress = self._begin()
-                if problem.restarts:
+                if problem.output.restarts:
                     self.restart(regular=True)
 
     def _begin(self) -> Progress:
@@ -185,7 +185,7 @@ class Recorder:
         cells = self.files.add_frame(state, memory)
         shape, step = accounts[Shapes], accounts[Solves].steps
         apart = APART[self.problem.method.traits.explicit]
-        counts = self.problem.intersections and (ended or step - shape.counted >= apart)
+        counts = self.problem.output.intersections and (ended or step - shape.counted >= apart)
         shape, row = shape.at_frame(self.run, state, cells, step, counts)
         self.files.add_rows({"strains": row})
         return accounts.with_record(shape)
@@ -198,7 +198,7 @@ class Recorder:
             warn(words)
 
     def _is_restart_due(self, info: StepInfo) -> bool:
-        if not (every := self.problem.restarts):
+        if not (every := self.problem.output.restarts):
             return False
         if isinstance(every, int):
             due = info.step % every == 0

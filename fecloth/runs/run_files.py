@@ -70,7 +70,7 @@ class RunFiles:
         problem, system = self.problem, self.problem.system
         history = memory.term_history if memory else None
         known = system.with_history(history or system.start_history(state))
-        points, cells = fields(known, state, problem.error_density)
+        points, cells = fields(known, state, problem.output.error_density)
         self.obstacles.add(len(self.frames.times), state)
         self.frames.add(state, (points, cells))
         self.shown = keep_shown(Frame(state.t, state.x, problem.cloth.cells, points, cells))
@@ -101,7 +101,7 @@ class RunFiles:
 
     def gather(self) -> None:
         """Write the frames of a whole run into one file, if the scene asks for it."""
-        if self.problem.frame_format == "vtkhdf":
+        if self.problem.output.format == "vtkhdf":
             self.opens = gather(Series.open(self.folder.path), self.folder.path / GATHERED)
 
     def remove_gathered(self) -> None:

@@ -64,13 +64,9 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         probes=(*probes, *_on_request(scene)),
         memory=Memory(0, state.t, None),  # the start is checked above
         frame_steps=scene.output.steps(scene.schedule),
-        rows=scene.output.rows,
         stops=scene.output.stops(scene.schedule),
-        frame_format=scene.output.format,
         note=bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else "",
-        restarts=scene.output.restart_steps or scene.output.restart_every,
-        intersections=scene.output.intersections,
-        error_density=scene.output.error_density,
+        output=scene.output,
     )
     _check_columns(scene, problem, probes, at)
     return problem

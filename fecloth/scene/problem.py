@@ -3,10 +3,11 @@
 import math
 from dataclasses import dataclass
 
+from fecloth.scene.schedule import Output
 from fecloth.simulation.doubts.before_run import NOTES, find_warnings
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import StepInfo
-from fecloth.simulation.record_steps import ROWS, rows_at_least
+from fecloth.simulation.record_steps import rows_at_least
 from fecloth.simulation.setup import Setup
 
 
@@ -16,13 +17,9 @@ class Problem(Setup):
 
     t_end: float
     frame_steps: int | None  # steps between two frames of the output; None: frames at `stops`
-    frame_format: str = "vtu"  # "vtu" or "vtkhdf"
+    output: Output
     note: str = ""  # a line to print before the run, or ""
-    restarts: int | float | None = None  # steps (an int) or seconds between two restart files
-    intersections: bool = True  # whether the pairs of triangles that intersect are counted
     unit: str = " s"  # what follows a value of t in words: " s" or " of the loads"
-    error_density: bool = False  # whether frames have the energy of the error in space per area
-    rows: int = ROWS  # as `run` takes it
 
     @property
     def dt(self) -> float | None:
@@ -36,13 +33,13 @@ class Problem(Setup):
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""
-        row = rows_at_least(self.rows, self.start.t, self.t_end)(info)
+        row = rows_at_least(self.output.rows, self.start.t, self.t_end)(info)
         step, t = row.step, row.t
         if self.frame_steps:
             step = min(step, info.step + self.frame_steps - info.step % self.frame_steps)
-        if isinstance(self.restarts, int):
-            step = min(step, info.step + self.restarts - info.step % self.restarts)
-        elif self.restarts:
-            start, every = self.start.t, self.restarts
+        start, every = self.start.t, self.output.restarts
+        if isinstance(every, int):
+            step = min(step, info.step + every - info.step % every)
+        elif every:
             t = min(t, start + every * (math.floor((info.t - start) / every + 1e-9) + 1))
         return Wanted(step, t)

@@ -182,6 +182,11 @@ class Output(Table):
             h5py()
         return self
 
+    @property
+    def restarts(self) -> int | float | None:
+        """Steps (an int) or seconds between two restart files; None for no files."""
+        return self.restart_steps or self.restart_every
+
     def steps(self, time: Time | EquilibriumTable) -> int | None:
         """Return the steps between two frames, rounded; None for frames at the `stops`."""
         if self.every_steps or time.dt == "auto":
