@@ -36,9 +36,6 @@ class BeyondCurve(Account):
         unit = " of the loads" if isinstance(run.method, LoadSteps) else " s"
         return self.changed(doubt=words_beyond(self.area, f", {self.time:.2g}{unit}"))
 
-    def warnings(self) -> tuple[str, ...]:
-        return (self.doubt,)
-
     def summary(self) -> dict[str, object]:
         return {"beyond_curve": {"area": self.area, "time": self.time}} if self.doubt else {}
 
