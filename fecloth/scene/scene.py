@@ -81,10 +81,8 @@ class Scene(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _lists_as_tuples(cls, data: Any) -> Any:
+    def _lists_as_tuples(cls, data: dict[str, Any]) -> dict[str, Any]:
         data = as_tuples(data)
-        if not isinstance(data, dict):
-            return data
         if "time" in data and "equilibrium" in data:
             allowed = (
                 "a scene has one of them; with [equilibrium] it is static, without time and dt"
