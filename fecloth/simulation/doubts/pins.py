@@ -181,7 +181,7 @@ def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:
     if not len(constraints.nodes):
         return None
     size = np.ptp(x, axis=0).max()
-    modes = np.moveaxis(rigid_motions(x / size), 2, 0)
+    modes = rigid_motions(x / size)
     held = np.stack([constraints.held_part(mode).ravel() for mode in modes], axis=1)
     _, values, rows = np.linalg.svd(held, full_matrices=True)
     values = np.pad(values, (0, 6 - len(values)))
