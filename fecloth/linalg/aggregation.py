@@ -18,17 +18,11 @@ DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over e
 FULL = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # (3, 3) of a block's entries 11, 22, 33, 23, 13, 12
 
 
-def aggregate(pattern: BlockPattern) -> np.ndarray:
-    """(n,) int32 number of each node's aggregate: a node and its neighbours, by the pattern."""
-    of_node = np.full(len(pattern), -1, np.int32)
-    _aggregate(pattern.indptr, pattern.indices, of_node)
-    return of_node
-
-
 @kernel
-def _aggregate(indptr: Array, indices: Array, of_node: Array) -> None:
-    """Number the aggregates in `of_node`, −1 at first."""
-    n, count = len(of_node), 0
+def aggregate(indptr: Array, indices: Array) -> Array:
+    """(n,) int32 number of each node's aggregate: a node and its neighbours in a pattern."""
+    n, count = len(indptr) - 1, 0
+    of_node = np.full(n, -1, np.int32)
     for i in range(n):  # a node whose neighbours are all free makes an aggregate with them
         row = indices[indptr[i] : indptr[i + 1]]
         taken = False
@@ -48,6 +42,7 @@ def _aggregate(indptr: Array, indices: Array, of_node: Array) -> None:
     for i in range(n):
         if of_node[i] >= n:
             of_node[i] -= n
+    return of_node
 
 
 def coarse_pattern(pattern: BlockPattern, of_node: np.ndarray) -> BlockPattern:

@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
-from fecloth.compiled.team import Team
 from fecloth.compiled.threads import Member, part_of, wait
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
@@ -40,8 +39,7 @@ class SweepOrder:
     @classmethod
     def from_pattern(cls, pattern: BlockPattern) -> Self:
         """Colour the nodes greedily, each with the first colour that no neighbour has."""
-        n, colours = len(pattern), np.full(len(pattern), -1, np.int32)
-        _colour(pattern.indptr, pattern.indices, colours)
+        n, colours = len(pattern), _colour(pattern.indptr, pattern.indices)
         nodes = np.argsort(colours, kind="stable").astype(np.int32)
         places = np.empty(n, np.int32)
         places[nodes] = np.arange(n, dtype=np.int32)
@@ -55,7 +53,8 @@ class SweepOrder:
 
     def gather(self, A: BlockMatrix, values: np.ndarray) -> None:
         """Write the blocks of A in this order to `values` (b − n, 3, 3)."""
-        gather(self.slots, A.values, values, A.team)
+        n = len(self.slots)
+        A.team.each(n, lambda at: (_gather, (self.slots[at], A.values, values[at])), n)
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
@@ -63,14 +62,10 @@ class SweepOrder:
         return self.nodes, self.starts, self.indptr, self.indices
 
 
-def gather(at: np.ndarray, blocks: np.ndarray, gathered: np.ndarray, team: Team) -> None:
-    """gathered[t] = blocks[at[t]], where blocks are (b, 3, k)."""
-    team.each(len(at), lambda part: (_gather, (at[part], blocks, gathered[part])), len(at))
-
-
 @kernel
-def _colour(indptr: Array, indices: Array, colours: Array) -> None:
-    """Number the colours in `colours`, −1 at first."""
+def _colour(indptr: Array, indices: Array) -> Array:
+    """(n,) int32 number of each node's colour."""
+    colours = np.full(len(indptr) - 1, -1, np.int32)
     last = np.full(len(colours), -1)  # the last node with a neighbour of this colour
     for i in range(len(colours)):
         for j in indices[indptr[i] : indptr[i + 1]]:
@@ -80,15 +75,15 @@ def _colour(indptr: Array, indices: Array, colours: Array) -> None:
         while last[colour] == i:
             colour += 1
         colours[i] = colour
+    return colours
 
 
 @kernel
 def _gather(at: Array, blocks: Array, gathered: Array) -> None:
     for t in range(len(at)):
-        s = at[t]
         for c in range(3):
-            for d in range(blocks.shape[2]):
-                gathered[t, c, d] = blocks[s, c, d]
+            for d in range(3):
+                gathered[t, c, d] = blocks[at[t], c, d]
 
 
 @inner

@@ -96,10 +96,11 @@ class Level:
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
     """Coarsen a pattern until its aggregates are no fewer than half of its nodes."""
-    grid = Grid(pattern, SweepOrder.from_pattern(pattern), aggregate(pattern))
-    if 2 * (grid.of_node.max() + 1) >= len(pattern):
+    of_node = aggregate(pattern.indptr, pattern.indices)
+    grid = Grid(pattern, SweepOrder.from_pattern(pattern), of_node)
+    if 2 * (of_node.max() + 1) >= len(pattern):
         return [grid]
-    return [grid, *make_grids(coarse_pattern(pattern, grid.of_node))]
+    return [grid, *make_grids(coarse_pattern(pattern, of_node))]
 
 
 def make_levels(
