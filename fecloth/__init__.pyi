@@ -41,6 +41,8 @@ from .simulation.probes import Probe
 from .simulation.resolve import solver_for
 from .simulation.run import Result, run
 from .stability.critical_step import critical_dt
+from .study.budgeting.budget import budget
+from .study.budgeting.result import Budget
 from .study.fitting.experiment import Experiment
 from .study.fitting.fit import fit
 from .study.fitting.result import Fit
@@ -99,6 +101,7 @@ __all__ = [
     "BendingDamping",
     "BendingFriction",
     "BoundTerm",
+    "Budget",
     "CentralDifference",
     "Cloth",
     "Condition",
@@ -166,6 +169,7 @@ __all__ = [
     "Wind",
     "WithMemory",
     "bending_tensor",
+    "budget",
     "contract",
     "critical_dt",
     "equilibrium",

@@ -151,6 +151,16 @@ COMMANDS = {
         ],
         "how much quantities depend on each number of a scene",
     ),
+    "budget": study(
+        "fecloth.study.budgeting.budget:budget",
+        [
+            shared.QUANTITIES,
+            option("--samples", "in place of the first order (where it fails, 64)", type=int),
+            option("--seed", "of samples and disturbed starts (0)", type=int, default=0),
+            shared.SET,
+        ],
+        "add up how uncertain quantities are, beside what was measured",
+    ),
     "fit": study(
         "fecloth.study.fitting.file:fit",
         [option("--starts", "number of starts (1, or as in the file)", type=int, metavar="N")],
@@ -169,6 +179,7 @@ COMMANDS = {
             shared.SET,
             shared.tolerance("error", default=None),
             shared.BUDGET,
+            flag("--to-data", "take a third of the uncertainty by [uncertain] as the tolerance"),
             flag("--model", "leave out terms, or take cheaper ones, where that changes little"),
             shared.METHODS,
             shared.ELEMENTS,

@@ -33,7 +33,7 @@ from fecloth.terms.records import RECORDS, remembered
 FORMAT = 10
 FOLDER, PATTERN = "restart", "restart_*.npz"
 KEPT = 2  # files
-FREE = ("title", "expect", "interest")  # keys that do not change a run
+FREE = ("title", "expect", "interest", "uncertain", "measured")  # keys that do not change a run
 
 
 @remembered

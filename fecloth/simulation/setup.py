@@ -1,5 +1,6 @@
 """A run before its first step: what moves, from where, by which steps, and what is recorded."""
 
+import math
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +25,7 @@ from fecloth.simulation.run import Result, collect
 from fecloth.system.state import State
 from fecloth.system.system import System
 
+DISTURBED, WAVES = 1e-3, 6  # the largest disturbance of a start over the extent; its waves
 Solver = tuple[SolverContext, str]  # and in words why it was chosen
 
 
@@ -84,6 +86,20 @@ class Setup:
         if rest is None:
             return self.ledger.row() | self.observer.row(None, None)
         return Ledger.open(self.system, rest).row() | self.observer.row_at_rest(rest)
+
+    def disturbed(self, seed: int) -> Self:
+        """Return the setup with its free nodes moved by smooth random waves, by up to 1e-3 L."""
+        # L is the extent of the cloth, and the way is upward along its mean normal, so that it
+        # leads out of an obstacle below.
+        x, cloth, draw = self.start.x, self.cloth, np.random.default_rng(seed)
+        a, b, c = np.moveaxis(x[cloth.triangles[:, :3]], 1, 0)
+        normal = np.cross(b - a, c - a).sum(axis=0)
+        normal *= math.copysign(1.0, normal[2]) / max(float(np.linalg.norm(normal)), 1e-300)
+        waves = draw.normal(size=(WAVES, 2)) * 2 * math.pi / cloth.extent
+        phases = cloth.X @ waves.T + draw.uniform(0, 2 * math.pi, WAVES)
+        height = DISTURBED * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
+        moved = self.system.constraints.project(height[:, None] * normal)
+        return replace(self, start=replace(self.start, x=x + moved))
 
     def recording(self, columns: Iterable[str]) -> Self:
         """Return the setup that also has the shape, and those of the columns on request."""

@@ -1,5 +1,7 @@
 """The public names of `fecloth.study` and the modules that define them."""
 
+from .budgeting.budget import budget
+from .budgeting.result import Budget
 from .cases import Case, run_cases
 from .chart_result import Chart
 from .charts import chart
@@ -24,6 +26,7 @@ from .uncertainty import Estimate, estimate_uncertainty
 __all__ = [
     "COLOURS",
     "MARKERS",
+    "Budget",
     "Case",
     "Chart",
     "Comparison",
@@ -40,6 +43,7 @@ __all__ = [
     "Sweep",
     "Table",
     "TimeLimit",
+    "budget",
     "chart",
     "check_time_limit",
     "compare",

@@ -6,6 +6,7 @@ from fecloth.simulation.equilibrium import equilibrium
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.setup import Setup
 from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
+from fecloth.study.budgeting import budget as budgets
 from fecloth.study.modes import Modes, modes
 from fecloth.study.opened import Opened
 from fecloth.study.simplification import simplify
@@ -23,6 +24,7 @@ class Study(Opened):
     chart = charts.chart
     stability = stability_map.stability
     sensitivity = sensitivities.sensitivity
+    budget = budgets.budget
     simplify = simplify.simplify
     tune = tune.tune
 

@@ -30,10 +30,13 @@ Solve = Callable[[Setup, Callable[..., None]], dict]
 Rest = Callable[..., Equilibrium]
 
 
-def measure_problem(problem: Any, recorded: Sequence[str], modes: int = 0, **more: Any) -> dict:
+def measure_problem(
+    problem: Any, recorded: Sequence[str], modes: int = 0, disturbed: int | None = None, **more: Any
+) -> dict:
     """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs."""
-    begin = time.process_time()
-    row = measure(problem.setup(), recorded, modes, **more)
+    begin, setup = time.process_time(), problem.setup()
+    setup = setup if disturbed is None else setup.disturbed(disturbed)
+    row = measure(setup, recorded, modes, **more)
     return row | {"case_seconds": time.process_time() - begin}
 
 

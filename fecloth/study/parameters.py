@@ -23,7 +23,10 @@ REFUSED = {  # tables of a scene whose numbers are no parameters
     "time": "is a number of the method, not of the cloth",
     "equilibrium": "is a number of the method, not of the cloth",
     "solver": "is a number of the solver, not of the cloth",
-    **dict.fromkeys(("output", "probes", "expect", "interest"), "changes no motion of the cloth"),
+    **dict.fromkeys(
+        ("output", "probes", "expect", "interest", "uncertain", "measured"),
+        "changes no motion of the cloth",
+    ),
 }
 _UNCERTAINTY = re.compile(r"(fabric|fabrics\.[^.]+)\.uncertainty\.")  # of numbers, no numbers
 SIZES = ("h", "dt")  # arguments of a function that are no parameters

@@ -62,6 +62,7 @@ class Point:
     size: Workload
     most: float | None = None  # longest CPU time of the run [s]
     cells: Mapping[str, Any] = field(default_factory=dict)  # of a row of a table, for the caller
+    disturbed: int | None = None  # seed of a disturbance of the start; None for none
 
     @cached_property
     def refined(self) -> Problem:
@@ -128,7 +129,8 @@ def judged(row: Mapping) -> dict:
 def _timing(point: Point, runs: Runs) -> dict:
     """Return the arguments of `measure` on the time of a run, without defaults."""
     timing: dict = {"timed": True, "repeats": runs.repeats} if runs.timed else {}
-    return timing | ({"most": point.most} if point.most is not None else {})
+    others = {"most": point.most, "disturbed": point.disturbed}
+    return timing | {name: value for name, value in others.items() if value is not None}
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import table_of_grading
 from fecloth.study.workload import Workload
 
-WORDS = ("title", "expect", "interest", "output")  # tables that change no result
+# Tables that change no result
+WORDS = "title", "expect", "interest", "output", "uncertain", "measured"
 
 
 @dataclass(frozen=True, eq=False)

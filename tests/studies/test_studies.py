@@ -78,6 +78,7 @@ def run_here(monkeypatch, capsys):
         ("fit.starts", "from a tenth of it that end at the same place: 1 >= 0.9: met"),
         ("fit.cantilever", "ρ g L³/B = 6: 1.947 >= 1.6: met"),
         ("fit.nylon", "% of the largest force: 1.708 <= 2: met"),
+        ("budget", "of 1 cloths that buckle or fold, sampled: 1 >= 1: met"),
         ("fit.knits", "say that the law is wrong: 1 >= 1: met"),
     ],
 )

@@ -15,6 +15,7 @@ from fecloth.quantities.units import TIME
 from fecloth.quantities.units import quantity as read_quantity
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
+from fecloth.study.budgeting.budget import tolerance_of_data
 from fecloth.study.change import Level
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import SceneProblem
@@ -49,6 +50,7 @@ def tune(
     quantity: str | Quantity | Sequence[str | Quantity] | None = None,
     *,
     budget: float | str | None = None,
+    to_data: bool = False,
     model: bool = False,
     methods: Sequence[str] | None = None,
     elements: Sequence[str] | None = None,
@@ -78,6 +80,9 @@ def tune(
     budget
         Longest CPU time of the tuned run, as 60.0 [s] or "60 s". The most accurate setting within
         it is sought in place of the cheapest one, so that a tolerance beside it is refused.
+    to_data
+        Whether the tolerance is a third of how uncertain the quantities are by [uncertain] and
+        [fabric.uncertainty], see `fecloth.study.budget`: a smaller error is work for nothing.
     model
         Whether terms may be left out or replaced by cheaper ones, if that changes the quantities
         by less than a quarter of the tolerance.
@@ -100,6 +105,11 @@ def tune(
     """
     study = open_study(problem, shared)
     opened, runs = study.problem, study.runs()
+    if to_data:
+        if tolerance is not None:
+            raise InputError("to_data and tolerance are given", "give one of them", "tune")
+        tolerance = tolerance_of_data(study, quantity)
+        _say(f"tolerance by the data: {100 * tolerance:.2g} %")
     goal = _goal(tolerance, budget)
     quantities = opened.choose_quantities(quantity)
     warned = print_warnings(opened)

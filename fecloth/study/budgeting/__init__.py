@@ -1,0 +1,1 @@
+"""`budget`: one uncertainty of mesh, step, solver, constants, start and measurement."""

@@ -1,0 +1,144 @@
+"""The uncertain numbers of a problem, and samples of them."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from fecloth.errors import InputError, brief, is_number
+from fecloth.fabric.fabric import Fabric
+from fecloth.fabric.uncertainty import PART, Uncertainty, merged
+from fecloth.quantities.units import is_quantity
+from fecloth.study.change import Change
+from fecloth.study.parameters import Parameter, choose_parameters, numbers_of
+from fecloth.study.problems import Problem, SceneProblem
+
+WHERE = "budget"
+SIGNED = ("poisson_ratio", "bending_poisson_ratio")  # constants that may be negative
+MOST_STARTS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Uncertain numbers of a problem, and how many disturbed starts it has."""
+
+    parameters: tuple[Parameter, ...]
+    covariance: np.ndarray  # (k, k) of their values
+    starts: int = 0
+
+    @property
+    def names(self) -> list[str]:
+        return [p.name for p in self.parameters]
+
+    def samples(self, count: int, seed: int) -> list[dict[str, float]]:
+        """Values of all numbers, `count` times, by scrambled Sobol' points."""
+        # Constants of fabrics that must stay positive have a logarithmic normal distribution with
+        # the same mean, deviation and correlation, the other numbers a normal one.
+        mean = np.array([p.value for p in self.parameters])
+        positive = np.array([_is_positive(p) for p in self.parameters])
+        scale = np.where(positive, mean, 1.0)
+        V = self.covariance / np.outer(scale, scale)
+        V = np.where(np.outer(positive, positive), np.log1p(V), V)
+        squares, axes = np.linalg.eigh(V)  # also where correlations of ±1 make V singular
+        generator = qmc.MultivariateNormalQMC(np.zeros(len(V)), rng=np.random.default_rng(seed))
+        drawn = generator.random(2 ** math.ceil(math.log2(count)))[:count]
+        z = drawn @ (axes * np.sqrt(np.maximum(squares, 0.0))).T
+        values = np.where(positive, mean * np.exp(z - 0.5 * np.diag(V)), mean + z)
+        return [dict(zip(self.names, row.tolist(), strict=True)) for row in values]
+
+
+def _is_positive(p: Parameter) -> bool:
+    key = p.name.split(".")
+    return p.value > 0 and key[0] in ("fabric", "fabrics") and not set(SIGNED) & set(key)
+
+
+def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
+    """The inputs by [fabric.uncertainty] and a table `uncertain`, which replaces entries of it.
+
+    Raises `InputError` for a key that is no number of the problem, or a wrong uncertainty.
+    """
+    given = dict(_flat("", uncertain))
+    starts = given.pop("start", 0)
+    if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
+        allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
+        raise InputError(f"start = {brief(starts)}", allowed, WHERE)
+    known, names, V = dict(numbers_of(problem)), list[str](), np.zeros((0, 0))
+    for prefix, fabric in _fabrics(problem):
+        keys = [key for key in given if key.startswith(f"{prefix}.")]
+        own = {key.removeprefix(f"{prefix}."): given.pop(key) for key in keys}
+        table = fabric.uncertainty.table() if isinstance(fabric.uncertainty, Uncertainty) else {}
+        both = Uncertainty.read(merged(table, (), own))
+        assert both
+        certain = [key for key, u in both.standard(fabric).items() if not u]
+        listed = [key for key in both.standard(fabric) if key not in certain]
+        V = _joined(V, both.covariance(fabric, listed))
+        names += [f"{prefix}.{key}" for key in listed]
+    for key, value in given.items():
+        items = [name for name in known if name.startswith(f"{key}.") and known[name]]
+        for name in items or [key]:  # an unknown one is refused below
+            u = _deviation(problem, name, value, known[name]) if name in known else 1.0
+            V, names = (_joined(V, np.array([[u * u]])), [*names, name]) if u else (V, names)
+    pairs = zip(names, np.sqrt(np.diag(V)).tolist(), strict=True)
+    scales = {name: u for name, u in pairs if not known.get(name, 1.0)}
+    return Inputs(choose_parameters(problem, names, scales) if names else (), V, starts)
+
+
+def _flat(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The entries of nested tables by their keys with dots."""
+    for key, value in table.items():
+        whole = f"{name}.{key}" if name else str(key)
+        if isinstance(value, Mapping):
+            yield from _flat(whole, value)
+        else:
+            yield whole, value
+
+
+def _fabrics(problem: Problem) -> Iterator[tuple[str, Fabric]]:
+    """The fabrics of a scene, by the keys of their tables."""
+    if isinstance(problem, SceneProblem):
+        scene = problem.scene
+        if scene.fabric:
+            yield "fabric", scene.fabric.make()
+        for name, table in (scene.fabrics or {}).items():
+            yield f"fabrics.{name}", table.make()
+
+
+def _joined(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A and B as blocks on a diagonal."""
+    zeros = np.zeros((len(A), len(B)))
+    return np.block([[A, zeros], [zeros.T, B]])
+
+
+def _deviation(problem: Problem | None, key: str, given: Any, value: float) -> float:
+    """A standard uncertainty of a number: in SI, a text with a unit, or a part in per cent."""
+    number = given
+    if isinstance(given, str) and (part := PART.fullmatch(given.strip())):
+        if not value:
+            remedy = "Give the uncertainty as a number."
+            raise InputError(f'{key} = "{given}"', "is a part of 0", WHERE, remedy)
+        number = float(part[1]) / 100 * abs(value)
+    elif isinstance(given, str) and isinstance(problem, SceneProblem) and is_quantity(given):
+        changed = problem.changed(Change(values={key: given}))  # which knows the unit of the key
+        number = dict(numbers_of(changed)).get(key)
+    if not (is_number(number) and number >= 0):
+        allowed = 'must be a standard uncertainty >= 0 in the unit of the number, or as "10 %"'
+        raise InputError(f"{key} = {brief(given)}", allowed, WHERE)
+    return float(number)
+
+
+def read_measured(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Measured values with standard uncertainties, by quantity: (value, u), u also as "2 %"."""
+    measured = {}
+    for name, pair in given.items():
+        fits = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
+        u = _deviation(None, f"measured {name}", pair[1], float(pair[0])) if fits else 0.0
+        if not u:
+            allowed = (
+                'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
+            )
+            raise InputError(f"measured {name} = {brief(pair)}", allowed, WHERE)
+        measured[" ".join(name.split())] = float(pair[0]), u
+    return measured

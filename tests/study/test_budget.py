@@ -1,0 +1,573 @@
+"""`budget`: closed forms of its parts, when samples replace them, its words and its mistakes."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.scene_texts import STRING
+
+import fecloth as fc
+from fecloth.cli.main import main
+from fecloth.errors import InputError
+from fecloth.simulation.quantity import parse_quantity
+from fecloth.study.budgeting import budget as budgets
+from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
+from fecloth.study.budgeting.inputs import Inputs, read_inputs
+from fecloth.study.budgeting.result import make_budget
+from fecloth.study.parameters import Parameter
+from fecloth.study.problems import open_problem
+from fecloth.study.tuning import tune as tuning
+
+FORCE = "reaction.right.x"
+SCENE = """
+cloth = { shape = "rectangle", width = 1.0, height = 0.25, h = 0.25, pattern = "right" }
+terms = [{ type = "StVK" }, { type = "Gravity", acceleration = [9.81, 0.0, 0.0] }]
+pins = [{ where = "left" }]
+equilibrium = {}
+probes = [{ name = "tip", where = "right" }]
+interest = { end = ["tip.x"] }
+[fabric]
+areal_density = 0.2
+tensile_stiffness = 2000.0
+poisson_ratio = 0.0
+"""
+STRETCH = 0.2 * 9.81 / (2 * 2000.0)  # of a strip that hangs: ρ g L²/(2 Y)
+CORRELATED = """
+[fabric.uncertainty]
+areal_density = "5 %"
+tensile_stiffness = "5 %"
+correlation = [["areal_density", "tensile_stiffness", {}]]
+"""
+
+
+def pulled(h, stiffness=1000.0, drawn=0.02, factors=(1.0, 0.0), least=0.0):
+    """A strip between two grips; FORCE is Y W s (s² − 1)/2 with the stretch s = 1 + drawn."""
+    if h < least or (least and stiffness != 1000.0):
+        raise InputError("a number", "is refused")
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    fabric = fc.Fabric(0.2, stiffness * sum(factors), 0.0)
+    system = fc.System(cloth, fabric, [fc.StVK()], ["left", "right"])
+    return cloth, system, None, system.state(system.rest().x * [1.0 + drawn, 1.0, 1.0])
+
+
+def column(h, drawn=0.0):
+    """A strip that buckles where it is pressed together."""
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    fabric = fc.Fabric(0.2, 100.0, 0.0, bending_rigidity=1e-3)
+    system = fc.System(cloth, fabric, [fc.StVK(), fc.PlateBending()], ["left", "right"])
+    x = system.rest().x * [1.0 + drawn, 1.0, 1.0]
+    x[:, 2] = 1e-3 * np.sin(np.pi * cloth.X[:, 0])
+    return cloth, system, None, system.state(x)
+
+
+def thrown(h, dt):
+    """A strip in free flight."""
+    cloth = fc.Cloth.rectangle(1.0, 0.5, h, pattern="right")
+    system = fc.System(cloth, fc.Fabric(0.2, 1.0), [fc.Gravity()])
+    return cloth, system, fc.Newmark(), system.rest()
+
+
+def force(stiffness=1000.0, drawn=0.02):
+    s = 1 + drawn
+    return 0.5 * stiffness * s * (s**2 - 1) / 2
+
+
+def parts_of_force(by_stiffness, by_drawn):
+    """Both parts of the uncertainty of the force."""
+    slope = 0.5 * 1000.0 * (3 * 1.02**2 - 1) / 2
+    return force() / 1000.0 * by_stiffness, slope * by_drawn
+
+
+def scene_at(folder, text="", base=SCENE):
+    path = folder / "strip.toml"
+    path.write_text(base + text)
+    return str(path)
+
+
+# --- parts ----------------------------------------------------------------------------------------
+
+
+def test_input_by_its_closed_form():
+    answer = fc.budget(pulled, {"stiffness": "10 %", "drawn": 0.001}, None, FORCE, h=0.5)
+    parts = parts_of_force(100.0, 0.001)
+    assert answer.value == pytest.approx(force(), rel=1e-9)
+    assert answer.input == pytest.approx(math.hypot(*parts), rel=1e-4)
+    assert answer.shares[0] == pytest.approx(np.square(parts), rel=1e-4)
+    assert answer.total == pytest.approx(answer.input, rel=1e-9)
+    assert (answer.time, answer.solver, answer.start, answer.data) == (0.0, 0.0, 0.0, 0.0)
+    assert answer.space < 1e-9
+    assert math.isnan(answer.difference)
+    assert not answer.agrees
+
+
+@pytest.mark.parametrize(("rho", "parts"), [(1, 0.0), (-1, 2.0), (0.5, 1.0)])
+def test_correlated_inputs_add_or_cancel(tmp_path, rho, parts):
+    """The stretch is as ρ/Y: (u/q)² = 0.05² (1 + 1 − 2 ρ)."""
+    answer = fc.budget(scene_at(tmp_path, CORRELATED.format(rho)))
+    assert answer.parameters == ("fabric.areal_density", "fabric.tensile_stiffness")
+    assert answer.input[0] == pytest.approx(0.05 * STRETCH * parts, rel=0.01, abs=1e-3 * STRETCH)
+
+
+def test_time_space_and_solver_are_halves_of_what_converge_says(tmp_path):
+    study = fc.study.of(scene_at(tmp_path, base=STRING), cache=tmp_path)
+    answer, refined = study.budget(quantity="middle.z"), study.converge("middle.z", levels=3)
+    assert answer.value == refined.value
+    assert answer.space == 0.5 * refined.estimate.uncertainty > 0
+    assert answer.time == 0.5 * 3.0 * refined.shares["time step"] > 0
+    assert answer.solver == 0.5 * 3.0 * refined.shares["solver"] > 0
+    added = answer.space + answer.time + answer.solver
+    assert added == pytest.approx(0.5 * refined.uncertainty, rel=1e-12)
+    assert answer.total == pytest.approx(
+        math.sqrt(answer.space**2 + answer.time**2 + answer.solver**2), rel=1e-12
+    )
+
+
+def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
+    shares = {"mesh": 9.0, "gap": 4.0 / 3.0, "time step": 0.2, "solver": 0.04}
+    found = SimpleNamespace(value=7.0, estimate=SimpleNamespace(uncertainty=3.0), shares=shares)
+    monkeypatch.setattr(budgets, "summarise", lambda *given: found)
+    answer = fc.budget(pulled, quantity=FORCE, h=0.5)
+    assert (answer.value, answer.space) == (7.0, 2.5)
+    assert (answer.time, answer.solver) == (pytest.approx(0.3), pytest.approx(0.06))
+
+
+def test_starts_are_disturbed_and_their_spread_counts():
+    """In free flight the end is the start, moved."""
+    tip = fc.Probe("tip", "right")
+    sizes = {"h": 0.5, "dt": 0.05, "t_end": 0.1, "probes": [tip]}
+    answer = fc.budget(thrown, {"start": 3}, None, "tip.z", seed=5, **sizes)
+    setup = open_problem(thrown, 0.5, 0.05, 0.1, (tip,), {}).setup()
+    at = setup.cloth.nodes("right")
+    heights = [setup.disturbed(seed).start.x[at, 2].mean() for seed in (6, 7, 8)]
+    assert answer.start == pytest.approx(np.std(heights, ddof=1), rel=1e-6)
+    assert answer.total == pytest.approx(math.hypot(answer.start, answer.solver), rel=1e-6)
+
+
+def test_a_disturbance_is_smooth_small_upward_and_keeps_pins():
+    setup = open_problem(column, 0.05, None, None, (), {}).setup()
+    moved = [setup.disturbed(seed).start.x - setup.start.x for seed in (1, 1, 2)]
+    assert np.array_equal(moved[0], moved[1])
+    assert not np.allclose(moved[0], moved[2], atol=1e-5)
+    for way in moved:
+        assert not way[setup.cloth.nodes("left")].any()
+        assert 2e-4 < way[:, 2].max() <= 1e-3 * setup.cloth.extent
+        assert way[:, 2].min() >= 0.0
+        assert np.abs(way[:, :2]).max() < 1e-5  # along the mean normal
+    inner = (np.abs(setup.cloth.X[:, 0] - 0.5) < 0.5 - 1e-9)[setup.cloth.triangles].all(axis=1)
+    heights = moved[0][setup.cloth.triangles[inner], 2]
+    assert np.ptp(heights, axis=1).max() < 0.5 * heights.max()
+
+
+def test_all_parts_add_up_by_their_squares():
+    known = dict(zip(("space", "time", "solver", "input", "start"), (1, 2, 4, 8, 16), strict=True))
+    answer = made({"value": 5.0, **known}, {"sag": (2.0, 32.0)})
+    assert answer.total == pytest.approx(math.sqrt(sum(4**k for k in range(6))))
+    assert (answer.data, answer.difference, answer.value) == (32.0, 3.0, 5.0)
+
+
+# --- samples --------------------------------------------------------------------------------------
+
+
+def test_samples_of_a_linear_problem_have_the_spread_of_the_first_order():
+    given = {"stiffness": "5 %", "drawn": 0.0005}
+    first = fc.budget(pulled, given, None, FORCE, h=0.5)
+    drawn = fc.budget(pulled, given, None, FORCE, h=0.5, samples=32)
+    assert drawn.input == pytest.approx(first.input, rel=0.1)
+    assert drawn.input != first.input
+    assert not drawn.shares.size
+    assert not first.remarks
+
+
+def test_samples_have_mean_deviation_and_correlation():
+    """Constants that must be positive are so, however uncertain they are; others are normal."""
+    parameters = [Parameter("fabric.tensile_stiffness", 100.0, 100.0)]
+    parameters += [Parameter("fabric.shear_stiffness", 10.0, 10.0)]
+    parameters += [Parameter("fabric.poisson_ratio", 0.1, 0.1), Parameter("g", -9.81, 9.81)]
+    u = np.array([50.0, 5.0, 0.05, 1.0])
+    rho = np.eye(4)
+    rho[0, 1] = rho[1, 0] = 0.8
+    rho[0, 2] = rho[2, 0] = -0.5
+    V = rho * np.outer(u, u)
+    inputs = Inputs(tuple(parameters), V)
+    drawn = np.array([list(each.values()) for each in inputs.samples(4096, 0)])
+    assert drawn.mean(axis=0) == pytest.approx([100.0, 10.0, 0.1, -9.81], rel=0.01)
+    assert np.cov(drawn.T) == pytest.approx(V, rel=0.06, abs=0.02 * u.max())
+    assert np.corrcoef(drawn.T) == pytest.approx(rho, abs=0.02)
+    assert drawn[:, :2].min() > 0
+    assert drawn[:, 2].min() < 0
+    again = np.array([list(each.values()) for each in inputs.samples(4096, 0)])
+    assert np.array_equal(drawn, again)
+    assert len(inputs.samples(5, 1)) == 5
+    assert inputs.samples(5, 1) != inputs.samples(5, 2)
+
+
+def test_samples_of_full_correlation():
+    parameters = tuple(Parameter(name, 1.0, 1.0) for name in ("a", "b"))
+    inputs = Inputs(parameters, 0.01 * np.ones((2, 2)))
+    drawn = np.array([list(each.values()) for each in inputs.samples(16, 0)])
+    assert drawn[:, 0] == pytest.approx(drawn[:, 1], abs=1e-9)
+    assert np.ptp(drawn[:, 0]) > 0.1
+
+
+def test_a_strip_that_buckles_is_sampled(monkeypatch):
+    monkeypatch.setattr(budgets, "SAMPLES", 4)
+    answer = fc.budget(column, {"drawn": 0.005}, None, FORCE, h=0.25)
+    assert answer.remarks[0].startswith(f"The first order does not hold for {FORCE}: samples")
+    assert 0 < answer.input < 100 * 0.25 * 0.005  # of which half would be without buckling
+    assert not answer.shares.size
+
+
+@pytest.mark.parametrize(("bend", "holds"), [(0.2, True), (0.3125, False)])
+def test_the_first_order_holds_up_to_a_quarter_of_the_uncertainty(monkeypatch, bend, holds):
+    """Of q = x + bend x², u = 1: samples at ±1 lie by `bend` off."""
+    inputs = Inputs((Parameter("x", 0.0, 1.0),), np.eye(1))
+    work = Work(None, None, [parse_quantity("sag")], None)
+
+    def run(self, changed, starts=None):
+        x = np.array([values["x"] for _, values in changed])
+        return (x + bend * x**2)[:, None], ""
+
+    monkeypatch.setattr(Work, "run", run)
+    assert work.first_order_holds(inputs, np.array([[1.0]])) == [holds]
+    assert work.first_order_holds(inputs, np.array([[1.6]])) == [False]
+
+
+def test_a_probing_change_moves_every_quantity_by_one_deviation():
+    V = np.diag([4.0, 9.0])
+    change = probing_change(np.array([[1.0, 0.0], [-1.0, 0.0]]), V)  # as reactions of two grips
+    assert change == pytest.approx([2.0, 0.0])
+    both = probing_change(np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]]), V)
+    assert np.abs(both) == pytest.approx([math.sqrt(2), 3 / math.sqrt(2)])
+    assert probing_change(np.zeros((2, 2)), V) == pytest.approx([2.0, 3.0])
+
+
+def test_all_samples_that_fail_leave_no_answer():
+    given = {"stiffness": "1 %"}, {FORCE: (10.0, 0.1)}, FORCE
+    answer = fc.budget(pulled, *given, h=0.5, samples=3, least=0.01)
+    assert math.isnan(answer.total)
+    assert not answer.agrees
+    assert "its uncertainty is not known" in answer.verdict
+    assert "wrong" not in answer.verdict
+    assert answer.remarks == ("Samples: 3 of 3 do not count; sample 1: a number: is refused",)
+    assert answer.exit_status == 3
+    answer.figure()
+
+
+def test_samples_of_constants_that_are_not_admissible_do_not_count(tmp_path):
+    path = scene_at(tmp_path, "[uncertain]\nfabric.poisson_ratio = 1.0\n")
+    answer = fc.budget(path, samples=8)
+    assert "of 8 do not count; sample" in answer.remarks[0]
+    assert "poisson_ratio" in answer.remarks[0]
+    assert np.isfinite(answer.total[0])
+
+
+def test_a_spread_leaves_out_runs_that_failed():
+    values = np.array([[1.0, 10.0], [np.nan, np.nan], [3.0, 10.0]])
+    assert spread(values) == pytest.approx([math.sqrt(2), 0.0])
+    assert np.isnan(spread(values[:2])).all()
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def test_presets_carry_uncertainties_which_entries_replace(tmp_path):
+    base = SCENE.partition("[fabric]")[0] + "[fabric]\npreset = 'cotton'\n"
+    problem = open_problem(scene_at(tmp_path, base=base), None, None, None, (), {})
+    fabric = fc.Fabric.preset("cotton")
+    standard = fabric.uncertainty.standard(fabric)
+    plain = read_inputs(problem, {})
+    assert dict(zip(plain.names, np.sqrt(np.diag(plain.covariance)), strict=True)) == (
+        pytest.approx({f"fabric.{key}": u for key, u in standard.items()})
+    )
+    given = {"fabric": {"areal_density": "1 g/m^2", "tensile_stiffness": [3.0, "1 %"]}}
+    given |= {"terms.1.acceleration": "2 %", "terms.1.acceleration.2": "1 cm/s^2", "start": 4}
+    other = read_inputs(problem, given)
+    deviations = dict(zip(other.names, np.sqrt(np.diag(other.covariance)), strict=True))
+    assert deviations["fabric.areal_density"] == pytest.approx(1e-3)
+    assert deviations["fabric.tensile_stiffness.0"] == pytest.approx(3.0)
+    assert deviations["fabric.tensile_stiffness.1"] == pytest.approx(
+        0.01 * fabric.tensile_stiffness[1]
+    )
+    assert deviations["terms.1.acceleration.0"] == pytest.approx(0.1962)
+    assert deviations["terms.1.acceleration.2"] == pytest.approx(0.01)
+    assert "terms.1.acceleration.1" not in deviations
+    assert deviations["fabric.shear_stiffness"] == pytest.approx(standard["shear_stiffness"])
+    assert other.starts == 4
+
+
+def test_an_uncertainty_of_zero_leaves_a_number_out(tmp_path):
+    text = '[fabric.uncertainty]\nareal_density = "5 %"\ntensile_stiffness = "5 %"\n'
+    problem = open_problem(scene_at(tmp_path, text), None, None, None, (), {})
+    given = {"fabric.areal_density": 0.0, "terms.1.acceleration.0": "0 %"}
+    assert read_inputs(problem, given).names == ["fabric.tensile_stiffness"]
+
+
+def test_what_replaces_an_entry_is_not_correlated(tmp_path):
+    path = scene_at(tmp_path, CORRELATED.format(1.0))
+    problem = open_problem(path, None, None, None, (), {})
+    u = np.array([0.01, 100.0])
+    assert read_inputs(problem, {}).covariance == pytest.approx(np.outer(u, u))
+    other = read_inputs(problem, {"fabric.areal_density": 0.02}).covariance
+    assert other == pytest.approx(np.diag([0.02, 100.0]) ** 2)
+
+
+def test_an_item_of_an_argument_that_is_a_list():
+    answer = fc.budget(pulled, {"factors.0": 0.1}, None, FORCE, h=0.5)
+    assert answer.input == pytest.approx(0.1 * force(), rel=1e-4)
+
+
+def test_a_scene_and_python_give_the_same_budget(tmp_path):
+    uncertain = {"fabric.areal_density": "10 %", "terms.1.acceleration.0": 0.1}
+    plain = fc.budget(scene_at(tmp_path), uncertain, {"tip.x": (1.0005, 1e-5)})
+    table = '[uncertain]\nfabric.areal_density = "10 %"\nterms.1.acceleration.0 = 0.1\n'
+    table += '[measured]\n"tip.x" = [1.0005, 1e-5]\n'
+    answer = fc.budget(scene_at(tmp_path, table))
+    assert answer.table.rows == plain.table.rows
+    expected = STRETCH * math.hypot(0.1, 0.1 / 9.81)
+    assert answer.input[0] == pytest.approx(expected, rel=0.01)
+    assert answer.data[0] == 1e-5
+
+
+def test_without_interest_the_measured_quantities_count(tmp_path):
+    base = SCENE.replace('interest = { end = ["tip.x"] }', "")
+    answer = fc.budget(scene_at(tmp_path, base=base), measured={"tip.x": (1.0, "1 %")})
+    assert answer.quantities == ("tip.x",)
+    assert answer.data[0] == 0.01
+    with pytest.raises(InputError, match="quantity tip: must be a number. Take a component"):
+        fc.budget(scene_at(tmp_path, base=base))
+
+
+def test_what_was_measured_of_other_quantities_waits(tmp_path):
+    path = scene_at(tmp_path, '[measured]\n"tip.x" = [1.0, "1 %"]\n')
+    answer = fc.budget(path, quantity="sag")
+    assert math.isnan(answer.difference)
+    assert answer.data == 0.0
+
+
+WRONG = {
+    "a key with a near name": (
+        {"fabric.tensile_stifness": "10 %"},
+        {},
+        "unknown key; .*Did you mean 'tensile_stiffness'",
+    ),
+    "a term's key with a near name": (
+        {"terms.1.aceleration.0": "10 %"},
+        {},
+        "must be a number of the problem: .*Did you mean 'terms.1.acceleration.0'",
+    ),
+    "a constant that the fabric has not": (
+        {"fabric.bending_rigidity": "10 %"},
+        {},
+        "must be a number of the fabric",
+    ),
+    "the mesh": ({"cloth.h": "10 %"}, {}, "changes the mesh"),
+    "a part of zero": ({"terms.1.acceleration.1": "10 %"}, {}, "is a part of 0.*as a number"),
+    "a negative one": ({"terms.1.acceleration.0": -1.0}, {}, "must be a standard uncertainty >= 0"),
+    "a word": ({"terms.1.acceleration.0": "much"}, {}, "must be a standard uncertainty >= 0"),
+    "a wrong unit": ({"terms.1.acceleration.0": "1 kg"}, {}, "must be a number with one of"),
+    "a negative part of a constant": (
+        {"fabric.areal_density": "-5 %"},
+        {},
+        'or a part such as "10 %"',
+    ),
+    "one start": ({"start": 1}, {}, "start = 1: must be a number of disturbed starts from 2 to"),
+    "half a start": ({"start": 2.5}, {}, "start = 2.5: must be"),
+    "too many starts": ({"start": 1001}, {}, "from 2 to 1000"),
+    "true starts": ({"start": True}, {}, "start = True: must be"),
+    "a measured value alone": ({}, {"tip.x": 1.0}, r"tip.x = 1.0: must be a value and its"),
+    "a measured value without doubt": ({}, {"tip.x": [1.0, 0.0]}, "standard uncertainty > 0"),
+    "a part of a measured zero": ({}, {"tip.x": [0.0, "5 %"]}, "is a part of 0"),
+    "a measured quantity that is none": (
+        {},
+        {"tipp.x": [1.0, 0.1]},
+        "must be one of the quantities: tip.x.*Did you mean 'tip.x'",
+    ),
+    "a measured quantity without interest": ({}, {"sag": [1.0, 0.1]}, r"Name it in \[interest\]"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_mistakes_are_told_before_anything_runs(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(Work, "numerical", None)
+    uncertain, measured, words = WRONG[name]
+    with pytest.raises(InputError, match=words):
+        fc.budget(scene_at(tmp_path), uncertain, measured)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"quantity": "displacement"}, "quantity displacement: must be a number"),
+        ({"quantity": "path of tip"}, "quantity path of tip: must be a number. .*as tip.z"),
+        ({"quantity": ["tip.x", "tip"]}, "quantity tip: must be a number. Take a component"),
+        ({"samples": 1}, "samples = 1: must be an integer >= 2"),
+        ({"samples": 2.0}, "samples = 2.0: must be"),
+        ({"seed": -1}, "seed = -1: must be an integer >= 0"),
+    ],
+)
+def test_mistakes_of_the_call(tmp_path, monkeypatch, given, words):
+    monkeypatch.setattr(Work, "numerical", None)
+    with pytest.raises(InputError, match=words):
+        fc.budget(scene_at(tmp_path), **given)
+
+
+def test_a_mesh_without_h_has_no_budget():
+    with pytest.raises(InputError, match="h is missing"):
+        fc.budget(pulled, {"stiffness": "1 %"}, None, FORCE)
+
+
+def test_a_problem_that_fails_has_no_budget():
+    with pytest.raises(fc.study.StudyFailed, match="levels failed"):
+        fc.budget(pulled, {"drawn": 0.1}, None, FORCE, h=0.5, least=0.2)
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+ZEROS = dict.fromkeys(("space", "time", "solver", "input", "start"), 0.0)
+
+
+def made(known, measured, shares=(), names=("fabric.bending_rigidity",)):
+    """The budget of a sag with these parts."""
+    problem = SimpleNamespace(name="drape", first=SimpleNamespace(energies=[]))
+    parts = np.atleast_2d(shares) if len(shares) else np.zeros((0, 0))
+    columns = {name: np.array([float(value)]) for name, value in known.items()}
+    given = problem, [parse_quantity("sag")], columns, measured, names, parts
+    return make_budget(*given, single=True)
+
+
+@pytest.mark.parametrize(
+    ("part", "agrees"), [(0.8, True), (0.99, True), (1.01, False), (1.25, False)]
+)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_it_agrees_within_twice_the_total(part, agrees, sign):
+    known = ZEROS | {"value": 62.0, "input": 3.0}
+    answer = made(known, {"sag": (62.0 - sign * part * 2 * 5.0, 4.0)})
+    assert answer.total == pytest.approx(5.0)
+    assert answer.agrees == agrees
+    assert answer.difference == pytest.approx(sign * part * 10.0)
+
+
+def test_the_verdict_says_parts_and_the_largest_one():
+    known = ZEROS | {"value": 62.0, "space": 1.0, "input": 4.0, "start": 3.0, "solver": 1e-3}
+    shares, names = [15.0, 1.0], ("fabric.bending_rigidity", "fabric.areal_density")
+    words = "sag = 62 m ± 1 (mesh) ± 4 (fabric) ± 3 (start)"
+    assert made(known, {}, shares, names).verdict == (
+        f"{words}: uncertain by 5.1, of which 3.9 are of fabric.bending_rigidity"
+    )
+    near = made(known, {"sag": (61.6, 5.0)}, shares, names).verdict
+    amount = "its uncertainty of 7.1, of which 5 are of the measurement"
+    assert near == f"{words}; measured 61.6 ± 5: agrees within {amount}"
+    apart = made(known, {"sag": (52.0, 5.0)}, shares, names).verdict
+    assert "agrees within twice its uncertainty of 7.1, of which" in apart
+    wrong = made(known, {"sag": (50.0, 0.5)}, shares, names).verdict
+    assert wrong == f"{words}; measured 50 ± 0.5: the model is wrong by 12 ± 5.1"
+    sampled = made(known, {}, names=("g", "B")).verdict
+    assert sampled.endswith(
+        "± 4 (inputs) ± 3 (start): uncertain by 5.1, of which 4 are of the inputs"
+    )
+    assert made(ZEROS | {"value": 1.0}, {}).verdict == "sag = 1 m: uncertain by 0"
+
+
+def test_the_figure_stacks_the_parts_of_the_variance():
+    known = ZEROS | {"value": 1.0, "space": 1.0, "input": math.sqrt(3.0), "solver": 1e-3}
+    answer = made(known, {}, [3.5, -0.5], ("fabric.bending_rigidity", "fabric.areal_density"))
+    drawing = answer.figure()
+    bars = drawing.axes[0].containers
+    labels = [bar.get_label() for bar in bars]
+    assert labels == ["mesh", "fabric.bending_rigidity"]
+    widths = [bar.patches[0].get_width() for bar in bars]
+    assert widths == pytest.approx([100 / 4.5, 350 / 4.5], rel=1e-5)
+    assert bars[1].patches[0].get_x() == pytest.approx(widths[0])
+    assert [text.get_text() for text in drawing.legends[0].get_texts()] == labels
+
+
+# --- friction inside the fabric, tune, the command ------------------------------------------------
+
+HELD = """
+cloth = { shape = "rectangle", width = 1.0, height = 0.25, h = 0.25, pattern = "right" }
+pins = [{ where = "left", clamp = true }]
+equilibrium = {}
+probes = [{ name = "tip", where = "right" }]
+interest = { end = ["tip.z"] }
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+[[terms]]
+type = "PlateBending"
+[[terms]]
+type = "BendingFriction"
+[fabric]
+areal_density = 0.01
+tensile_stiffness = 2000.0
+poisson_ratio = 0.0
+bending_rigidity = 0.02
+bending_hysteresis = 0.02
+"""
+
+
+@pytest.mark.slow
+def test_both_ends_of_friction_are_told_and_do_not_count(tmp_path):
+    path = scene_at(tmp_path, base=HELD)
+    answer = fc.budget(path)
+    study = fc.study.of(path)
+    laid, shaken = (
+        study.sweep(f"equilibrium.friction={end}", "tip.z").table["tip.z"][0]
+        for end in ("laid", "shaken")
+    )
+    assert abs(shaken) > 1.2 * abs(laid)
+    assert answer.remarks == (
+        f"Both ends of the friction inside the fabric: tip.z {laid:.4g} laid, {shaken:.4g} shaken.",
+    )
+    assert answer.total[0] == answer.space[0]
+
+
+def test_no_friction_no_ends(tmp_path):
+    assert fc.budget(scene_at(tmp_path)).remarks == ()
+
+
+def test_tune_takes_a_third_of_the_input_uncertainty(tmp_path, monkeypatch, capsys):
+    path = scene_at(tmp_path, '[uncertain]\nfabric.tensile_stiffness = "10 %"\n')
+    expected = 0.1 * STRETCH / 3
+    found = tolerance_of_data(fc.study.of(path), None)
+    assert found == pytest.approx(expected, rel=0.01)
+
+    def stop(tolerance, budget):
+        raise InputError(f"{tolerance:.6e}", "is given on")
+
+    monkeypatch.setattr(tuning, "_goal", stop)
+    with pytest.raises(InputError, match=f"{found:.6e}"):
+        fc.tune(path, to_data=True)
+    assert f"tolerance by the data: {100 * found:.2g} %" in capsys.readouterr().err
+    with pytest.raises(InputError, match="give one of them"):
+        fc.tune(path, "1 %", to_data=True)
+    with pytest.raises(InputError, match=r"needs numbers in \[uncertain\]"):
+        fc.tune(scene_at(tmp_path), to_data=True)
+
+
+def test_the_command_reads_tables_and_reuses_its_runs(tmp_path, capsys):
+    text = (
+        '[uncertain]\nfabric.areal_density = "10 %"\nstart = 2\n[measured]\n"tip.x" = [2.0, 0.1]\n'
+    )
+    command = ["budget", scene_at(tmp_path, text), "-o", str(tmp_path / "out")]
+    assert main(command) == 0
+    first = capsys.readouterr()
+    assert "the model is wrong by 1 ± 0.1" in first.out
+    assert "start 2: ok" in first.err
+    assert main(command) == 0
+    again = capsys.readouterr()
+    assert ": ok" not in again.err
+    assert again.out == first.out
+    assert (tmp_path / "out" / "figure.png").exists()
+    assert main([*command, "--samples", "1"]) == 2
+
+
+def test_uncertain_and_measured_tables_share_runs(tmp_path):
+    """Cases do not change with what is uncertain or measured."""
+    plain = open_problem(scene_at(tmp_path), None, None, None, (), {})
+    text = '[uncertain]\nstart = 2\n[measured]\n"tip.x" = [2.0, 0.1]\n'
+    other = open_problem(scene_at(tmp_path, text), None, None, None, (), {})
+    assert other.case() == plain.case()
+    assert replace(other, name="").case() == plain.case()
