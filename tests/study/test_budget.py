@@ -16,6 +16,7 @@ from fecloth.study.budgeting import budget as budgets
 from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
 from fecloth.study.budgeting.result import make_budget
+from fecloth.study.change import Level
 from fecloth.study.parameters import Parameter
 from fecloth.study.problems import open_problem
 from fecloth.study.tuning import tune as tuning
@@ -131,6 +132,22 @@ def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
     answer = fc.budget(pulled, quantity=FORCE, h=0.5)
     assert (answer.value, answer.space) == (7.0, 2.5)
     assert (answer.time, answer.solver) == (pytest.approx(0.3), pytest.approx(0.06))
+
+
+def test_a_part_whose_run_failed_is_not_known(monkeypatch):
+    levels, run = budgets.levels_to_run, budgets.run_points
+
+    def fail_last(points, *given):
+        rows = run(points, *given)
+        return [*rows[:-1], {**rows[-1], "status": "failed", "cause": "it stopped"}]
+
+    monkeypatch.setattr(budgets, "levels_to_run", lambda *a: [*levels(*a), Level(gap=2.0)])
+    monkeypatch.setattr(budgets, "run_points", fail_last)
+    answer = fc.budget(pulled, None, {FORCE: (1.0, 0.1)}, FORCE, h=0.5)
+    assert math.isnan(answer.space)
+    assert math.isnan(answer.total)
+    assert "not known, as runs for a part of it failed" in answer.verdict
+    assert answer.exit_status == 3
 
 
 def test_starts_are_disturbed_and_their_spread_counts():

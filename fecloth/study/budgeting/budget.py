@@ -186,12 +186,13 @@ class Work:
         points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
         check_points(points, self.runs)
         rows, columns = run_points(points, self.quantities, self.runs), list[list[float]]()
+        missing = 0.0 if all(row["status"] == OK for row in rows[LEVELS:]) else np.nan
         for quantity in self.quantities:
-            orders = opened.orders(quantity)
-            study = summarise(opened, quantity, "h", orders, rows[:LEVELS], rows[LEVELS:])
+            study = summarise(opened, quantity, "h", rows[:LEVELS], rows[LEVELS:])
             if study.estimate is None:
                 raise StudyFailed(f"{opened.source}: {study.verdict}")
-            others = [UNSAFE * study.shares.get(n, 0.0) for n in ("gap", "time step", "solver")]
+            shares = study.shares.get
+            others = [UNSAFE * shares(name, missing) for name in ("gap", "time step", "solver")]
             space = float(np.hypot(study.estimate.uncertainty, others[0]))
             columns.append([study.value, *(0.5 * u for u in (space, *others[1:]))])
         named = zip(("value", "space", "time", "solver"), np.array(columns).T, strict=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import qmc
 
 from fecloth.errors import InputError, brief, is_number
@@ -65,22 +66,23 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
-    known, names, V = dict(numbers_of(problem)), list[str](), np.zeros((0, 0))
-    for prefix, fabric in _fabrics(problem):
+    known, names, blocks = dict(numbers_of(problem)), list[str](), [np.zeros((0, 0))]
+    for prefix, fabric in _fabrics(problem).items():
         keys = [key for key in given if key.startswith(f"{prefix}.")]
         own = {key.removeprefix(f"{prefix}."): given.pop(key) for key in keys}
         table = fabric.uncertainty.table() if isinstance(fabric.uncertainty, Uncertainty) else {}
         both = Uncertainty.read(merged(table, (), own))
         assert both
-        certain = [key for key, u in both.standard(fabric).items() if not u]
-        listed = [key for key in both.standard(fabric) if key not in certain]
-        V = _joined(V, both.covariance(fabric, listed))
+        listed = [key for key, u in both.standard(fabric).items() if u]
+        blocks.append(both.covariance(fabric, listed))
         names += [f"{prefix}.{key}" for key in listed]
     for key, value in given.items():
         items = [name for name in known if name.startswith(f"{key}.") and known[name]]
         for name in items or [key]:  # an unknown one is refused below
             u = _deviation(problem, name, value, known[name]) if name in known else 1.0
-            V, names = (_joined(V, np.array([[u * u]])), [*names, name]) if u else (V, names)
+            names += [name] * (u > 0)
+            blocks += [np.array([[u * u]])] * (u > 0)
+    V = block_diag(*blocks)
     pairs = zip(names, np.sqrt(np.diag(V)).tolist(), strict=True)
     scales = {name: u for name, u in pairs if not known.get(name, 1.0)}
     return Inputs(choose_parameters(problem, names, scales) if names else (), V, starts)
@@ -96,20 +98,14 @@ def _flat(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield whole, value
 
 
-def _fabrics(problem: Problem) -> Iterator[tuple[str, Fabric]]:
+def _fabrics(problem: Problem) -> dict[str, Fabric]:
     """The fabrics of a scene, by the keys of their tables."""
-    if isinstance(problem, SceneProblem):
-        scene = problem.scene
-        if scene.fabric:
-            yield "fabric", scene.fabric.make()
-        for name, table in (scene.fabrics or {}).items():
-            yield f"fabrics.{name}", table.make()
-
-
-def _joined(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A and B as blocks on a diagonal."""
-    zeros = np.zeros((len(A), len(B)))
-    return np.block([[A, zeros], [zeros.T, B]])
+    if not isinstance(problem, SceneProblem):
+        return {}
+    scene = problem.scene
+    several = (scene.fabrics or {}).items()
+    tables = {"fabric": scene.fabric} | {f"fabrics.{name}": table for name, table in several}
+    return {name: table.make() for name, table in tables.items() if table}
 
 
 def _deviation(problem: Problem | None, key: str, given: Any, value: float) -> float:

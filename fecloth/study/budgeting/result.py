@@ -117,7 +117,7 @@ def _verdict(
     )
     text += "" if np.isnan(D) else f"; measured {D:.4g} ± {of['data']:.2g}"
     if not np.isfinite(total):
-        return f"{text}: its uncertainty is not known, as fewer than two runs of a part succeeded"
+        return f"{text}: its uncertainty is not known, as runs for a part of it failed"
     parts = {f"the {words[name]}": of[name] ** 2 for name in WORDS if name != "input" or not inputs}
     largest, square = max((parts | dict(inputs)).items(), key=itemgetter(1))
     amount = f"{total:.2g}" + (f", of which {square**0.5:.2g} are of {largest}" if square else "")
