@@ -73,16 +73,17 @@ def budget(
         As for `fecloth.study.of`.
     uncertain
         Standard uncertainties by the names of numbers, as for `sensitivity`: a percentage as
-        "10 %", or a number in the unit of the key; ``start = 5`` for five disturbed starts. The
-        numbers of a fabric have theirs from its [fabric.uncertainty], with correlations; entries
-        here replace them. By default the table [uncertain] of a scene.
+        "10 %", a number in SI or, of a scene, a text with a unit; ``"start": 5`` for five disturbed
+        starts. The numbers of a fabric have theirs from its [fabric.uncertainty], with
+        correlations; entries here replace them. By default the table [uncertain] of a scene.
     measured
         (value, standard uncertainty) by quantity. By default the table [measured] of a scene.
     quantity
         One, or a list; by default all of [interest], else what was measured. They must be numbers,
         no fields or paths.
     samples
-        Number of samples; None: the first order where it holds, else 64.
+        Number of samples; None: the first order where it holds, else 64. Constants of fabrics that
+        must be positive have a logarithmic normal distribution, other numbers a normal one.
     seed
         Of samples and disturbed starts.
     shared
