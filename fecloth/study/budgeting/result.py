@@ -56,8 +56,9 @@ class Budget(StudyResult):
         left, shown = np.zeros(parts.shape[1]), np.flatnonzero((parts > LEAST).any(axis=1))
         drawing, ax = new_figure(1, 1, (8.0, 1.6 + 0.7 * len(left) + 0.15 * len(shown)))
         for i, k in enumerate(shown):
-            color = COLOURS[i % len(COLOURS)]
-            ax.barh(self.quantities, parts[k], left=left, label=rows[k][0], color=color)
+            again, color = divmod(i, len(COLOURS))
+            look: dict[str, Any] = {"color": COLOURS[color], "hatch": "//" * again, "ec": "white"}
+            ax.barh(self.quantities, parts[k], left=left, label=rows[k][0], **look)
             left = left + parts[k]
         ax.set(xlabel="part of the variance [%]", xlim=(0, 100))
         ax.invert_yaxis()
