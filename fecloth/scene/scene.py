@@ -71,10 +71,10 @@ class Scene(Table):
     """What `fecloth check` verifies: names of columns, each with an expectation."""
     interest: Interest | None = None
     """The quantities of interest: what studies compare."""
-    uncertain: dict[str, Any] = Field({})
+    uncertain: dict = Field({})
     """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %" or in their units;
     start = 5 for disturbed starts."""
-    measured: dict[str, Any] = Field({})
+    measured: dict = Field({})
     """For `fecloth budget`: by quantity, the measured value and its standard uncertainty."""
 
     _source: str = PrivateAttr("scene")

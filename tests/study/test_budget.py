@@ -339,7 +339,7 @@ def test_a_scene_and_python_give_the_same_budget(tmp_path):
     uncertain = {"fabric.areal_density": "10 %", "terms.1.acceleration.0": 0.1}
     plain = fc.budget(scene_at(tmp_path), uncertain, {"tip.x": (1.0005, 1e-5)})
     table = '[uncertain]\nfabric.areal_density = "10 %"\nterms.1.acceleration.0 = 0.1\n'
-    table += '[measured]\n"tip.x" = [1.0005, 1e-5]\n'
+    table += "[measured]\ntip.x = [1.0005, 1e-5]\n"
     answer = fc.budget(scene_at(tmp_path, table))
     assert answer.table.rows == plain.table.rows
     expected = STRETCH * math.hypot(0.1, 0.1 / 9.81)

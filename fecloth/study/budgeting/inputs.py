@@ -128,7 +128,7 @@ def _deviation(problem: Problem | None, key: str, given: Any, value: float) -> f
 def read_measured(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Measured values with standard uncertainties, by quantity: (value, u), u also as "2 %"."""
     measured = {}
-    for name, pair in given.items():
+    for name, pair in _flat("", given):  # as of tip.x without quotation marks
         fits = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
         u = _deviation(None, f"measured {name}", pair[1], float(pair[0])) if fits else 0.0
         if not u:
