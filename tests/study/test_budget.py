@@ -399,9 +399,13 @@ WRONG = {
     "a measured quantity that is none": (
         {},
         {"tipp.x": [1.0, 0.1]},
-        "must be one of the quantities: tip.x.*Did you mean 'tip.x'",
+        "'tipp.x' .*: must be one of tip.x. Did you mean 'tip.x'",
     ),
-    "a measured quantity without interest": ({}, {"sag": [1.0, 0.1]}, r"Name it in \[interest\]"),
+    "a measured quantity without interest": (
+        {},
+        {"sag": [1.0, 0.1]},
+        r"not in \[interest\]\): must be",
+    ),
 }
 
 

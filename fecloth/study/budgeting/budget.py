@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import InputError, brief, did_you_mean
+from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
@@ -35,6 +35,8 @@ from fecloth.study.sensitivities import sensitivity
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.uncertainty import UNSAFE
 from fecloth.terms import BendingFriction
+from fecloth.validation import known as known_name
+from fecloth.validation import whole
 
 LEVELS = 3
 SAMPLES = 64  # where the first order does not hold
@@ -111,7 +113,8 @@ def budget(
     study = open_study(problem, shared)
     opened, runs = study.problem, study.runs()
     opened.check("h")
-    check_samples(samples, seed)
+    whole("samples", SAMPLES if samples is None else samples, 2, "budget")
+    whole("seed", seed, 0, "budget")
     tables = opened.tables if isinstance(opened, SceneProblem) else {}
     inputs = read_inputs(opened, tables.get("uncertain") or {} if uncertain is None else uncertain)
     data = read_measured(tables.get("measured") or {} if measured is None else measured)
@@ -119,7 +122,9 @@ def budget(
     asked: Any = [quantity] if single else quantity or opened.interest or list(data) or None
     chosen = opened.choose_quantities(asked)
     _refuse_fields(opened, chosen)
-    _refuse_unknown(data, [*chosen, *opened.quantities])
+    texts = dict.fromkeys(q.text for q in (*chosen, *opened.quantities))
+    for name in data:
+        known_name(f"measured {name!r} (it is not in [interest])", name, texts, "budget")
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
     work = Work(study, opened, chosen, runs)
@@ -147,13 +152,6 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
     return float((work.input(inputs, None, 0)[0] / (3 * values)).min())
 
 
-def check_samples(samples: int | None, seed: int) -> None:
-    """Refuse a wrong number of samples or seed."""
-    for name, value, least in ("samples", samples, 2), ("seed", seed, 0):
-        if value is not None and not (type(value) is int and value >= least):
-            raise InputError(f"{name} = {brief(value)}", f"must be an integer >= {least}", "budget")
-
-
 def _refuse_fields(opened: Problem, chosen: Sequence[Quantity]) -> None:
     row = opened.first.recording(q.column for q in chosen).row()
     for q in chosen:
@@ -161,14 +159,6 @@ def _refuse_fields(opened: Problem, chosen: Sequence[Quantity]) -> None:
         if q.is_field or q.how == "path" or is_vector:
             remedy = f"Take a component, as {q.name}.z." if not q.is_field else "Take sag, say."
             raise InputError(f"quantity {q.text}", "must be a number", "budget", remedy)
-
-
-def _refuse_unknown(data: Mapping[str, Any], known: Sequence[Quantity]) -> None:
-    texts = list(dict.fromkeys(quantity.text for quantity in known))
-    for name in data.keys() - texts:
-        allowed = f"must be one of the quantities: {', '.join(texts)}"
-        remedy = did_you_mean(name, texts) or "Name it in [interest]."
-        raise InputError(f"measured {name!r}", allowed, "budget", remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +191,11 @@ class Work:
 
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:
         """(rows, quantities) values; NaN of a run that failed."""
-        nothing, listed = [np.nan] * len(self.quantities), list[list[float]]()
-        for row in rows:
-            is_ok = row["status"] == OK
-            values = [value_of(q, record_at(row, q)) for q in self.quantities] if is_ok else nothing
-            listed.append(values)
-        return np.array(listed)
+        values = np.full((len(rows), len(self.quantities)), np.nan)
+        for each, row in zip(values, rows, strict=True):
+            if row["status"] == OK:
+                each[:] = [value_of(q, record_at(row, q)) for q in self.quantities]
+        return values
 
     def run(
         self, changed: Sequence[tuple[str, Mapping[str, Any]]], starts: Sequence[int] | None = None
@@ -278,9 +267,9 @@ class Work:
     def ends_of_friction(self, laid: np.ndarray) -> list[str]:
         """A sentence on the cloth that is shaken, beside the cloth that is laid."""
         problem = self.problem
-        if not (isinstance(problem, SceneProblem) and problem.scene.equilibrium):
-            return []
-        if not any(isinstance(term, BendingFriction) for term in problem.first.system.terms):
+        is_static = isinstance(problem, SceneProblem) and problem.scene.equilibrium
+        terms = problem.first.system.terms if is_static else ()
+        if not any(isinstance(term, BendingFriction) for term in terms):
             return []
         (values,), lost = self.run([("shaken", {"equilibrium.friction": "shaken"})])
         pairs = zip(self.quantities, laid, values, strict=True)
