@@ -1,0 +1,1 @@
+"""Two knits, drawn along courses and along wales."""

@@ -1,0 +1,1 @@
+"""A bonded nylon textile, drawn at five angles to its grain."""
