@@ -1,0 +1,1 @@
+"""Bias extension of a glass weave."""
