@@ -5,10 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 import fecloth as fc
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.budgeting.result import make_budget
+from fecloth.terms.membranes.curves import Curve
+from studies.validation.bias.__main__ import NET, WIDTH, net_angle, net_force, net_half, stress
 from studies.validation.comparison import (
     COLUMNS,
     PARTS,
@@ -17,6 +20,7 @@ from studies.validation.comparison import (
     read_comparisons,
     write_comparisons,
 )
+from studies.validation.knits.__main__ import joint_covariance, uncertainty_table
 
 NUMBERS = dict(zip(PARTS, (1.0, 2.0, 4.0, 6.0, 8.0, 12.0), strict=True))  # of squares 265
 
@@ -100,3 +104,49 @@ def test_a_budget_gives_its_parts():
     assert each.total == pytest.approx(answer.total)
     assert each.difference == answer.difference
     assert each.agrees == answer.agrees
+
+
+def test_the_diagonals_of_a_pin_jointed_net():
+    """Rhombs of sides a: the diagonal along the pull is √2 a (D + d)/D, beside √2 a sin."""
+    drawn = np.array([0.0, 0.02, 0.08])
+    half = math.pi / 4 - net_angle(drawn) / 2
+    np.testing.assert_allclose(math.sqrt(2) * np.cos(half), 1 + drawn / NET, rtol=1e-13)
+    assert net_angle(drawn[:1])[0] == pytest.approx(0.0, abs=1e-12)
+    assert net_half(0.08) == pytest.approx(math.sin(half[2]))
+
+
+def test_the_force_of_a_net_is_the_slope_of_its_energy():
+    """Of W (L − 3 W/2) ∫ τ dγ up to γ, and W² of it up to γ/2; L = 3 W."""
+    stiffness = [150.0, 60.0, 20.0, 30.0, 60.0, 150.0, 400.0, 1000.0]
+    angles = [0.03, 0.12, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0]
+    curve = Curve.through(
+        "shear", fc.MembraneTable(shear={"angle": angles, "stiffness": stiffness}).shear
+    )
+
+    def energy(drawn: float) -> float:
+        def work(gamma: float) -> float:  # ∫ τ dγ with τ = S cos γ at E = sin γ
+            g = np.linspace(0.0, gamma, 20001)
+            return float(trapezoid(stress(curve, np.sin(g)) * np.cos(g), g))
+
+        gamma = float(net_angle(np.array([drawn]))[0])
+        return WIDTH**2 * (1.5 * work(gamma) + work(gamma / 2))
+
+    slope = (energy(0.0801) - energy(0.0799)) / 2e-4
+    assert net_force(np.array([0.08]), stiffness)[0] == pytest.approx(slope, rel=1e-5)
+
+
+def test_covariance_of_fitted_and_given_numbers():
+    """Fitted y = own noise + A p with independent p: V = [own + A Vp Aᵀ, A Vp; Vp Aᵀ, Vp]."""
+    own = np.array([[4.0, 1.0], [1.0, 9.0]])
+    A, u = np.array([[2.0, -1.0], [0.5, 3.0]]), np.array([0.2, 0.4])
+    V = joint_covariance(own, (A * u).T, u)
+    Vp = np.diag(u**2)
+    np.testing.assert_allclose(V, np.block([[own + A @ Vp @ A.T, A @ Vp], [Vp @ A.T, Vp]]))
+    fabric = fc.Fabric(0.3, (300.0, 200.0), 0.35, 80.0, uncertainty=uncertainty_table(V))
+    np.testing.assert_allclose(
+        fabric.uncertainty.covariance(
+            fabric,
+            ["tensile_stiffness.0", "tensile_stiffness.1", "shear_stiffness", "poisson_ratio"],
+        ),
+        V,
+    )

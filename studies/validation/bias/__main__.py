@@ -163,17 +163,17 @@ def net_force(drawn: np.ndarray, stiffness: Sequence[float]) -> np.ndarray:
     speed = (net_angle(drawn + step) - net_angle(drawn - step)) / (2 * step)
 
     def tau(gamma: np.ndarray) -> np.ndarray:
-        return np.array([stress(curve, math.sin(g)) * math.cos(g) for g in gamma])
+        return stress(curve, np.sin(gamma)) * np.cos(gamma)
 
     middle = WIDTH * (LENGTH - 1.5 * WIDTH)
     return (middle * tau(angle) + 0.5 * WIDTH**2 * tau(angle / 2)) * speed
 
 
-def stress(curve: Curve, E: float) -> float:
-    """S [N/m] of a curve at E; beyond its last point the last slope goes on."""
-    if curve.end < E:
-        return float(curve.S[-1] + curve.slopes[-1] * (E - curve.end))
-    return float(CubicHermiteSpline(curve.E, curve.S, curve.slopes)(E))
+def stress(curve: Curve, E: np.ndarray) -> np.ndarray:
+    """S [N/m] of a curve at E ≥ 0; beyond its last point the last slope goes on."""
+    inside = np.minimum(E, curve.end)
+    spline = CubicHermiteSpline(curve.E, curve.S, curve.slopes)
+    return np.asarray(spline(inside) + curve.slopes[-1] * (E - inside))
 
 
 def compare(curves: Curves, points: Points, words: str, places: Sequence[float]) -> list:

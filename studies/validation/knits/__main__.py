@@ -301,7 +301,32 @@ def main() -> int:
 
 def conclude(compared: Sequence[Comparison], rows: Sequence[Mapping[str, Any]]) -> str:
     """What is right and what is wrong, in words."""
-    return ""
+    widths = [c for c in compared if c.quantity.startswith("narrowing")]
+    own = [c for c in widths if c.specimen.count(" ") == 1]
+    told = [c for c in widths if "by forces" in c.specimen]
+    last = f"force at {100 * PART:g} %"
+    other = [c for c in compared if "with" in c.specimen and c.quantity == last]
+    part = np.median([c.input / c.predicted for c in own])
+    agree, tried = (sum(bool(c.agrees) for c in each) for each in (own, told))
+    times = " and ".join(f"{c.predicted / c.measured:.1f} times" for c in other)
+    fitted = [c for c in compared if c.kind == "fitted" and c.specimen.count(" ") == 1]
+    met = sum(bool(c.agrees) for c in fitted)
+    said = "no fit of all four constants says that the forces tell ν."
+    if told:
+        said = f"""\
+where a fit of all four constants says that the forces tell ν, {tried} of {len(told)} narrowings
+agree with its answer."""
+    return f"""\
+**Widths:** {agree} of {len(own)} narrowings agree, with an uncertainty by wale, course, ν and G
+that is {100 * part:.0f} % of the narrowing in the median: forces hardly tell ν, and so the
+prediction says little. Of all four constants together: {said}
+**Forces:** {met} of {len(fitted)} forces at 12.5 and 25 % agree with the fit to the same curves:
+the measured curves are J-shaped and StVK's are nearly straight, beside a scatter of a few per cent.
+**Garter with the constants of stockinette** is wrong: the forces at 25 % are {times}
+the measured forces. Constants do not go over to another stitch of the same yarn.
+**Missing:** curves in place of constants (`MembraneTable`), for the J; Poisson's ratio as a
+measured number; strips at 45° for the shear stiffness; that a repeat begins where the repeat before
+it left the knit (the widths at first differ more between repeats than the widths at 25 % do)."""
 
 
 if __name__ == "__main__":
