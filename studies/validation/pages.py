@@ -87,7 +87,7 @@ def draw(path: Path, panels: Sequence[Panel], columns: int = 2) -> None:
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
     path.parent.mkdir(parents=True, exist_ok=True)
-    drawing.savefig(path, dpi=90)
+    drawing.savefig(path, dpi=90 if columns < 4 else 70)
 
 
 def _draw(ax: Any, panel: Panel) -> None:

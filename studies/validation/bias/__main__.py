@@ -53,7 +53,8 @@ is assumed.
 with 60 % of glass by weight (assumed, too) are 0.17 mm of glass, 6·10⁶ N/m in each direction were
 the yarns straight; crimped yarns are softer. The column `input` has its part beside the covariance
 of the fitted curve. **The mesh** has its edges along the
-yarns; the fit takes edges of 12.5 mm, predictions 25 to 6.25 mm."""
+yarns; the fit takes edges of 25 mm, predictions 25 to
+6.25 mm, so that `space` has what the fitted curve took in of its mesh, too."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,7 @@ def panels(points: Points, halves: Curves, first: Curves | None) -> list[pages.P
 
 def main() -> int:
     options = pages.parse_arguments(__doc__, FOLDER)
-    coarse, h, steps = (0.05, 0.075, 9) if options.quick else (0.0125, 0.025, STEPS)
+    coarse, h, steps = (0.075, 0.075, 9) if options.quick else (0.025, 0.025, STEPS)
     places = (0.060,) if options.quick else PLACES
     points = Points.read()
     second = np.arange(len(points.drawn)) % 2 == 1
