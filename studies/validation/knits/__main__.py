@@ -334,7 +334,7 @@ its Poisson's ratio is not 0.35 ± 0.2, or the law is wrong; a fit that may use 
 0.76 ± 0.33 (95 %, `studies.fit.knits`). {said}
 **Forces:** {met} of {len(fitted)} forces agree with the fit to the same curves, off by
 {off} at {last}: the measured curves are J-shaped, StVK's are nearly straight. Their
-uncertainty is wider than the fit's, as ν and G shift the constants, which is counted to first order.
+uncertainty is wider than the fit's, as ν and G shift the constants, counted to first order.
 **Garter with the constants of stockinette** is wrong: its forces at {last} are {times} the
 measured ones. Constants do not go over to another stitch of the same yarn.
 **Missing:** curves in place of constants (`MembraneTable`), for the J; Poisson's ratio as a

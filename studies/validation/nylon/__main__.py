@@ -228,7 +228,8 @@ def conclude(compared: Sequence[Comparison], slack: float) -> str:
     """What is right and what is wrong, in words."""
     off = {
         quantity: " and ".join(
-            f"{c.percent:+.0f} % at {c.specimen}, {abs(c.difference) / c.total:.1f} times the total"
+            f"{c.percent:+.0f} % at {c.specimen} "
+            f"({abs(c.difference) / c.total:.1f} times the total)"
             for c in compared
             if c.quantity == quantity and c.kind == "predicted"
         )
@@ -247,11 +248,11 @@ width of the strips."""
 def all_five(five: fc.Fit, strict: fc.Fit, small: float) -> str:
     """What a fit to all angles says, with the assumed scatter and with a smaller one."""
     verdict = "\n".join(f"- {text}" for text in strict.verdict.splitlines())
-    said = "the law is wrong" if five.law_fails else "not that the law is wrong"
+    said = "says" if five.law_fails else "does not say"
     return f"""\
 **All five angles fitted at once**, each with a slack of its own: with the assumed 2 % the misfit is
-{five.misfit:.2f}, and the fit says {said}; its small intervals hold for this scatter only. The
-residuals of the three curves alone are as small as {100 * small:.2f} %. With that as the scatter:
+{five.misfit:.2f}, and the fit {said} that the law is wrong; its small intervals hold for this
+scatter only. The residuals of the three curves alone are as small as {100 * small:.2f} %. With that as the scatter:
 
 {verdict}"""
 
