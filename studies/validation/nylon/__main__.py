@@ -252,7 +252,8 @@ def all_five(five: fc.Fit, strict: fc.Fit, small: float) -> str:
     return f"""\
 **All five angles fitted at once**, each with a slack of its own: with the assumed 2 % the misfit is
 {five.misfit:.2f}, and the fit {said} that the law is wrong; its small intervals hold for this
-scatter only. The residuals of the three curves alone are as small as {100 * small:.2f} %. With that as the scatter:
+scatter only. The residuals of the three curves alone are as small as {100 * small:.2f} %.
+With that as the scatter:
 
 {verdict}"""
 
