@@ -282,7 +282,7 @@ def main() -> int:
                     more, _ = predict(Specimen(knit, direction), bare, words, True, size)
                     told += [replace(c, kind="shown") for c in more]
         compared += told
-        sections.append(conclude(compared, rows))
+        sections.append(conclude(compared))
         figures = [
             panel
             for knit in KNITS
@@ -299,7 +299,7 @@ def main() -> int:
     )  # fmt: skip
 
 
-def conclude(compared: Sequence[Comparison], rows: Sequence[Mapping[str, Any]]) -> str:
+def conclude(compared: Sequence[Comparison]) -> str:
     """What is right and what is wrong, in words."""
     widths = [c for c in compared if c.quantity.startswith("narrowing")]
     own = [c for c in widths if c.specimen.count(" ") == 1]
