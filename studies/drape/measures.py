@@ -28,13 +28,16 @@ def shadow_area(x: np.ndarray, triangles: np.ndarray, support: float = 0.0) -> f
     return np.count_nonzero(covered) * CELL**2
 
 
-def drape_coefficient(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
+def drape_coefficient(
+    X: np.ndarray, x: np.ndarray, triangles: np.ndarray, support: float = SUPPORT
+) -> float:
     """Return the shadow beside the support over the shadow of the flat mesh."""
-    return shadow_area(x, triangles, SUPPORT) / shadow_area(X, triangles, SUPPORT)
+    return shadow_area(x, triangles, support) / shadow_area(X, triangles, support)
 
 
-def count_folds(X: np.ndarray, x: np.ndarray) -> int:
-    """Count the crests of the rim: its arcs above the mean height."""
-    rim = np.flatnonzero(np.hypot(*X.T) > SPECIMEN - 1e-6)
+def count_folds(X: np.ndarray, x: np.ndarray, rim: np.ndarray | None = None) -> int:
+    """Count the crests of the rim, by default of `SPECIMEN`: its arcs above the mean height."""
+    if rim is None:
+        rim = np.flatnonzero(np.hypot(*X.T) > SPECIMEN - 1e-6)
     z = x[rim[np.argsort(np.arctan2(*X[rim].T))], 2]
     return int(np.sum((z > z.mean()) & (np.roll(z, 1) <= z.mean())))
