@@ -83,6 +83,7 @@ def run_here(monkeypatch, capsys):
         ("validation.nylon", "of 1 predicted angles, wrong at full extension: 1 >= 1: met"),
         ("validation.knits", "forces of garter with stockinette's constants, wrong: 2 >= 2: met"),
         ("validation.bias", "of 1 forces between, agree: 1 >= 1: met"),
+        ("validation.drape", "share of the cases that came to rest: 1 >= 1: met"),
     ],
 )
 def test_quick(study, says, run_here):

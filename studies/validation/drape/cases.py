@@ -25,38 +25,42 @@ from studies.validation.drape.specimen import FEW, MORE_STEPS, STARTS, UNCERTAIN
 
 MODELS = ("elastic", "friction")
 FOLDED = -5  # the start with five folds
+SHOWN = STARTS[0], H[-1]  # the start and the mesh of the picture
+COARSE = (0.05, 0.04, 0.032)  # edges of the triangles of the quick form [m]
 
 
 def list_cases(fabrics: Sequence[str], quick: bool = False) -> list[dict]:
-    """The settings of `specimen.drape` for all cases; with `quick` few of them, coarse ones."""
-    starts, few, h = (STARTS[:2], FEW[:1], QUICK) if quick else (STARTS, FEW, H)
+    """The settings of `specimen.drape` for all cases; with `quick` few and coarse ones."""
+    if quick:
+        return _few_cases(fabrics[0])
     cases: list[dict] = []
     for fabric in fabrics:
-        for model in MODELS[quick:]:
+        for model in MODELS:
             case = {"fabric": fabric, "model": model}
-            shown = (starts[0], h[-1])
-            pairs = [(start, size) for size in h for start in starts]
-            cases += [
-                case | {"start": s, "h": size, "shape": (s, size) == shown} for s, size in pairs
-            ]
-            coarse = [case | {"start": start, "h": h[0]} for start in few]
-            cases += [each | change for change in _changes(model, quick) for each in coarse]
-            if not quick:
-                cases.append(case | {"start": FOLDED, "h": h[1]})
-                cases.append(case | {"start": starts[0], "h": h[1], "support": "disks"})
+            pairs = [(start, h) for h in H for start in STARTS]
+            cases += [case | {"start": s, "h": h, "shape": (s, h) == SHOWN} for s, h in pairs]
+            coarse = [case | {"start": start, "h": H[0]} for start in FEW]
+            changes = list_changes(list(UNCERTAIN), model)
+            cases += [each | change for change in changes for each in coarse]
+            cases.append(case | {"start": FOLDED, "h": H[1]})
+            cases.append(case | {"start": STARTS[0], "h": H[1], "support": "disks"})
     return cases
 
 
-QUICK = (0.04, 0.032, 0.025)  # edges of the triangles [m]
+def _few_cases(fabric: str) -> list[dict]:
+    """Elastic, two starts, one of them on three meshes, and a constant; with friction one start."""
+    case = {"fabric": fabric, "model": "elastic", "start": STARTS[0]}
+    cases = [case | {"h": h} for h in COARSE] + [case | {"h": COARSE[-1], "start": STARTS[1]}]
+    changes = list_changes(["bending_rigidity"], "elastic")
+    cases += [case | {"h": COARSE[0]} | change for change in changes]
+    return [*cases, case | {"model": "friction", "h": COARSE[0]}]
 
 
-def _changes(model: str, quick: bool) -> list[dict]:
+def list_changes(keys: Sequence[str], model: str) -> list[dict]:
     """More load steps, and each constant up and down by a standard deviation."""
-    keys = ["bending_rigidity"] if quick else list(UNCERTAIN)
-    if model == "elastic":
-        keys.remove("bending_hysteresis")
     changes: list[dict] = [{"steps": MORE_STEPS}]
     for key in keys:
-        up = UNCERTAIN[key]
-        changes += [{"key": key, "factor": up}, {"key": key, "factor": 1 / up}]
+        if model == "friction" or key != "bending_hysteresis":
+            up = UNCERTAIN[key]
+            changes += [{"key": key, "factor": up}, {"key": key, "factor": 1 / up}]
     return changes
