@@ -53,7 +53,7 @@ def draw_figure(path: Path, predictions: Sequence[Prediction], D: Mapping[str, f
     _draw_parts(right, [parts_of(p) for p in predictions])
     for ax in (left, right):
         ax.invert_yaxis()
-    left.legend(loc="lower right", fontsize=8)
+    left.legend(fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.15))
     drawing.savefig(path, dpi=90)
 
 
