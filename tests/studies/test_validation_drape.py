@@ -62,9 +62,9 @@ def test_a_start_with_folds_has_as_many():
 def made_up(case):
     """A row whose coefficient is known: linear in the start, h², load steps, factor and support."""
     points = 40 + 2 * case["start"] + 1e4 * case["h"] ** 2
-    points += {"bending_rigidity": 3, "shear_stiffness": -1}.get(case.get("key"), 0) * math.log(
-        case.get("factor", 1.0)
-    )
+    points += {"bending_rigidity": 3, "shear_stiffness": -1, "bias_rigidity": 2}.get(
+        case.get("key"), 0
+    ) * math.log(case.get("factor", 1.0))
     points += 0.5 * (case.get("steps", 20) == 40) + 2.0 * (case.get("support") == "disks")
     values = {"coefficient": points, "folds": 4 + case["start"] % 2}
     if case["model"] == "friction":
@@ -84,7 +84,8 @@ def test_parts_of_made_up_rows(end):
     assert p.constants["bending_rigidity"] == pytest.approx(3 * math.log(1.1))
     assert p.constants["shear_stiffness"] == pytest.approx(-math.log(2.0))
     assert p.mass == pytest.approx(DENSITY * (3 - 1))
-    squares = (3 * math.log(1.1)) ** 2 + math.log(2.0) ** 2 + p.mass**2 + p.support**2
+    stiff = (3 * math.log(1.1)) ** 2 + math.log(2.0) ** 2 + (2 * math.log(1.15)) ** 2
+    squares = stiff + p.mass**2 + p.support**2
     assert p.input == pytest.approx(math.sqrt(squares))
     assert p.folds == [5, 4, 5, 4, 5]
     assert p.folded == (40 + 2 * FOLDED + 1e4 * H[1] ** 2, 4 + FOLDED % 2)

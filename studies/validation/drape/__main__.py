@@ -217,14 +217,14 @@ MISSING = (
     "shaken, more than any constant: which of them a drape test is depends on the hand that lays "
     "the cloth, and that was not written down. The part of the start is too small for the elastic "
     "cloth: as its weight grows slowly, the five starts end in the same state. A cloth that drops "
-    "may end in others. The coefficients rise as the mesh becomes finer; the part of the mesh counts "
-    "that, the value does not."
+    "may end in others. Most coefficients rise as the mesh becomes finer; the part of the mesh "
+    "counts that, the value does not."
 )
 PARTS = (
     "A constant has the change by a standard deviation up: of 10 % (B), 15 % (2HB, and B along the "
     "bias), a factor of 2 (tension, shear), 1 % (mass). The support is the change from the clamped "
-    "edge to two disks with contact and without friction, over √3. Constants, load steps and support "
-    "are of the first start alone, constants and load steps on the coarsest mesh."
+    "edge to two disks with contact and without friction, over √3. Constants, load steps and "
+    "support are of the first start alone, constants and load steps on the coarsest mesh."
 )
 STARTS_TEXT = (
     "A start is flat, with a smooth wave along the rim that is at most 1 mm high, of 2 to 9 folds "
