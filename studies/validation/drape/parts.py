@@ -81,7 +81,7 @@ def predict(rows: Sequence[Mapping], fabric: str, end: str) -> Prediction:
         key: (own.mean(h=h, key=key, factor=f) - own.mean(h=h, key=key, factor=1 / f)) / 2
         for key, f in ups.items()
     }
-    more = own.mean(h=h, steps=MORE_STEPS) - own.mean(h=h, starts=few)
+    more = own.mean(h=h, steps=MORE_STEPS) - own.mean(h=h, starts=few) if few else 0.0
     held, disks = (own.values("coefficient", h=sizes[1], support=s) for s in ("held", "disks"))
     folded = [own.values(c, h=sizes[1], starts=[FOLDED]) for c in ("coefficient", "folds")]
     return Prediction(
