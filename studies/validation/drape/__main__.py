@@ -34,10 +34,10 @@ from fecloth.study.reports import Row, markdown_table
 from fecloth.study.status import OK
 from studies import harness
 from studies.validation.comparison import Comparison, table, write_comparisons
-from studies.validation.drape.cases import list_cases
+from studies.validation.drape.cases import QUICK_STEPS, list_cases
 from studies.validation.drape.parts import ENDS, Prediction, predict
 from studies.validation.drape.pictures import NAMES, draw_cloths, draw_figure, parts_of
-from studies.validation.drape.specimen import H, drape, measured, mesh_ring
+from studies.validation.drape.specimen import LOAD_STEPS, H, drape, measured, mesh_ring
 
 HERE = Path(__file__).parent
 COEFFICIENT, FOLDS = "drape coefficient [%]", "folds"  # columns of what was measured
@@ -53,8 +53,8 @@ def main() -> int:
         list_cases(fabrics, options.quick), drape, **harness.run_options(options)
     )
     harness.require_results(options, (__doc__ or "").splitlines()[0], rows)
-    ends = ENDS[:1] if options.quick else ENDS
-    predictions = [predict(rows, fabric, end) for fabric in fabrics for end in ends]
+    ends, steps = (ENDS[:1], QUICK_STEPS) if options.quick else (ENDS, LOAD_STEPS)
+    predictions = [predict(rows, fabric, end, steps) for fabric in fabrics for end in ends]
     coefficients = [p.coefficient(D[p.fabric][COEFFICIENT]) for p in predictions]
     folds = [p.number_of_folds(D[p.fabric][FOLDS]) for p in predictions]
     options.out.mkdir(parents=True, exist_ok=True)

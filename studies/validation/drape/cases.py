@@ -26,12 +26,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from studies.validation.drape.specimen import FEW, MORE_STEPS, STARTS, UNCERTAIN, H
+from studies.validation.drape.specimen import FEW, LOAD_STEPS, MORE_STEPS, STARTS, UNCERTAIN, H
 
 MODELS = ("elastic", "friction")
 TAKEN = FEW[:1]  # the starts that show the parts of the constants and of the load steps
 FOLDED = -5  # the start with five folds
 SHOWN = STARTS[0], H[-1]  # the start and the mesh of the picture
+QUICK_STEPS = 5  # of the elastic cloth in the quick form
 COARSE = (0.05, 0.04, 0.032)  # edges of the triangles of the quick form [m]
 
 
@@ -55,11 +56,11 @@ def list_cases(fabrics: Sequence[str], quick: bool = False) -> list[dict]:
 
 def _few_cases(fabric: str) -> list[dict]:
     """Elastic, two starts, one of them on three meshes, and a constant; with friction one start."""
-    case = {"fabric": fabric, "model": "elastic", "start": STARTS[0]}
+    case = {"fabric": fabric, "model": "elastic", "start": STARTS[0], "steps": QUICK_STEPS}
     cases = [case | {"h": h} for h in COARSE] + [case | {"h": COARSE[-1], "start": STARTS[1]}]
     changes = list_changes(["bending_rigidity"], "elastic")[1:]  # without more load steps
     cases += [case | {"h": COARSE[0]} | change for change in changes]
-    return [*cases, case | {"model": "friction", "h": COARSE[0]}]
+    return [*cases, case | {"model": "friction", "h": COARSE[0], "steps": LOAD_STEPS}]
 
 
 def list_changes(keys: Sequence[str], model: str) -> list[dict]:

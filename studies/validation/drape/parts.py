@@ -67,12 +67,13 @@ class Prediction:
         )  # fmt: skip
 
 
-def predict(rows: Sequence[Mapping], fabric: str, end: str) -> Prediction:
+def predict(rows: Sequence[Mapping], fabric: str, end: str, steps: int = LOAD_STEPS) -> Prediction:
     """The prediction for a fabric that is "elastic", "laid" or "shaken"; NaN where a run failed."""
+    # The quick form has fewer load steps, and no part of them.
     model = "elastic" if end == "elastic" else "friction"
-    own = Own([r for r in rows if r["fabric"] == fabric and r["model"] == model], end)
+    own = Own([r for r in rows if r["fabric"] == fabric and r["model"] == model], end, steps)
     sizes = sorted({row["h"] for row in own.rows if row["start"] > 0}, reverse=True)
-    h, few = sizes[0], sorted({row["start"] for row in own.rows if "steps" in row})
+    h, few = sizes[0], sorted({r["start"] for r in own.rows if r.get("steps") == MORE_STEPS})
     means = [own.mean(h=size) for size in sizes]
     estimate = estimate_uncertainty(sizes, means, ORDER)
     values = own.values("coefficient", h=sizes[-1])
@@ -104,10 +105,11 @@ class Own:
 
     rows: Sequence[Mapping]
     end: str
+    steps: int = LOAD_STEPS
 
     def values(self, name: str, starts: Sequence[int] = (), **settings) -> list[float]:
         """A column of the cases with these settings, others as they are, by start."""
-        wanted = AS_IS | settings
+        wanted = AS_IS | {"steps": self.steps} | settings
         chosen = [
             row
             for row in sorted(self.rows, key=lambda row: row["start"])
