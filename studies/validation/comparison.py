@@ -21,7 +21,7 @@ from typing import Any
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.study.reports import Row, write_csv
+from fecloth.study.result import Row, write_csv
 
 COVERS = 2.0  # times the total: within it, prediction and measurement agree
 PARTS = "time", "space", "solver", "input", "start", "scatter"

@@ -18,7 +18,7 @@ import fecloth as fc
 from fecloth.output.atomic_files import replace_file
 from fecloth.scene.scene import Scene, load_scene, scene_of
 from fecloth.study.figures import COLOURS, new_figure
-from fecloth.study.reports import Row, markdown_table
+from fecloth.study.result import Row, markdown_table
 from studies import harness
 from studies.validation.comparison import Comparison, table, write_comparisons
 

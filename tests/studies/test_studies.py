@@ -80,6 +80,7 @@ def run_here(monkeypatch, capsys):
         ("fit.nylon", "% of the largest force: 1.708 <= 2: met"),
         ("budget", "of 1 cloths that buckle or fold, sampled: 1 >= 1: met"),
         ("fit.knits", "say that the law is wrong: 1 >= 1: met"),
+        ("validation", "35 predictions"),
         ("validation.nylon", "of 1 predicted angles, wrong at full extension: 1 >= 1: met"),
         ("validation.knits", "forces of garter with stockinette's constants, wrong: 2 >= 2: met"),
         ("validation.bias", "of 1 forces between, agree: 1 >= 1: met"),

@@ -11,6 +11,7 @@ import fecloth as fc
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.budgeting.result import make_budget
 from fecloth.terms.membranes.curves import Curve
+from studies.validation import __main__ as every
 from studies.validation.bias.__main__ import NET, WIDTH, net_angle, net_force, net_half, stress
 from studies.validation.comparison import (
     COLUMNS,
@@ -150,3 +151,10 @@ def test_covariance_of_fitted_and_given_numbers():
         ),
         V,
     )
+
+
+def test_the_page_has_the_predictions_of_all_folders():
+    page = (every.HERE / "README.md").read_text(encoding="utf-8")
+    assert page == every.write_page(every.predictions())
+    folders = {path.parent.name for path in every.HERE.glob("*/comparison.csv")}
+    assert folders == set(every.FOLDERS)

@@ -30,7 +30,7 @@ import numpy as np
 from fecloth import study
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.reports import Row, markdown_table
+from fecloth.study.result import Row, markdown_table
 from fecloth.study.status import OK
 from studies import harness
 from studies.validation.comparison import Comparison, table, write_comparisons

@@ -34,7 +34,7 @@ NAMES = dict(zip(FABRIC, ("warp", "weft", "shear"), strict=True))
 FORCE = "reaction.grip.x"
 FULL, GAIN = "force at full extension", "force gained from half to full"
 OTHER_POISSON = 0.3
-QUICK = "cloth.element=P1", "cloth.h=0.0045"
+QUICK = "cloth.element=P1", "cloth.h=0.009"
 SOURCE = """\
 ## The measurement
 
@@ -53,7 +53,7 @@ extension hardly depends on it.
 **Poisson's ratio** is 0: forces of slender strips at any angle tell only 1/G − 2 ν/Y₁, and so it
 matters little which is taken (below)."""
 STRIPS = 12  # that were drawn together
-STEPS, FEW = 12, 4  # of the pull; few in the quick form
+STEPS, FEW = 12, 3  # of the pull; few in the quick form
 
 
 @dataclass(frozen=True)
