@@ -98,10 +98,11 @@ def _draw(ax: Any, panel: Panel) -> None:
             ax.plot(x, y, ".", label=label and "measured", **look)
         else:
             ax.errorbar(x, y, COVERS * u, fmt=".", elinewidth=0.5, label=label, **look)
-    if panel.at is not None:
+    if panel.at is not None and panel.value is not None:
         ax.plot(panel.at, panel.value, color=COLOURS[1], label=panel.words, zorder=3)
         if panel.u is not None:
-            low, high = (panel.value + sign * COVERS * panel.u for sign in (-1, 1))
+            half = COVERS * panel.u
+            low, high = panel.value - half, panel.value + half
             ax.fill_between(panel.at, low, high, color=COLOURS[1], alpha=0.25, lw=0)
     for i, (words, x, y) in enumerate(panel.lines, 2):
         ax.plot(x, y, color=COLOURS[i], ls="--", label=words)

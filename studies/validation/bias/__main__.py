@@ -23,7 +23,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import fecloth as fc
 from fecloth.scene.scene import Scene, load_scene
-from fecloth.terms.membranes.curves import Curve
+from fecloth.terms.membranes.curves import Curve, read_rows
 from studies import harness
 from studies.validation import pages
 from studies.validation.comparison import Comparison, from_budget
@@ -50,8 +50,8 @@ plain weave of glass/polypropylene yarns, clamped at both ends, yarns at 45° to
 [Data](../data/README.md). No scatter was published with the curve: 3 % of a force, at least 0.05 N,
 is assumed.
 
-**Assumed:** the stiffness along the yarns, 10⁶ N/m ± 50 %. 743 g/m² with 60 % of glass by weight
-(assumed, too) are 0.17 mm of glass, 6·10⁶ N/m in each direction were the yarns straight; crimped
+**Assumed:** the stiffness along the yarns, 10⁶ N/m ± 50 %. 743 g/m² with 60 % of glass by weight,
+both assumed, are 0.17 mm of glass, 6·10⁶ N/m in each direction were the yarns straight; crimped
 yarns are softer. The column `input` has its part, which the last table shows, beside the covariance
 of the fitted curve. **The mesh** has its edges along the yarns; the fit takes edges of 25 mm,
 predictions 25 to 6.25 mm, so that `space` has what the fitted curve took in of its mesh, too."""
@@ -164,7 +164,7 @@ def net_force(drawn: np.ndarray, stiffness: Sequence[float]) -> np.ndarray:
 
         F = [W (L − 3 W/2) τ(γ) + W² τ(γ/2)/2] dγ/dd
     """
-    rows = fc.MembraneTable(shear={"angle": ANGLES, "stiffness": list(stiffness)}).shear
+    rows = read_rows("shear", {"angle": ANGLES, "stiffness": list(stiffness)})
     curve = Curve.through("shear", rows)
     angle, step = net_angle(drawn), 1e-6
     speed = (net_angle(drawn + step) - net_angle(drawn - step)) / (2 * step)
@@ -199,7 +199,8 @@ def compare(curves: Curves, points: Points, words: str, places: Sequence[float])
 
 def misfit(answer: fc.Fit, name: str) -> float:
     """rms of the residuals of an experiment over their standard uncertainty."""
-    return next(row["rms / sigma"] for row in answer.experiments if row["experiment"] == name)
+    rows: Any = answer.experiments
+    return float(next(row["rms / sigma"] for row in rows if row["experiment"] == name))
 
 
 def shape_rows(curves: Curves, stiffness: Sequence[float]) -> list[dict[str, Any]]:

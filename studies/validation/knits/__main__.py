@@ -153,7 +153,7 @@ def fit_with_uncertain(knit: str, size: Sequence[int]) -> tuple[fc.Fit, dict[str
     middle = np.array([base.values[name] for name in pair])
     moved = np.array([[each.values[name] for name in pair] for each in shifted]) - middle
     V = joint_covariance(base.covariance, moved, u)
-    fabric = fabric_of(*middle.tolist(), shear, nu)
+    fabric = fabric_of(float(middle[0]), float(middle[1]), shear, nu)
     return base, fabric | {"uncertainty": uncertainty_table(V)}
 
 
@@ -235,7 +235,7 @@ def constants(words: str, answer: fc.Fit, fabric: Mapping[str, Any]) -> dict[str
         deviation = u.get(name.removeprefix("fabric."))
         row[short] = f"{value:.3g}" + (f" ± {deviation:.2g}" if deviation else ", not told")
     for line in answer.experiments:
-        row[f"{line['experiment'].split(', ')[1]}: rms %"] = f"{line['rms %']:.1f}"
+        row[f"{str(line['experiment']).split(', ')[1]}: rms %"] = f"{line['rms %']:.1f}"
     return row | {"misfit": answer.misfit, "law": "wrong" if answer.law_fails else "not refuted"}
 
 

@@ -34,7 +34,7 @@ NAMES = dict(zip(FABRIC, ("warp", "weft", "shear"), strict=True))
 FORCE = "reaction.grip.x"
 FULL, GAIN = "force at full extension", "force gained from half to full"
 OTHER_POISSON = 0.3
-QUICK = "cloth.element=P1", "cloth.h=0.009"
+QUICK = "cloth.element=P1", "cloth.h=0.0045"
 SOURCE = """\
 ## The measurement
 
