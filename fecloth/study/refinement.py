@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from fecloth.simulation.doubts.course import WRINKLES
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
@@ -81,6 +83,9 @@ def summarise(
         verdict = f"not known: {len(failed)} of {len(rows)} levels failed; the first: {cause}"
         return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
     values, sequence = _values_of_levels(quantity, rows)
+    if not np.isfinite(sequence).all():
+        verdict = f"not known: {quantity.text} has no value on a level"
+        return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
     estimate = estimate_uncertainty(sizes, sequence, theory)
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")

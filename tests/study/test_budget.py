@@ -444,6 +444,16 @@ def test_a_problem_that_fails_has_no_budget():
         fc.budget(pulled, {"drawn": 0.1}, None, FORCE, h=0.5, least=0.2)
 
 
+def test_a_quantity_without_a_value_is_said_to_have_none():
+    def missing(result):
+        return math.nan
+
+    with pytest.raises(fc.study.StudyFailed, match="missing has no value on a level"):
+        fc.budget(pulled, {}, None, missing, h=0.5)
+    answer = fc.study.converge(pulled, missing, h=0.5, levels=3)
+    assert answer.verdict == "not known: missing has no value on a level"
+
+
 # --- words ----------------------------------------------------------------------------------------
 
 ZEROS = dict.fromkeys(("space", "time", "solver", "input", "start"), 0.0)
