@@ -15,7 +15,7 @@ from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.budgeting import budget as budgets
 from fecloth.study.budgeting.budget import Work, probing_change, spread, tolerance_of_data
 from fecloth.study.budgeting.inputs import Inputs, read_inputs
-from fecloth.study.budgeting.result import make_budget
+from fecloth.study.budgeting.result import _shown, make_budget
 from fecloth.study.change import Level
 from fecloth.study.parameters import Parameter
 from fecloth.study.problems import open_problem
@@ -455,6 +455,22 @@ def test_a_quantity_without_a_value_is_said_to_have_none():
 
 
 # --- words ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "shown"),
+    [
+        (1.000491, 1.1e-4, "1.00049"),
+        (1.000491, 0.0, "1"),
+        (62.0, 5.1, "62"),
+        (-0.0358583, 1.5e-7, "-0.0358583"),
+        (0.0, 1.0, "0"),
+        (3.14159, math.nan, "3.142"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_uncertainty_needs(value, u, shown):
+    assert _shown(value, u) == shown
+
 
 ZEROS = dict.fromkeys(("space", "time", "solver", "input", "start"), 0.0)
 

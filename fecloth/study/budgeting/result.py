@@ -1,5 +1,6 @@
 """The result of `budget`: parts of an uncertainty, in words, as a table and as a figure."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
@@ -113,10 +114,10 @@ def _verdict(
     words = WORDS | ({} if fabric else {"input": "inputs"})
     total = of["total"]
     counts = [name for name in WORDS if name != "data" and not of[name] <= LITTLE * total]
-    text = f"{of['value']:.4g} {unit}".strip() + "".join(
+    text = f"{_shown(of['value'], total)} {unit}".strip() + "".join(
         f" ± {of[name]:.2g} ({words[name]})" for name in counts
     )
-    text += "" if np.isnan(D) else f"; measured {D:.4g} ± {of['data']:.2g}"
+    text += "" if np.isnan(D) else f"; measured {_shown(D, of['data'])} ± {of['data']:.2g}"
     if not np.isfinite(total):
         return f"{text}: its uncertainty is not known, as runs for a part of it failed"
     parts = {f"the {words[name]}": of[name] ** 2 for name in WORDS if name != "input" or not inputs}
@@ -128,3 +129,9 @@ def _verdict(
     if off <= COVERS * total:
         return f"{text}: agrees within {'twice ' if off > total else ''}its uncertainty of {amount}"
     return f"{text}: the model is wrong by {off:.2g} ± {total:.2g}"
+
+
+def _shown(value: float, u: float) -> str:
+    """The value with four digits, or as many more as its uncertainty has places."""
+    places = math.log10(abs(value) / u) if value and 0 < u < math.inf else 0.0
+    return f"{value:.{max(4, math.ceil(places) + 2)}g}"
