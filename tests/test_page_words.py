@@ -17,7 +17,7 @@ BY_HAND = [
 
 
 def pages() -> list[str]:
-    """The pages of the repository, and those that the site has beside them."""
+    """Names of all pages in the repository that are counted, also pages in `.docs`."""
     command = ["git", "ls-files", "*.md", "*.rst"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return [name for name in listed.split() if name not in NOT_COUNTED]

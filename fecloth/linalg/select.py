@@ -30,7 +30,7 @@ from fecloth.linalg.protocol import SolveInfo, check_arguments
 from fecloth.validation import known
 
 ASSEMBLY = 2.0  # work of a tangent, for each block in a row
-CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations that new coarse matrices cost
+CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations for its coarse matrices
 MULTIGRID = 150.0  # work of a solve with it, as a guess
 REUSE = 0.8  # new factors for each solve with one, as a guess
 SUPERLU = 8.0  # work of SuperLU over the work of PARDISO

@@ -41,7 +41,7 @@ class RunFiles:
 
     def keep(self) -> None:
         """Continue after the frames of the rows in strains.csv; remove later ones."""
-        if not self.opens.exists():
+        if (self.folder.path / GATHERED).exists() and not self.opens.exists():
             self._scatter()
         self.frames.keep(self.tables["strains"].column("t"))
         self.on_disk = len(self.frames.times)
@@ -97,7 +97,7 @@ class RunFiles:
             frame = series.read(i)
             state = State(frame.t, frame.points, frame.point_data["velocity"])
             self.frames.add(state, (frame.point_data, frame.cell_data))
-        (self.folder.path / GATHERED).unlink(missing_ok=True)
+        (self.folder.path / GATHERED).unlink()
 
     def gather(self) -> None:
         """Write the frames of a whole run into one file, if the scene asks for it."""

@@ -21,9 +21,9 @@ from typing import Any
 
 import fecloth as fc
 from fecloth.errors import InputError
+from fecloth.study.budgeting.result import COVERS
 from fecloth.study.result import Row, write_csv
 
-COVERS = 2.0  # times the total: within it, prediction and measurement agree
 PARTS = "time", "space", "solver", "input", "start", "scatter"
 KINDS = (
     "fitted",  # the measurement took part in the fit

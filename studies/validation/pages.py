@@ -20,10 +20,9 @@ from fecloth.scene.scene import Scene, load_scene, scene_of
 from fecloth.study.figures import COLOURS, new_figure
 from fecloth.study.result import Row, markdown_table
 from studies import harness
-from studies.validation.comparison import Comparison, table, write_comparisons
+from studies.validation.comparison import COVERS, Comparison, table, write_comparisons
 
 DATA = Path(__file__).parent / "data"
-COVERS = 2.0  # standard uncertainties of a band
 ABOUT_TOTAL = """\
 All parts are standard uncertainties; total² is the sum of the squares of time, space, solver,
 input, start and the scatter of the measurement, and both agree where the difference is at most

@@ -215,6 +215,15 @@ def test_no_restart_file_goes_before_the_next_would_survive_a_power_cut(
     assert missed == []
 
 
+def test_a_run_whose_lists_of_frames_were_lost_writes_them_again(scene, tmp_path):
+    run_scene(load_scene(scene), tmp_path / "whole")
+    interrupted(scene, tmp_path / "out", 70)
+    for name in ("run.pvd", "run.vtu.series"):
+        (tmp_path / "out" / name).unlink()
+    go(scene, tmp_path / "out", resume=True)
+    assert written(tmp_path / "out") == written(tmp_path / "whole")
+
+
 # --- what goes on, and what does not --------------------------------------------------------------
 
 

@@ -43,8 +43,8 @@ class MembraneTable:
     LT/2 = 1/a − 1/(exp(a) − 1) (Fung 1967, Elasticity of soft tissues in simple elongation).
 
     Valid for loading: unloading follows the same curve. Tension curves are of specimens that keep
-    their width, as in KES; near rest a strip with free sides bears 1 − ν² times that force. The
-    curve of τ is exact where warp and weft keep their length. That c is constant is an assumption.
+    their width, as in KES. Near rest the force of a strip with free sides is 1 − ν² times as large.
+    The curve of τ is exact where warp and weft keep their length. It is assumed that c is constant.
 
     Cost relative to `StVK`: force 1.3, 2 to 5 where strains jump between points; tangent up to 1.8.
 

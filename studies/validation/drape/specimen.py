@@ -50,7 +50,7 @@ NOT_MEASURED = {
 # A standard deviation up is this factor, down its inverse. 2 is about the spread among those
 # fabrics. B and 2HB are printed as one number for warp and weft, without a scatter: 10 and 15 %
 # are assumed, as no repeatability of the instrument is known here. The rigidity along the bias was
-# not measured; its central value is that of Huber's estimate, B, and 15 % are assumed.
+# not measured: it is taken as B, as Huber estimates it, with an assumed uncertainty of 15 %.
 UNCERTAIN = {
     "tensile_stiffness": 2.0,
     "shear_stiffness": 2.0,

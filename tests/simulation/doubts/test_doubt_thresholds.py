@@ -262,6 +262,7 @@ ABOVE = {  # the words about a quantity of f times its threshold, which are ther
     "a heavy fabric": lambda f: fabric(density=f * 5.0),
     "a stiff fabric": lambda f: fabric(stiffness=f * 1e7),
     "a board": lambda f: fabric(bending_rigidity=0.2 * G * (f * 0.25) ** 3),
+    "gf·cm/cm": lambda f: fabric(bending_rigidity=1e-5, bending_hysteresis=f * 2 * 500.0 * 1e-5),
     "a large cloth": lambda f: size(f * 10.0),
     "a long step": lambda f: warnings_before(bound(), f * 0.1),
     "large gravity": lambda f: term(fc.Gravity((0, 0, -f * 50.0))),
