@@ -20,9 +20,8 @@ extensions = [
     *("chapters", "commands", "field_comments", "gallery", "public_names", "section_index"),
 ]
 exclude_patterns = ["_templates"]
-repository = _project["urls"][
-    "Repository"
-]  # read by `chapters`: the pages that are not in the site
+# read by `chapters`: the address of files that are not in the site
+repository = _project["urls"]["Repository"]
 
 templates_path, html_static_path = ["_templates"], ["_static"]
 html_theme, html_title = "alabaster", f"fecloth {version}"

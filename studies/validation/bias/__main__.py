@@ -135,7 +135,7 @@ def predict(answer: fc.Fit, words: str, h: float, steps: int) -> Curves:
     t = t if steps == STEPS else t[4:5]  # 60 mm, in the quick form
     texts = [f" at {each + 1e-9:.10f}" if each < 1 else "" for each in t]
     names = [kind + each for kind in (FORCE, ALONG, ACROSS, EDGES) for each in texts]
-    # Its effect is so small and so far from linear that the budget takes 64 samples: not for quick.
+    # The effect of the yarns is so small and so far from linear that the budget takes 64 samples.
     yarns = {YARNS: "50 %"} if steps == STEPS else {}
     made = pages.quietly(fc.budget, scene, yarns, {}, names)
     slopes = pages.quietly(fc.sensitivity, scene, names_of(count), names[: len(t)]).derivative
@@ -152,7 +152,8 @@ def predict(answer: fc.Fit, words: str, h: float, steps: int) -> Curves:
 def net_angle(drawn: np.ndarray) -> np.ndarray:
     """γ [rad] of the middle of a pin-jointed net: cos(π/4 − γ/2) = (D + d)/(√2 D), D = L − W.
 
-    Source: Cao et al. (2008), Composites Part A 39, 1037.
+    The yarns of the middle keep their length, at the angle π/4 − γ/2 to the pull on both sides of
+    it: a diagonal along the pull is as the cosine of this angle, and grows from D to D + d.
     """
     return np.asarray(math.pi / 2 - 2 * np.arccos((NET + drawn) / (math.sqrt(2) * NET)))
 
