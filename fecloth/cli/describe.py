@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fecloth import validation
-from fecloth.cli.options import reading
+from fecloth.cli.commands import reading
 from fecloth.errors import InputError, amount
 from fecloth.fabric import presets, strips
 from fecloth.fabric.fabric import Fabric

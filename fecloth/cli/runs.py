@@ -8,7 +8,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from fecloth import errors
-from fecloth.cli.options import reading
+from fecloth.cli.commands import reading
 from fecloth.runs.interruption import set_handler
 
 # Signals are handled before NumPy is imported: each command imports what it needs when it runs.

@@ -5,11 +5,10 @@ import re
 from argparse import Namespace
 from pathlib import Path
 
-from fecloth.cli.commands import Command
-from fecloth.cli.options import SET, reading, running
+from fecloth.cli.commands import RUNNING, Command, reading
 
 LONGEST = 80  # characters of the question in the name of a folder
-SHARED = {"scene", SET.key, *(shared.key for shared in running("", 0.0))}
+SHARED = {"scene", "set", *RUNNING}  # the other options of a study are its own arguments
 
 
 def run_study(command: Command, options: Namespace) -> int:
@@ -28,7 +27,7 @@ def run_study(command: Command, options: Namespace) -> int:
         print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
         return 0
     arguments = {key: getattr(options, key) for key in own}
-    if SET in command.options:
+    if "set" in (option.key for option in command.options):
         scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
     else:  # the file names scenes, which the study reads
         scenes, arguments["trust_geo"] = paths, options.trust_geo
@@ -52,7 +51,7 @@ def _question(command: Command, options: Namespace) -> str:
     parts = []
     for option in command.options:
         value = getattr(options, option.key)
-        if option.key not in SHARED - {SET.key} and value != option.keywords.get("default"):
+        if option.key not in SHARED - {"set"} and value != option.keywords.get("default"):
             listed = value if isinstance(value, list) else [value]
             parts += [f"{option.key}={item}" for item in listed if item]
     text = ",".join(parts)

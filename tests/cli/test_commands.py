@@ -10,14 +10,13 @@ from support.pages import read
 import fecloth as fc
 from fecloth.cli.commands import COMMANDS
 from fecloth.cli.main import STATUS, main
-from fecloth.cli.options import SET
 from fecloth.cli.studies import SHARED
 from fecloth.output.atomic_files import DiskFull, ending_of
 from fecloth.study.opened import Opened
 from fecloth.study.result import StudyResult, Table
 
 STUDIES = [  # of a problem; a fit is of several
-    name for name, command in COMMANDS.items() if command.is_study and SET in command.options
+    name for name, command in COMMANDS.items() if command.is_study and name != "fit"
 ]
 
 

@@ -8,7 +8,7 @@ import pytest
 from support import key_reference
 
 from fecloth.cli import main as cli
-from fecloth.cli.commands import FIELD_NAMES
+from fecloth.cli.commands import COMMANDS
 from fecloth.output.frame_reader import FIELDS
 from fecloth.scene.cloth_tables import Disk
 from fecloth.scene.json_schema import json_schema
@@ -156,4 +156,5 @@ def test_info_refuses_an_unknown_term(capsys):
 
 
 def test_the_fields_of_a_picture_are_those_of_frames():
-    assert (*FIELDS, CHECKS) == FIELD_NAMES
+    field = next(each for each in COMMANDS["render"].options if each.key == "field")
+    assert field.keywords["help"] == f"one of {', '.join([*FIELDS, CHECKS])}"
