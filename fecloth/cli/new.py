@@ -1,4 +1,4 @@
-"""`fecloth new`: the commented files of a specimen to begin with."""
+"""`fecloth new`: commented files to begin with, of a scene or of a specimen."""
 
 import re
 from argparse import Namespace
@@ -9,16 +9,17 @@ from fecloth.errors import InputError
 
 
 def write_specimen(options: Namespace) -> int:
-    """Write NAME.toml, NAME_fit.toml, NAME.csv and, if the test has a mesh, NAME.geo."""
+    """Write NAME.toml, of a test also NAME_fit.toml and NAME.csv, and NAME.geo if it has a mesh."""
+    kind = options.test or options.kind
     target = Path(options.name)
     target = target.with_suffix("") if target.suffix == ".toml" else target
     if not re.fullmatch(r"[\w+-][\w .+-]*", target.name):
         allowed = "must be a file name of letters, digits, spaces, _, +, - and ."
         raise InputError(f"NAME = {options.name!r}", allowed, "new")
     written = {
-        target.with_name(target.name + each.name.removeprefix(options.test)): each
+        target.with_name(target.name + each.name.removeprefix(kind)): each
         for each in sorted((files("fecloth.cli") / "specimens").iterdir(), key=lambda e: e.name)
-        if re.fullmatch(rf"{options.test}(_fit)?\.\w+", each.name)
+        if re.fullmatch(rf"{kind}(_fit)?\.\w+", each.name)
     }
     if not options.overwrite and (there := [path for path in written if path.exists()]):
         raise InputError(f"{there[0]} exists", "needs --overwrite", "new")
@@ -27,5 +28,6 @@ def write_specimen(options: Namespace) -> int:
         text = template.read_text(encoding="utf-8").replace("NAME", target.name)
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path}")
-    print(f"next: fecloth run {target}.toml; your numbers, and fecloth fit {target}_fit.toml")
+    fit = f"; your numbers, and fecloth fit {target}_fit.toml" if options.test else ""
+    print(f"next: fecloth run {target}.toml{fit}")
     return 0

@@ -87,3 +87,39 @@ def test_names_that_are_no_names_of_files_are_refused(name, tmp_path, monkeypatc
     assert main(["new", name, "--test", "drape"]) == 2
     assert "must be a file name" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+SCENES = {  # settings that make the runs short
+    "cloth": ["cloth.h=12.5 cm", "time.t_end=20 ms"],
+    "drop": ["cloth.h=10 cm", "time.t_end=10 ms"],
+    "static": ["cloth.h=25 cm"],
+    "geo": ["cloth.h=20 cm", "time.t_end=20 ms"],
+}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_a_new_scene_runs_at_once(kind, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "my first", "--kind", kind]) == 0
+    endings = [".geo", ".toml"] if kind == "geo" else [".toml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"my first{e}" for e in endings]
+    assert capsys.readouterr().out.endswith("next: fecloth run my first.toml\n")
+    text = (tmp_path / "my first.toml").read_text(encoding="utf-8")
+    assert "NAME" not in text
+    assert text.startswith("# ")
+    changes = [word for change in SCENES[kind] for word in ("--set", change)]
+    assert main(["run", "my first.toml", "--quiet", *changes]) == 0
+    assert (tmp_path / "out/my first/report.html").is_file()
+    scene = load_scene("my first.toml")
+    for text in scene.interest.quantities:
+        SceneProblem(scene, "scene").check_quantity(parse_quantity(text))
+
+
+def test_without_an_option_it_is_a_cloth(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "a"]) == 0
+    assert main(["new", "b", "--kind", "cloth"]) == 0
+    a, b = ((tmp_path / f"{name}.toml").read_text(encoding="utf-8") for name in "ab")
+    assert a.replace(" a.toml", "").replace("out/a", "") == b.replace(" b.toml", "").replace(
+        "out/b", ""
+    )
