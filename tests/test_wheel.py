@@ -1,0 +1,86 @@
+"""The release: the wheel, built from the source distribution, works away from the clone."""
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A function that runs a command with the wheel, in an environment and a folder of its own."""
+    pytest.importorskip("build")
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "build", str(ROOT), "--outdir", str(folder / "dist")]
+    subprocess.run(build, check=True, capture_output=True, timeout=300)
+    (wheel,) = (folder / "dist").glob("*.whl")
+    venv.create(folder / "env", with_pip=False)
+    paths = sysconfig.get_paths(vars={"base": str(folder / "env"), "platbase": str(folder / "env")})
+    packages, scripts = Path(paths["purelib"]), Path(paths["scripts"])
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(packages)]
+    subprocess.run([*pip, str(wheel)], check=True, timeout=300)
+    # the dependencies are those of this environment: nothing is downloaded
+    (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
+    (folder / "work").mkdir()
+    outside = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+
+    def call(*command: str) -> str:
+        python = scripts / Path(sys.executable).name
+        answer = subprocess.run(
+            [str(python), "-m", "fecloth", *command] if command[0] != "-c" else [python, *command],
+            cwd=folder / "work", env=outside, capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        assert answer.returncode == 0, answer.stderr
+        return answer.stdout
+
+    call.packages, call.folder = packages, folder / "work"
+    return call
+
+
+@pytest.mark.slow
+def test_the_wheel_makes_a_scene_a_run_and_a_page(installed):
+    where = installed("-c", "import fecloth; print(fecloth.__file__)")
+    assert Path(where.strip()).is_relative_to(installed.packages)
+    assert PROJECT["version"] in installed("--version")
+    installed("new", "pennant", "--scene", "geo")
+    short = ["--set", "time.t_end=0.01", "--set", "cloth.h=0.2"]  # most of it is compilation
+    installed("run", "pennant.toml", "--quiet", *short)
+    installed("view", "out/pennant", "--no-open")
+    assert "interlock" in installed("info", "--fabrics")
+    made = {path.name for path in (installed.folder / "out/pennant").iterdir()}
+    assert {"report.html", "view.html", "run.pvd"} <= made
+
+
+def test_the_version_is_said_once():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version: {PROJECT['version']}\n" in citation
+    changes = (ROOT / "fecloth/CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## {PROJECT['version']}" in changes
+
+
+def test_the_paper_has_its_length_and_cites_what_it_names():
+    paper = (ROOT / ".github/paper/paper.md").read_text(encoding="utf-8")
+    references = (ROOT / ".github/paper/paper.bib").read_text(encoding="utf-8")
+    body = paper.split("---", 2)[2]
+    assert 750 <= len(body.split()) <= 1750  # as the journal asks
+    cited = set(re.findall(r"@(\w+\d{4})", body))
+    assert cited == set(re.findall(r"@\w+\{(\w+),", references))
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_the_shell_completes_commands_and_options(shell):
+    shtab = pytest.importorskip("shtab")
+    from fecloth.cli.main import _parser
+
+    script = shtab.complete(_parser(), shell=shell)
+    assert "converge" in script
+    assert "--levels" in script
