@@ -51,7 +51,7 @@ def test_the_wheel_makes_a_scene_a_run_and_a_page(installed):
     where = installed("-c", "import fecloth; print(fecloth.__file__)")
     assert Path(where.strip()).is_relative_to(installed.packages)
     assert PROJECT["version"] in installed("--version")
-    installed("new", "pennant", "--scene", "geo")
+    installed("new", "pennant", "--kind", "geo")
     short = ["--set", "time.t_end=0.01", "--set", "cloth.h=0.2"]  # most of it is compilation
     installed("run", "pennant.toml", "--quiet", *short)
     installed("view", "out/pennant", "--no-open")
