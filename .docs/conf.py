@@ -2,7 +2,8 @@
 
 The chapters are the pages of the repository: a file here that includes one of them has no text of
 its own. `extensions/` beside this file turns their links into links of the site, and generates the
-lists of commands, of public names and of pictures.
+lists of commands, of public names and of pictures. `lecture` beside this file is a link to the
+lecture's folder, whose pages are notebooks; the build runs them.
 """
 
 import sys
@@ -16,10 +17,11 @@ _project = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="ut
 project, version = _project["name"], _project["version"]
 release = version
 extensions = [
-    *("myst_parser", "sphinx.ext.autodoc", "numpydoc"),
-    *("chapters", "commands", "field_comments", "gallery", "public_names", "section_index"),
+    *("myst_nb", "sphinx.ext.autodoc", "numpydoc"),
+    *("chapters", "commands", "field_comments", "gallery", "mathml", "notebooks"),
+    *("public_names", "section_index"),
 ]
-exclude_patterns = ["_templates"]
+exclude_patterns = ["_templates", "conf.py", "extensions", "lecture/__*", "lecture/README.md"]
 # read by `chapters`: the address of files that are not in the site
 repository = _project["urls"]["Repository"]
 
@@ -38,6 +40,10 @@ html_copy_source = html_show_sourcelink = html_show_copyright = html_show_sphinx
 html_use_index = False  # the search finds names, too
 html_additional_pages = {"search": "search.html"}  # in place of Sphinx' own, see section_index
 
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_execution_in_temp, nb_execution_raise_on_error, nb_execution_timeout = True, True, 300
+html_math_renderer = "mathml"
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # as on the repository's own pages
 default_role = "py:obj"  # `System` in a docstring leads to it
 highlight_language = "text"

@@ -4,6 +4,7 @@ import re
 import subprocess
 
 import pytest
+from support.lecture import markdown
 from support.pages import GENERATED, NAMES, ROOT
 
 LIMIT = 35_000
@@ -17,14 +18,16 @@ BY_HAND = [
 
 
 def pages() -> list[str]:
-    """Names of all pages in the repository that are counted, also pages in `.docs`."""
-    command = ["git", "ls-files", "*.md", "*.rst"]
+    """Names of all pages in the repository that are counted, also in `.docs` and the lecture."""
+    command = ["git", "ls-files", "*.md", "*.rst", "studies/lecture/[0-9]*.py"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return [name for name in listed.split() if name not in NOT_COUNTED]
 
 
 def words(name: str) -> int:
     """Words of a page without its generated part; of a report without tables and findings."""
+    if name.endswith(".py"):
+        return len(markdown(ROOT / name).split())
     text = GENERATED.sub("", (ROOT / name).read_text(encoding="utf-8"))
     lines = text.splitlines()
     if name not in BY_HAND:

@@ -22,7 +22,8 @@ import fecloth as fc
 from fecloth.cli.commands import COMMANDS
 from fecloth.quantities.formula_functions import FUNCTIONS
 
-MISSING = [name for name in ("sphinx", "numpydoc", "myst_parser") if find_spec(name) is None]
+NEEDS = ("sphinx", "numpydoc", "myst_nb", "jupytext", "ipykernel")
+MISSING = [name for name in NEEDS if find_spec(name) is None]
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(bool(MISSING), reason=f"needs {', '.join(MISSING)} of the extra [docs]"),
@@ -36,14 +37,18 @@ REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["ur
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory) -> Path:
-    """The folder of the site, built once by the command of CONTRIBUTING."""
+    """The folder of the site, built once by the command of CONTRIBUTING.
+
+    The pages of the lecture are not run here; tests/studies/test_lecture.py does it.
+    """
     shared = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:  # the folder of all workers
         shared = shared.parent
     folder, log = shared / "site", shared / "site.log"
     with FileLock(shared / "site.lock"):
         if not log.exists():
-            command = [sys.executable, "-m", "sphinx", *shlex.split(COMMAND)[:-1], str(folder)]
+            options = [*shlex.split(COMMAND)[:-1], "-D", "nb_execution_mode=off"]
+            command = [sys.executable, "-m", "sphinx", *options, str(folder)]
             start = time.perf_counter()
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
             seconds = f"built in {time.perf_counter() - start:.0f} s\n"

@@ -21,14 +21,12 @@ LINK = re.compile(r"(!?)\[((?:[^][]|\[[^]]*\])*)\]\(([^()\s:#]+)(#[^()\s]*)?\)")
 FENCED = re.compile(r"^(```.*?^```[ \t]*$)", re.MULTILINE | re.DOTALL)
 
 
-def chapters(folder: Path) -> dict[Path, str]:
-    """Return, for each page that is included in the site, the name of its chapter."""
-    found = {}
+def chapters(folder: Path) -> dict[Path, Path]:
+    """Return, for each page of the repository that is in the site, the file of its chapter."""
+    found = {file.resolve(): file for file in folder.glob("lecture/[0-9]*.py")}
     for file in sorted(folder.rglob("*.md")):
         for name in INCLUDE.findall(file.read_text(encoding="utf-8")):
-            found[(file.parent / name).resolve()] = (
-                file.relative_to(folder).with_suffix("").as_posix()
-            )
+            found[(file.parent / name).resolve()] = file
     return found
 
 
@@ -47,19 +45,19 @@ def read_chapter(app: Sphinx, docname: str, source: list[str]) -> None:
 
 
 def link_of(
-    page: Path, stub: Path, known: dict[Path, str], repository: str
+    page: Path, stub: Path, known: dict[Path, Path], repository: str
 ) -> Callable[[re.Match[str]], str]:
     """Return the function that rewrites a link of a page for the chapter in the file `stub`."""
-    site, root = stub.parent, Path(__file__).parents[2]
-    while site.name != ".docs":
-        site = site.parent
+    root = Path(__file__).parents[2]
 
     def rewritten(match: re.Match[str]) -> str:
         image, words, name, anchor = match.groups(default="")
         target = (page.parent / name).resolve()
         words = LINK.sub(rewritten, words)
-        if target in known:
-            to = os.path.relpath(site / f"{known[target]}.md", stub.parent)
+        if chapter := known.get(target):
+            if chapter.suffix == ".py":  # by its name: MyST would follow the link of its folder
+                return f"{{doc}}`{words} </{chapter.parent.name}/{chapter.stem}>`"
+            to = os.path.relpath(chapter, stub.parent)
         elif not target.exists():  # no link, as in a formula
             return match[0]
         elif image:

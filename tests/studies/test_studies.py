@@ -65,6 +65,7 @@ def run_here(monkeypatch, capsys):
         ("benchmarks.method_choice", "auto over the best"),
         ("models.sag_figure", "wrote out/models/sag.png"),
         ("laws", "10 pictures"),
+        ("lecture", "0 checks failed"),
         ("laws.wang", "27 strips of 9 fabrics"),
         ("contact", "A drum against a plate"),
         ("contact.drop", "| BDF2 | 162 | 30 |"),
