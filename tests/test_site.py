@@ -1,5 +1,6 @@
 """The site: it is built without a warning, has every name and command, and its search answers."""
 
+import json
 import os
 import re
 import shlex
@@ -84,6 +85,18 @@ def test_every_page_written_by_hand_is_a_chapter():
     stubs = (ROOT / ".docs").rglob("*.md")
     included = re.findall(r"\{include\} (?:\.\./)+(\S+)", "".join(f.read_text() for f in stubs))
     assert set(NAMES) <= set(included)
+
+
+def test_each_slide_of_the_lecture_is_a_chapter_and_a_notebook(site, pages):
+    slides = sorted((ROOT / "studies" / "lecture").glob("[0-9]*.py"))
+    assert slides
+    for slide in slides:
+        text = pages[f"lecture/{slide.stem}.html"]
+        (link,) = re.findall(r"<a href=\"(\w+\.ipynb)\" download>", text)
+        cells = json.loads((site / "lecture" / link).read_text(encoding="utf-8"))["cells"]
+        assert [cell["cell_type"] for cell in cells].count("code") >= 3
+        assert "<math" in text
+        assert not re.search(r"\$\S", re.sub(r"<[^>]*>", "", text)), slide  # no formula is left
 
 
 def test_links_lead_somewhere(site, pages):
