@@ -16,7 +16,7 @@
 # three times, and the height of three nodes.
 #
 # A node far from the pins falls freely until the cloth between them is taut. This method lets it
-# fall too deep, by $g\,t\,\Delta t/2$: 7 mm at $t = 0.15$ s. Which step would make it 1 mm?
+# fall too deep, by $g\,t\,\Delta t/2$: 7.4 mm at $t = 0.15$ s. Which step would make it 1 mm?
 
 # %%
 import matplotlib.pyplot as plt
@@ -61,4 +61,5 @@ assert np.allclose(np.diff(x, axis=0), dt * v, rtol=0, atol=1e-12)  # x₁ = x�
 n = 15  # in free fall v = −n g dt, so that z = −g dt² (1 + 2 + … + n)
 assert np.allclose(x[n, right, 2], -9.81 * dt**2 * n * (n + 1) / 2, rtol=0, atol=1e-6)
 too_deep = -9.81 * t[n] ** 2 / 2 - x[n, right, 2]
-assert np.allclose(too_deep, 9.81 * t[n] * dt / 2, atol=1e-6) and np.all(too_deep < 0.0075)
+assert np.allclose(too_deep, 9.81 * t[n] * dt / 2, atol=1e-6)
+assert np.all(np.abs(too_deep - 0.0074) < 1e-4)
