@@ -89,6 +89,7 @@ from .terms.custom.membrane_law import MembraneLaw
 from .terms.loops.green_strain import contract
 from .terms.protocol import BoundTerm
 from .terms.traits import TermTraits
+from .view.export import export
 
 __version__: str
 
@@ -173,6 +174,7 @@ __all__ = [
     "contract",
     "critical_dt",
     "equilibrium",
+    "export",
     "fields",
     "fit",
     "hinge_angles",

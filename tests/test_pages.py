@@ -29,7 +29,7 @@ STUDIES = sorted({STUDY.search(c)[1] for c in COMMANDS if STUDY.search(c)})
 OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
-    r"fecloth (run|view|render|check|mesh|info|converge|compare|chart|stability|simplify|tune"
+    r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|stability|simplify|tune"
     r"|sweep|sensitivity|budget|fit|modes|new|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
@@ -39,6 +39,7 @@ FILLED |= {
     "tune 1%": "20%",  # fewer runs
     "tune 2%": "20%",
     "render FILE": "swing.gif",
+    "export FILE": "cloth.usda",
     "NAME": "Wind",
     "FABRIC": "interlock",
     "A.toml": "SCENE.toml",

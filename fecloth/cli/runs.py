@@ -1,4 +1,4 @@
-"""The commands of a run: `run`, `check`, `view` and `render`."""
+"""The commands of a run: `run`, `check`, `view`, `render` and `export`."""
 
 from __future__ import annotations
 
@@ -127,6 +127,15 @@ def render(options: Namespace) -> int:
     chosen = options.field, (width, height), options.fps, options.time
     file = render.render(options.folder, options.output, *chosen)
     print(f"wrote {file}{_describe_frame_time(options) if file.suffix == '.png' else ''}")
+    return 0
+
+
+def export(options: Namespace) -> int:
+    """Write a run for Blender and other programs."""
+    from fecloth.view.export import export
+
+    files = export(options.folder, options.output, options.fps)
+    print(f"wrote {files[0]}{f' to {files[-1].name}' if len(files) > 1 else ''}")
     return 0
 
 

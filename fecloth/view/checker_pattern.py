@@ -25,7 +25,8 @@ def material_coordinates(frame: Frame) -> np.ndarray:
     """Return the material coordinates (n, 2) of a frame's nodes [m]."""
     if "displacement" not in frame.point_data:
         remedy = "`fecloth run` and `write_vtk` write it."
-        raise InputError(f"field {CHECKS!r}", "needs frames with a displacement", remedy=remedy)
+        what = "frames without a displacement"
+        raise InputError(what, "do not tell where the flat cloth was", remedy=remedy)
     return (frame.points - frame.point_data["displacement"])[:, :2]
 
 

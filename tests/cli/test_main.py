@@ -349,8 +349,8 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     assert stop.value.code == 2
     told = capsys.readouterr().err
     commands = (
-        "run, view, render, check, converge, compare, sweep, chart, stability, sensitivity, "
-        "budget, fit, simplify, tune, modes, new, mesh, info"
+        "run, view, render, export, check, converge, compare, sweep, chart, stability, "
+        "sensitivity, budget, fit, simplify, tune, modes, new, mesh, info"
     )
     assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])
