@@ -189,6 +189,7 @@ QUESTIONS = {  # what is typed: page and words of its answer
     "own stress-strain curve": ("terms.html", "Each row must need more stress than the row before"),
     "arguments of smoothstep": ("scenes.html", "smoothstep(a, b, t)"),
     "cite fecloth": ("index.html", "A citation names fecloth"),
+    "export to Blender": ("blender.html", "fecloth export out/flag"),
     "which element": ("recommend.html", "Linear triangles (P1) are the default"),
     "why is the report amber": ("runs.html", "came to its end with warnings"),
     "how to start a cluster": ("studies.html", "dask scheduler --port"),
