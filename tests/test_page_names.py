@@ -9,7 +9,7 @@ import re
 import tomllib
 
 import pytest
-from support.pages import NAMES, ROOT, SPANS, anchors, read
+from support.pages import NAMES, ROOT, SPANS, Section, anchors, read
 
 import fecloth as fc
 from fecloth.cli import main as cli
@@ -26,6 +26,9 @@ ROOTS |= {"method": fc.Newmark, "opening": Opening}
 ROOTS |= {"fc": fc, "fecloth": fc, "C": None, "frequency": None}  # frequency(2) is a quantity
 ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
+# what the version brings, without the former names at its end
+NEWS = read("fecloth/CHANGELOG.md").split("\n## ")[1].split("\n### Names and defaults")[0]
+SPANS = [*SPANS, *Section("fecloth/CHANGELOG.md", "news", NEWS).spans]
 SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
 CLASSES = set(re.findall(r"^class (\w+)", "\n".join([TEXT, *SOURCES]), re.MULTILINE))
 FILE = re.compile(r"\.(py|toml|csv|json|log|html|npz|pvd|vtu|geo|msh)$")
