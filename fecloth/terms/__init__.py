@@ -33,33 +33,7 @@ from fecloth.terms.springs.springs import Springs
 from fecloth.terms.springs.tether import Tether
 from fecloth.terms.traits import traits_of
 
-__all__ = [
-    "BaraffWitkin",
-    "BendingDamping",
-    "BendingFriction",
-    "Drag",
-    "Gas",
-    "Gravity",
-    "HingeBending",
-    "MassDamping",
-    "MembraneTable",
-    "MeshObstacle",
-    "NeoHookean",
-    "Obstacle",
-    "PlateBending",
-    "PointForce",
-    "Pressure",
-    "QuadraticBending",
-    "SelfContact",
-    "Springs",
-    "StVK",
-    "StrainRateDamping",
-    "TensionField",
-    "TensorCondition",
-    "Tether",
-    "UserForce",
-    "Wind",
-]
+__all__ = sorted(name for name, value in globals().items() if isinstance(value, type))
 
 for _name in __all__:  # lengths, forces, ... may be texts such as "5 mm", as in scenes
     checks_arguments(globals()[_name])
