@@ -10,7 +10,7 @@ from support.pages import ROOT
 
 from studies.lecture.__main__ import PAGES, run_page
 
-SLOW = set()  # pages that take more than a second
+SLOW = {"01", "02", "03", "04", "05"}  # pages that take about a second or more
 EACH = pytest.mark.parametrize("page", PAGES)
 
 
