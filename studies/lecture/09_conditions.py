@@ -9,13 +9,14 @@
 # # Conditions C(x)
 #
 # A condition $C(x)=0$ says what the cloth should do, such as keep its lengths. The energy
-# $\tfrac k2C\cdot C$ has the force $-k(\partial C/\partial x)^TC$. The lecture calls conditions
-# a "numerical device, not physics". A sheet hanging from its top edge shows why.
+# $\tfrac k2C^2$ has the force $-kC\,\partial C$ with $\partial C=\partial C/\partial x$. The
+# lecture calls conditions a "numerical device, not physics". A sheet that hangs from its top edge
+# shows why.
 #
 # As published (Baraff and Witkin 1998), a triangle of area $a$ has $C=a(|w|-1)$ with the stretch
-# $|w|$ of warp or weft. The sheet's energy is then proportional to $a$: as $h\to0$ the sheet loses
-# its stiffness. With $C=F^TF-I$ and the energy $a\tfrac k2C:C$ the answer stays: $4k$ is $Y$ of a
-# fabric.
+# $|w|$ of warp or weft. The sheet's energy is then proportional to $a$: on finer meshes, $h\to0$,
+# the sheet loses its stiffness. With $C=F^TF-I$ (slide 11) and the energy $a\tfrac k2C:C$ the
+# answer stays: $4k$ is the $Y$ of a fabric.
 #
 # As $k\to\infty$ both reach $C=0$, and explicit steps shrink as $1/\sqrt k$. Which power of $a$
 # would make the published condition a fabric?

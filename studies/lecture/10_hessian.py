@@ -18,7 +18,7 @@
 #
 # A ball hangs on two springs. Newton's iteration with both terms converges quadratically, without
 # the second term linearly: each iteration leaves 0.356 of the error, the largest eigenvalue of
-# (first term)$^{-1}$ (second term).
+# $K_1^{-1}K_2$, where $K_1$ and $K_2$ are the two terms.
 #
 # To what kind of point does a step lead where $K$ is indefinite?
 
@@ -58,10 +58,10 @@ eigen.plot(stretch, along, label="along: the first term")
 eigen.plot(stretch, across, label="across: the second term")
 eigen.axhline(0, color="k", lw=0.8)
 eigen.axvspan(0.5, 1, color="0.93", label="compressed")
-eigen.set(xlabel="stretch |x|/l", ylabel="eigenvalues of K [N/m]", title="one spring")
+eigen.set(xlabel="stretch |x|/l [-]", ylabel="eigenvalues of K [N/m]", title="one spring")
 converge.semilogy(error[True][:5], **line_style(0), label="both terms")
 converge.semilogy(error[False], **line_style(1), label="first term only")
-converge.set(xlabel="iteration", ylabel="error of x [m]", title="a ball on two springs")
+converge.set(xlabel="iteration [-]", ylabel="error of x [m]", title="a ball on two springs")
 for ax in (eigen, converge):
     ax.legend()
 

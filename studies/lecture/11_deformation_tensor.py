@@ -58,14 +58,16 @@ fig, (compare, over_angle) = plt.subplots(1, 2, figsize=(10, 4.5), layout="const
 compare.loglog(norms[:, 0], norms[:, 1], ".", label="random triangles")
 range_ = np.geomspace(norms[:, 0].min(), norms[:, 0].max())
 compare.loglog(range_, range_ + 1, "k:", label=r"$\|C_2\|^2+1$")
-compare.set(xlabel=r"$\|C_2\|^2$", ylabel=r"$\|C_3\|^2$")
+compare.set(xlabel=r"$\|C_2\|^2$ [-]", ylabel=r"$\|C_3\|^2$ [-]")
 for i, (name, entry) in enumerate({"11": (0, 0), "22": (1, 1), "12": (0, 1)}.items()):
     for C, dash, which in zip(zip(*turned, strict=True), ("-", "--"), "23", strict=True):
         look = line_style(i) | {"ls": dash, "marker": ""}
         over_angle.plot(
             np.degrees(angles), [c[entry] for c in C], **look, label=f"$C_{which}$, entry {name}"
         )
-over_angle.set(xlabel="angle of the turn [°]", ylabel="entry of the condition", ylim=(-1.7, 1.05))
+over_angle.set(
+    xlabel="angle of the turn [°]", ylabel="entry of the condition [-]", ylim=(-1.7, 1.05)
+)
 compare.legend()
 over_angle.legend(ncols=2)
 

@@ -8,7 +8,7 @@
 # %% [markdown]
 # # Damping
 #
-# The lecture calls damping, $-\tau k\,\partial C^T\dot C$, "necessary for simulation". Is it? A
+# The lecture calls damping, $-\tau k\,\partial C\,\dot C$, "necessary for simulation". Is it? A
 # cloth swings down for 0.4 s. Central differences with short steps compute it without damping.
 # Against their result:
 #
@@ -66,8 +66,8 @@ for i, (method, found) in enumerate(runs.items()):
         ax.plot(at, column, **line_style(i), label=name)
 what = (
     "error of the tip [m]",
-    "membrane's largest energy, over true",
-    "iterations, or explicit steps",
+    "membrane's largest energy, over true [-]",
+    "iterations, or explicit steps [-]",
 )
 for ax, label in zip(axes, what, strict=True):
     ax.set(xlabel="damping time τ [ms]", ylabel=label, xticks=range(5), xticklabels=ticks)

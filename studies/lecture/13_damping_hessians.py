@@ -65,7 +65,9 @@ for i, tangent in enumerate(("exact", "symmetric")):
     label = f"{tangent} tangent"
     newton.semilogx(taus, iterations[tangent], **line_style(i), label=label)
     linear.semilogx(taus, error[tangent], **line_style(i), label=label)
-newton.set(xlabel="damping time τ [ms]", ylabel="iterations a step", title="implicit steps", ylim=0)
+newton.set(
+    xlabel="damping time τ [ms]", ylabel="iterations a step [-]", title="implicit steps", ylim=0
+)
 linear.set(xlabel="damping time τ [ms]", ylabel="distance from the implicit solution [%]")
 linear.set(title="linearised steps", ylim=0)
 for ax in (newton, linear):

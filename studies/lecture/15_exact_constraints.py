@@ -79,7 +79,7 @@ cost.semilogx(k, iterations, **line_style(0), label="iterations, penalty")
 cost.axhline(6, color="k", ls="--", label="iterations, exact")
 cost.semilogx(k, np.log10(conditions), **line_style(2), label="log₁₀ of condition number, penalty")
 cost.axhline(np.log10(np.linalg.cond(A)), color="k", ls=":", label="the same, exact")
-cost.set(xlabel="penalty k [N/m]", ylabel="iterations; decades", ylim=(0, 22))
+cost.set(xlabel="penalty k [N/m]", ylabel="iterations; decades [-]", ylim=(0, 22))
 for ax in fig.axes:
     ax.legend()
 

@@ -64,7 +64,7 @@ ax.loglog(gamma, sags, **line_style(0) | {"ls": ""}, label="strip of trousers, c
 for L, at, height in zip(lengths, gamma, sags, strict=True):
     below = {"xytext": (6, -14), "textcoords": "offset points"}
     ax.annotate(f"{1000 * L:.0f} mm", (at, height), **below)
-ax.set(xlabel=r"$\Gamma = \rho g L^3/B$", ylabel="sag / L", ylim=(0.005, 1.6))
+ax.set(xlabel=r"$\Gamma = \rho g L^3/B$ [-]", ylabel="sag over L [-]", ylim=(0.005, 1.6))
 ax.legend(loc="lower right")
 
 # %%

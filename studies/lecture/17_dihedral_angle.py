@@ -18,8 +18,8 @@
 #
 # A hinge has the energy $\tfrac k2\theta^2$ with $k=Bl^2/(A_1+A_2)$. It is cheap, and its stiffness
 # depends on the mesh: with nodes on a cylinder of curvature $\kappa$ it stores 0.75 to 3 times
-# $\tfrac B2\kappa^2$ per area, by pattern and direction, also for $h\to0$. `PlateBending` joins the
-# angles around each triangle, and has 1.
+# $\tfrac B2\kappa^2$ per area, by pattern and direction, however fine the mesh. `PlateBending`
+# joins the angles around each triangle, and has 1.
 #
 # Which edges of `right` make the factor 3?
 
@@ -78,7 +78,7 @@ for i, term in enumerate((fc.HingeBending(), fc.PlateBending())):
         limits[type(term), pattern] = limit
         label = f"{type(term).__name__}, {pattern}"
         mesh.plot(np.degrees(turns), limit, **line_style(2 * i + j), label=label)
-mesh.set(xlabel="direction of bending [°]", ylabel="energy over the cylinder's", ylim=0)
+mesh.set(xlabel="direction of bending [°]", ylabel="energy over the cylinder's [-]", ylim=0)
 mesh.set_xticks(range(0, 181, 45))
 for ax in (fold, mesh):
     ax.legend()
