@@ -45,13 +45,13 @@ for k, colour in zip((0, 25, 50), COLOURS, strict=False):
 space.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", xticks=(0, 0.5, 1), yticks=(0, 1))
 space.zaxis.labelpad = 12
 space.set_box_aspect((2, 2, 1.6), zoom=0.85)
-space.legend(loc="upper left")
 for X, colour in zip((0.2, 0.5, 1.0), COLOURS[3:], strict=False):
     node = np.argmin(np.linalg.norm(cloth.X - (X, 0.5), axis=1))
     height.plot(t, x[:, node, 2], color=colour, label=f"node near X = ({X}, 0.5) m")
 height.plot(t, -9.81 * t**2 / 2, "k:", label="free fall, exact")
 height.set(xlabel="time t [s]", ylabel="height z [m]", ylim=(-1.1, 0.05))
-height.legend()
+for ax, place in ((space, "upper left"), (height, "lower left")):
+    ax.legend(loc=place)
 
 # %%
 pinned, right = cloth.nodes("left"), cloth.nodes("right")

@@ -61,12 +61,12 @@ times, heights, speeds = np.transpose(coarse)
 left.plot(times, heights, "o", color=COLOURS[0], label="z, midpoint rule")
 left.plot(times, speeds, "s", color=COLOURS[1], label="dz/dt, midpoint rule")
 left.set(xlabel="time t [s]", ylabel="height and its rate in the middle")
-left.legend()
 right.loglog(sizes, errors, "o-", color=COLOURS[2], label="largest difference at 0.6 s")
 right.loglog(sizes, errors[0] * (sizes / sizes[0]) ** 2, "k:", label="slope 2")
 right.set(xlabel="time step [s]", ylabel="difference in x [m]")
 use_plain_ticks(right)
-right.legend()
+for ax in (left, right):
+    ax.legend()
 
 # %%
 orders = np.log2(np.divide(errors[:-1], errors[1:]))

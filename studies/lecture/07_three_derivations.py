@@ -45,10 +45,14 @@ differences = np.kron(np.eye(7), line) + np.kron(line, np.eye(7))
 
 
 # %%
-def sag(n, bilinear):  # w T/p in the middle, with n cells a side
+def matrix(n, is_bilinear=False):  # K of n cells a side
     A = 2 * np.eye(n - 1) - np.eye(n - 1, k=1) - np.eye(n - 1, k=-1)
-    B = np.eye(n - 1) - A / 6 if bilinear else np.eye(n - 1)
-    w = np.linalg.solve(np.kron(A, B) + np.kron(B, A), np.full((n - 1) ** 2, 1 / n**2))
+    B = np.eye(n - 1) - A / 6 if is_bilinear else np.eye(n - 1)
+    return np.kron(A, B) + np.kron(B, A)
+
+
+def sag(n, is_bilinear):  # w T/p in the middle
+    w = np.linalg.solve(matrix(n, is_bilinear), np.full((n - 1) ** 2, 1 / n**2))
     return w[len(w) // 2]
 
 
@@ -75,8 +79,9 @@ for i, (name, error) in enumerate(zip(("one of the three", "bilinear"), errors, 
     axes[2].loglog(1 / cells, error / exact, "o-", color=COLOURS[i], label=name)
 axes[2].loglog(1 / cells, errors[0][0] / exact * (4 / cells) ** 2, "k:", label="slope 2")
 axes[2].set(xlabel="h over side [-]", ylabel="error of the sag, relative [-]")
-use_plain_ticks(axes[2])
-axes[2].legend()
+for ax in axes[2:]:
+    use_plain_ticks(ax)
+    ax.legend()
 
 # %%
 assert np.abs(elements - volumes).max() < 1e-12  # on both meshes
@@ -84,8 +89,8 @@ grid = cloth.nodes("grid")
 grid = grid[np.lexsort(cloth.X[grid].T)]  # line by line
 inner = grid[np.all(np.abs(cloth.X[grid] - 0.5) < 0.499, axis=1)]
 assert np.abs(elements[np.ix_(inner, inner)] - differences).max() < 1e-12
-B = np.eye(7) - line / 6
-bilinear = 3 * (np.kron(line, B) + np.kron(B, line))[24].reshape(7, 7)  # row of the middle node
+assert np.array_equal(matrix(8), differences)
+bilinear = 3 * matrix(8, is_bilinear=True)[24].reshape(7, 7)  # row of the node in the middle
 assert np.allclose(bilinear[2:5, 2:5], rows["bilinear squares, times 3"], rtol=0, atol=1e-12)
 orders = np.log2([error[2] / error[3] for error in errors])
 assert np.all(np.abs(orders - 2) < 0.02)

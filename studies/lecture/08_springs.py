@@ -54,9 +54,9 @@ for i, ((name, mesh), (Y_strip, nu_strip)) in enumerate(strips.items()):
     ratio.plot(np.degrees(angles), nu_strip, **look)
 stiffness.set(xlabel="angle of the strip [°]", ylabel="tensile stiffness [N/m]", ylim=(0, None))
 ratio.set(xlabel="angle of the strip [°]", ylabel="Poisson's ratio [-]", ylim=(-0.05, 1.05))
+fig.legend(loc="outside right center")
 for ax in (stiffness, ratio):
     ax.set_xticks(range(0, 181, 45))
-fig.legend(loc="outside right center")
 
 # %%
 for mesh in ("right", "cross", "equilateral"):
