@@ -56,9 +56,9 @@ fig, (newton, linear) = plt.subplots(1, 2, figsize=(10, 4.5), layout="constraine
 taus = np.array([1, 3, 10, 30, 100])  # [ms]
 iterations, implicit, error = {}, {}, {}
 for i, tangent in enumerate(("exact", "symmetric")):
-    found = [motion(fc.BackwardEuler(), tau / 1000, tangent) for tau in taus]
-    iterations[tangent] = np.array([count for _, count in found])
-    implicit[tangent] = np.array([u for u, _ in found])
+    runs = [motion(fc.BackwardEuler(), tau / 1000, tangent) for tau in taus]
+    iterations[tangent] = np.array([count for _, count in runs])
+    implicit[tangent] = np.array([u for u, _ in runs])
     linearised = [motion(fc.LinearlyImplicitEuler(), tau / 1000, tangent)[0] for tau in taus]
     off = np.linalg.norm(linearised - implicit["exact"], axis=(1, 2))
     error[tangent] = 100 * off / np.linalg.norm(implicit["exact"], axis=(1, 2))

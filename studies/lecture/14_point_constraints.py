@@ -74,5 +74,5 @@ pins = [
     fc.Slide(free, normal=(0, 0, 1)),
 ]
 same = fc.System(cloth, fabric, system.terms, pins)
-found = fc.equilibrium(same, same.rest(), load_steps=1)
-assert np.allclose(found.x, x, rtol=0, atol=1e-8)
+rest = fc.equilibrium(same, same.rest(), load_steps=1)
+assert np.allclose(rest.x, x, rtol=0, atol=1e-8)

@@ -58,13 +58,13 @@ start = system.state(np.c_[0.1 + 0.8 * s, cloth.X[:, 1], -1.1 * s * (1 - s)])
 def penalty(k):  # positions, iterations and condition number
     length = fc.Condition(lambda y: norm(y[:, 1] - y[:, 0], axis=1) - 0.1, edges, stiffness=k)
     stiff = fc.System(cloth, fabric, [fc.StVK(), fc.Gravity(), length], pins=["left", "right"])
-    found = fc.equilibrium(stiff, start)
-    return found.x, found.iterations, np.linalg.cond(Z.T @ stiff.stiffness(found) @ Z)
+    rest = fc.equilibrium(stiff, start)
+    return rest.x, rest.iterations, np.linalg.cond(Z.T @ stiff.stiffness(rest) @ Z)
 
 
 k = np.array([1e2, 1e4, 1e6, 1e8])
 softer, iterations, conditions = zip(*map(penalty, k), strict=True)
-errors = np.array([norm(found - x, axis=1).max() for found in softer])
+errors = np.array([norm(y - x, axis=1).max() for y in softer])
 a = brentq(lambda a: 2 * a * np.sinh(0.4 / a) - 1, 0.1, 10)  # the catenary z = a cosh(x/a) − …
 weight, total = 0.2 * 0.2 * 9.81, tension.reshape(3, 10).sum(axis=0)  # [N/m], [N]
 middle = x[edges].mean(axis=1)[:10, 0]
@@ -94,7 +94,7 @@ assert np.allclose((iterations[0], iterations[-1]), (7, 13), atol=1)
 every = np.unique(np.sort(cloth.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
 generic = x + np.random.default_rng(15).normal(0, 0.01, x.shape)
 rows = np.zeros((len(every), 33, 3))
-for row, (one, other) in zip(rows, every, strict=True):
-    row[one], row[other] = generic[one] - generic[other], generic[other] - generic[one]
+for row, (i, j) in zip(rows, every, strict=True):
+    row[i], row[j] = generic[i] - generic[j], generic[j] - generic[i]
 border = 2 * (10 + 2)
 assert 99 - np.linalg.matrix_rank(rows.reshape(-1, 99)) - 6 == border - 3  # 6 rigid motions

@@ -63,12 +63,12 @@ fabric = fc.Fabric(areal_density=0.2, tensile_stiffness=1.0, bending_rigidity=1.
 
 def energies(term, pattern, h, radius=2.0):  # of nodes on a cylinder, over its own energy
     cloth = fc.Cloth.rectangle(1.0, 1.0, h, pattern)
-    system, found = fc.System(cloth, fabric, [term]), []
+    system, energies = fc.System(cloth, fabric, [term]), []
     for direction in np.column_stack([np.cos(turns), np.sin(turns)]):
         along, across = cloth.X @ direction, cloth.X @ [-direction[1], direction[0]]
         x = radius * np.sin(along / radius), across, radius * (1 - np.cos(along / radius))
-        found.append(system.energies(system.state(np.transpose(x)))[type(term).__name__])
-    return np.array(found) / (cloth.area / 2 / radius**2)
+        energies.append(system.energies(system.state(np.transpose(x)))[type(term).__name__])
+    return np.array(energies) / (cloth.area / 2 / radius**2)
 
 
 limits = {}  # for h → 0: what the border lacks falls with h
