@@ -54,10 +54,10 @@ membrane, right = fc.System(cloth, fabric, [fc.StVK()]), cloth.nodes("right")
 x = np.array([state.x[right] for state in truth])
 W = max(membrane.energies(state)["StVK"] for state in truth)
 ticks, table = (0, 1, 3, 10, 30), {}  # of each method rows of error, energy, cost
-for i, (method, runs) in enumerate(runs.items()):
+for i, (method, by_tau) in enumerate(runs.items()):
     name = type(method).__name__
-    table[name] = np.empty((len(runs), 3))
-    for row, (states, count) in zip(table[name], runs, strict=True):
+    table[name] = np.empty((len(by_tau), 3))
+    for row, (states, count) in zip(table[name], by_tau, strict=True):
         error = np.array([state.x[right] for state in states]) - x
         energy = max(membrane.energies(state)["StVK"] for state in states)
         row[:] = np.sqrt(np.mean(np.sum(error**2, axis=-1))), energy / W, count
