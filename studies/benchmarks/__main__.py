@@ -117,7 +117,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=20, help="repeats of every part (20)")
     parser.add_argument("--quick", action="store_true", help="a small mesh and few repeats")
     options = parser.parse_args()
-    triangles, rounds = (800, 1) if options.quick else (options.triangles, options.rounds)
+    triangles, rounds = (200, 1) if options.quick else (options.triangles, options.rounds)
     cells = round(math.sqrt(triangles / 2))
     is_file = options.against is not None and options.against.endswith(".json")
     trees = [OWN] if options.against is None or is_file else [OWN, tree_of(options.against)]

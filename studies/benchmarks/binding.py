@@ -19,6 +19,7 @@ from studies.benchmarks.measure import Measured, print_verdicts
 from studies.benchmarks.trees import OWN, Child, tree_of
 
 SIZES, QUICK = (200_000, 2_000_000), (2_000, 20_000)
+KINDS = ("explicit", "implicit")
 # Runs with any version: it uses only names that all of them have.
 PROGRAM = """
 import ctypes, json, pathlib, sys, tempfile, time
@@ -68,10 +69,12 @@ def measure(tree: Path, kind: str, triangles: int) -> dict[str, tuple[float, flo
         return child.ask([round(math.sqrt(triangles / 2)), kind])
 
 
-def compare(tree: Path | None, triangles: int) -> dict[str, tuple[float, float]]:
+def compare(
+    tree: Path | None, triangles: int, kinds: tuple[str, ...]
+) -> dict[str, tuple[float, float]]:
     """Print what both trees take for a size; return seconds and bytes per triangle of this one."""
     ours = {}
-    for kind in ("explicit", "implicit"):
+    for kind in kinds:
         here = measure(OWN, kind, triangles)
         there = measure(tree, kind, triangles) if tree else {}
         for name, (t, size) in here.items():
@@ -84,9 +87,9 @@ def compare(tree: Path | None, triangles: int) -> dict[str, tuple[float, float]]
     return ours
 
 
-def figures(tree: Path | None, sizes: tuple[int, int]) -> list[Measured]:
+def figures(tree: Path | None, sizes: tuple[int, int], kinds: list[tuple]) -> list[Measured]:
     """Return the figures of the larger size, and the growth from the smaller one."""
-    small, large = (compare(tree, triangles) for triangles in sizes)
+    small, large = (compare(tree, *each) for each in zip(sizes, kinds, strict=True))
     start = ("explicit mesh", "explicit bind", "explicit step")
     totals = [sum(laps[name][0] for name in start) for laps in (small, large)]
     growth = math.log(totals[1] / totals[0]) / math.log(sizes[1] / sizes[0])
@@ -105,9 +108,9 @@ def main() -> int:
     parser.add_argument("--against", metavar="COMMIT", help="commit or folder")
     parser.add_argument("--quick", action="store_true", help="small meshes")
     options = parser.parse_args()
-    sizes = QUICK if options.quick else SIZES
+    sizes, kinds = (QUICK, [KINDS[:1], KINDS]) if options.quick else (SIZES, [KINDS, KINDS])
     other = tree_of(options.against) if options.against else None
-    return print_verdicts([lambda: figures(other, sizes)], options.quick)
+    return print_verdicts([lambda: figures(other, sizes, kinds)], options.quick)
 
 
 if __name__ == "__main__":

@@ -118,7 +118,7 @@ def main() -> int:
     sides, names, work = ((0.1, 0.03125, 0.01), list(LISTS), 400_000)
     runs = [(0.1, 20_000, 500), (0.03125, 20_000, 300), (0.01, 20_000, 60)]
     if options.quick:
-        sides, names, work, runs = (0.1,), list(LISTS)[:2], 50_000, [(0.1, 2500, 100)]
+        sides, names, work, runs = (0.1,), list(LISTS)[:1], 50_000, [(0.1, 2500, 100)]
     jobs = [
         lambda h=h, name=name: [step_over_forces(h, name, work)] for h in sides for name in names
     ]

@@ -55,17 +55,17 @@ def make_steps(motion: list[str] | None):
     return steps
 
 
-def measure_rows(repeats: int) -> list[Measured]:
+def measure_rows(repeats: int, rows: int) -> list[Measured]:
     """Return the ratio of a run that records each step with each motion to a fixed pin."""
     sheets = {name: make_sheet(motion) for name, motion in {"fixed": None, **MOTIONS}.items()}
     best = dict.fromkeys(sheets, math.inf)
     for _ in range(repeats + 1):
         for name, (system, start) in sheets.items():
             begin = time.thread_time()
-            fc.run(system, fc.CentralDifference(), start, DT, ROWS * DT)
+            fc.run(system, fc.CentralDifference(), start, DT, rows * DT)
             best[name] = min(best[name], time.thread_time() - begin)
     fixed = best.pop("fixed")
-    print(f"fixed pin, with a row at each step: {1e6 * fixed / ROWS:.0f} µs per step")
+    print(f"fixed pin, with a row at each step: {1e6 * fixed / rows:.0f} µs per step")
     what = "the same with a row at each step, pin {} / fixed"
     return [
         Measured(what.format(name), t / fixed, "ratio", LIMIT_OF_ROWS) for name, t in best.items()
@@ -93,7 +93,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="few repeats")
     options = parser.parse_args()
     few = options.quick
-    jobs = [lambda: measure(15 if few else 300), lambda: measure_rows(1 if few else 10)]
+    repeats, ways = (3, (1, 100)) if few else (300, (10, ROWS))
+    jobs = [lambda: measure(repeats), lambda: measure_rows(*ways)]
     return print_verdicts(jobs, few)
 
 

@@ -64,10 +64,13 @@ def bytes_moved(system: fc.System) -> tuple[int, int]:
     return nodes + triangles, 72 * len(system.pattern.indices)  # 3 x 3 numbers a block
 
 
-def explicit_step(system: fc.System, state: fc.State) -> tuple[float, float]:
-    """Return the CPU seconds of a step, and its length [s]: two runs, without what both share."""
+def explicit_step(system: fc.System, state: fc.State, work: int) -> tuple[float, float]:
+    """Return the CPU seconds of a step, and its length [s]: two runs, without what both share.
+
+    The shorter run has about `work` triangles times steps.
+    """
     dt, method = 0.5 * fc.critical_dt(system, state), fc.CentralDifference()
-    few = min(500, max(8, 1_000_000 // len(system.cloth.triangles)))
+    few = min(500, max(8, work // len(system.cloth.triangles)))
 
     def run(count: int) -> float:
         clock, end = time.process_time, state.t + count * dt
@@ -76,7 +79,9 @@ def explicit_step(system: fc.System, state: fc.State) -> tuple[float, float]:
     return (run(4 * few) - run(few)) / (3 * few), dt
 
 
-def costs_of(triangles: int, start: tuple[fc.System, fc.State], moved: float, count: int) -> dict:
+def costs_of(
+    triangles: int, start: tuple[fc.System, fc.State], moved: float, count: int, work: int
+) -> dict:
     """Return a row of the table: CPU seconds of a step by each solver."""
     is_regular = triangles >= REGULAR
     system = sheet(triangles, "right" if is_regular else "unstructured")
@@ -89,7 +94,7 @@ def costs_of(triangles: int, start: tuple[fc.System, fc.State], moved: float, co
             system, state, chosen, min(count, 2) if is_regular else count
         ).items()
     }
-    seconds, dt = explicit_step(system, state)
+    seconds, dt = explicit_step(system, state, work)
     row |= zip(EXPLICIT, (seconds, seconds * DT / dt), strict=True)
     return row | dict(zip(ALLOWED, (size / moved for size in bytes_moved(system)), strict=True))
 
@@ -123,13 +128,15 @@ def draw(rows: list[dict], out: Path) -> None:
 def main() -> int:
     more = {"type": int, "nargs": "+", "default": SIZES, "metavar": "N", "help": "of the meshes"}
     options = harness.parse_arguments(__doc__, sizes=more)
-    sizes, count = ((500, 2_000), 2) if options.quick else (options.sizes, 3)
+    sizes, count, work = (options.sizes, 3, 1_000_000)
+    if options.quick:
+        sizes, count, work = ((500, 2_000), 1, 20_000)
     file = options.out / "step_costs.csv"
     start = fallen(500, 0.1) if options.quick else fallen(8_000, 0.4)
     moved, rows = bandwidth(), list[dict]()
     print(f"one thread moves {1e-9 * moved:.1f} GB/s", flush=True)
     for triangles in sizes:
-        rows.append(costs_of(triangles, start, moved, count))
+        rows.append(costs_of(triangles, start, moved, count, work))
         words = ", ".join(f"{k} {v:.3g}" for k, v in rows[-1].items())
         print(words, flush=True)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -157,7 +157,7 @@ def main() -> int:
     options = parser.parse_args()
     for folder in options.runs:
         print(f"{folder!s:22s} {describe_frame(read_last_frame(folder))}")
-    h = 0.015 if options.quick else options.h
+    h = 0.02 if options.quick else options.h
     if options.meshes:
         one = options.fabric or (FABRICS[0] if options.quick else None)
         tabulate_meshes([one] if one else BENT, () if one else FABRICS, h, options.out)

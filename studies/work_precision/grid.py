@@ -101,7 +101,7 @@ def meshes_of(scene: str, quick: bool) -> tuple[float, ...]:
 def timed_cases(quick: bool) -> Rows:
     """List all timed cases."""
     if quick:
-        return [c for scene in scenes(True) for c in basic_cases(scene, True)]
+        return [c | {"repeats": 2} for scene in scenes(True) for c in basic_cases(scene, True)]
     cases = []
     for scene in MODEL:
         cases += (
