@@ -85,4 +85,4 @@ assert abs(closed["elasticity, weight"]) < 1e-9
 assert abs(work(wind, speed=1e-6)[-1]) > 0.05 * np.abs(works["wind"]).max()
 M = damping.mass.diagonal()  # ∮ −2 v·M dx with v = 0.1 dx/ds
 assert np.isclose(works["damping"][-1], -0.2 * np.pi * M @ (a**2 + b**2).ravel(), rtol=1e-9)
-print(closed)
+print("work left at the end", {name: round(float(w), 9) for name, w in closed.items()})

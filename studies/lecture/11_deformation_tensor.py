@@ -68,8 +68,8 @@ for i, (name, entry) in enumerate({"11": (0, 0), "22": (1, 1), "12": (0, 1)}.ite
 over_angle.set(
     xlabel="angle of the turn [°]", ylabel="entry of the condition [-]", ylim=(-1.7, 1.05)
 )
-compare.legend()
-over_angle.legend(ncols=2)
+for ax, columns in ((compare, 1), (over_angle, 2)):
+    ax.legend(ncols=columns)
 
 # %%
 assert np.allclose(norms[:, 1], norms[:, 0] + 1, rtol=1e-13, atol=1e-13)

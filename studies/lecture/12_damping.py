@@ -69,11 +69,11 @@ what = (
     "membrane's largest energy, over true [-]",
     "iterations, or explicit steps [-]",
 )
-for ax, label in zip(axes, what, strict=True):
-    ax.set(xlabel="damping time τ [ms]", ylabel=label, xticks=range(5), xticklabels=ticks)
 axes[0].set_yscale("log")
 axes[2].set_yscale("log")
 axes[0].legend()
+for ax, label in zip(axes, what, strict=True):
+    ax.set(xlabel="damping time τ [ms]", ylabel=label, xticks=range(5), xticklabels=ticks)
 
 # %%
 f, c, b, m = (table[type(method).__name__] for method in taus)

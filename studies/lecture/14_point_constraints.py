@@ -50,14 +50,14 @@ plt.style.use(STYLE)
 fig, ax = plt.subplots(figsize=(8, 5.5), layout="constrained")
 ax.triplot(*cloth.X.T, cloth.triangles, color="0.8", lw=0.8)
 ax.triplot(*x[:, :2].T, cloth.triangles, color=COLOURS[0], lw=1.2)
+ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-0.3, 1.05), ylim=(-0.05, 0.75))
 rank = np.trace(each, axis1=1, axis2=2)
 for name, of_rank, marker in (("pinned", 0, "s"), ("on the rail", 1, "o")):
     at = rank == of_rank
     ax.plot(*x[at, :2].T, marker, color=COLOURS[1 + of_rank], label=name)
+    ax.legend(loc="center right", bbox_to_anchor=(1, 0.7))
     arrows = ax.quiver(*x[at, :2].T, *reaction[at, :2].T, scale=2.6, width=0.005, zorder=3)
-ax.quiverkey(arrows, 0.92, 0.45, 0.2, "0.2 N", labelpos="N")
-ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", xlim=(-0.3, 1.05), ylim=(-0.05, 0.75))
-ax.legend(loc="center right", bbox_to_anchor=(1, 0.7))
+key = ax.quiverkey(arrows, 0.92, 0.45, 0.2, "0.2 N", labelpos="N")
 
 # %%
 weight = fabric.areal_density * cloth.area * 9.81

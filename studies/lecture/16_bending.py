@@ -61,11 +61,11 @@ ax.loglog(grid, [elastica(one) for one in grid], "k-", lw=1, label="elastica")
 ax.loglog(grid[grid < 8], grid[grid < 8] / 8, "k:", label=r"$\Gamma/8$")
 ax.axhline(1, color="0.5", ls="--", label="without bending")
 ax.loglog(gamma, sags, **line_style(0) | {"ls": ""}, label="strip of trousers, computed")
+ax.set(xlabel=r"$\Gamma = \rho g L^3/B$ [-]", ylabel="sag over L [-]", ylim=(0.005, 1.6))
+ax.legend(loc="lower right")
 for L, at, height in zip(lengths, gamma, sags, strict=True):
     below = {"xytext": (6, -14), "textcoords": "offset points"}
     ax.annotate(f"{1000 * L:.0f} mm", (at, height), **below)
-ax.set(xlabel=r"$\Gamma = \rho g L^3/B$ [-]", ylabel="sag over L [-]", ylim=(0.005, 1.6))
-ax.legend(loc="lower right")
 
 # %%
 exact = np.array([elastica(one) for one in gamma])

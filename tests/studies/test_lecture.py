@@ -38,6 +38,9 @@ def test_a_page_has_the_form_of_a_slide(page):
     code = [text for kind, text in parts if kind == "code"]
     assert 5 <= code_lines(code) <= 14
     assert sum("fig" in text and "plt." in text for text in code) == 1
+    for text in code:  # the notebook shows the figure, and no value beside it
+        last = ast.parse(text).body[-1]
+        assert not isinstance(last, ast.Expr) or ast.unparse(last).startswith("print(")
     checks = [node for text in code for node in ast.walk(ast.parse(text))]
     assert any(isinstance(node, ast.Assert) for node in checks)
 
