@@ -1,0 +1,1 @@
+"""Cases with known answers, stated without any solver, and solvers compared on them."""
