@@ -1,7 +1,8 @@
 """fecloth with linear triangles, and what it takes where nothing is said.
 
-A time step is chosen by `Auto` at a relative error of 1e-2, 1e-3, 1e-4 by level; what rests is
-found by `equilibrium`. Bending, where there is any, is by `PlateBending`.
+Steps are of central differences at 0.9 of the stable step, which studies/recommend advises for
+cloth that moves with its own waves; what rests is found by `equilibrium`. Bending, where there is
+any, is by `PlateBending`.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from typing import Any
 import numpy as np
 
 import fecloth as fc
+from fecloth.simulation.march import Wanted
 
 VERSION = fc.__version__
-SETTINGS = "StVK on P1, PlateBending; Auto with rtol 1e-2, 1e-3, 1e-4 by level, equilibrium"
+SETTINGS = "StVK on P1, PlateBending; CentralDifference at 0.9 of the stable step, equilibrium"
 
 
 def run(case: Mapping[str, Any]) -> np.ndarray:
@@ -35,10 +37,14 @@ def solve(case: Mapping[str, Any], membrane: Any) -> np.ndarray:
     if case["static"]:
         positions[:, nodes] = fc.equilibrium(system, system.state(x[nodes])).x
         return positions
-    method, start = fc.Auto(rtol=10.0 ** -(2 + case["level"])), system.state(x[nodes], case["v"])
-    states = fc.march(system, method, start, t_end=times[-1], stops=times[:-1])
-    for state, _ in states:
-        positions[np.abs(times - state.t) < 1e-12] = state.x
+    start = system.state(x[nodes], case["v"])
+    steps = fc.march(system, fc.CentralDifference(), start, t_end=times[-1], stops=times[:-1])
+    wanted, done = None, 0
+    while done < len(times):
+        state, _ = steps.send(wanted)
+        wanted = Wanted(10**9, times[-1])
+        if abs(times[done] - state.t) < 1e-12:
+            positions[done], done = state.x, done + 1
     return positions
 
 

@@ -1,8 +1,8 @@
 """MuJoCo's two-dimensional flex: linear triangles of St. Venant and Kirchhoff's law.
 
-What moves takes `Euler`, which is symplectic, at a fraction of the stable step, from the velocity at
-the half step; what rests takes `discrete`, a linearised backward Euler step, which damps, until it
-rests. Positions of the pins are those of their vertices in the world's frame.
+What moves takes `Euler`, which is symplectic, at a fraction of the stable step, from the velocity
+at the half step; what rests takes `discrete`, a linearised backward Euler step, which damps, until
+it rests. Pins are vertices of the world, and their places there are where the pins are.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def run(case: Mapping[str, Any]) -> np.ndarray:
     data.qvel[:] = case["v"][free].ravel()
     forces = np.zeros_like(flat)
     for load in case["loads"]:
-        forces[load["nodes"]] += load["force"] / len(load["nodes"])
+        forces[load["nodes"]] += np.array(load["force"]) / len(load["nodes"])
     data.qfrc_applied[:] = forces[free].ravel()
     if not explicit:
         return settle(case, model, data)[None]

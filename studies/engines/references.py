@@ -51,9 +51,7 @@ def shear(said: Said) -> tuple[float, float]:
 
 
 def cantilever(said: Said) -> tuple[float, float]:
-    """The small sag ρ g L⁴/(8 B) (Euler and Bernoulli); the uncertainty is the elastica's change.
-
-    """
+    """The small sag ρ g L⁴/(8 B) (Euler and Bernoulli); uncertain by the elastica's difference."""
     L, rho, B = _overhang(said)
     small = rho * GRAVITY * L**4 / (8 * B)
     _, _, drop = heavy_elastica(rho * GRAVITY * L**3 / B)
@@ -73,8 +71,8 @@ def catenary(said: Said) -> tuple[float, float]:
     """The sag of the elastic catenary (Irvine, 1981, chapter 1).
 
     With the horizontal force H and the weight w = ρ g of a strip between two points at the distance
-    l = H L/Y + 2 H/w asinh(w L/(2 H)), the sag is w L²/(8 Y) + (√(H² + (w L/2)²) − H)/w. Its force is
-    linear in the stretch; the uncertainty is the share of the stretch times three strains, by
+    l = H L/Y + 2 H/w asinh(w L/(2 H)), the sag is w L²/(8 Y) + (√(H² + (w L/2)²) − H)/w. Its force
+    is linear in the stretch; the uncertainty is the share of the stretch times three strains, by
     which St. Venant and Kirchhoff's law differs at most.
     """
     L, (Y, _), rho = _strip(said)

@@ -1,0 +1,123 @@
+"""fecloth, its springs, MuJoCo, Newton and torch-fem on the cases of `fecloth bench`.
+
+    python -m studies.engines [--quick] [--python PYTHON]
+
+Each engine runs each case in a process of its own, on one thread, coarse to fine, for at most
+LIMIT seconds of CPU a case; where it is over, the finer levels are failures. An engine that is not
+installed has a line that says so. PYTHON is an interpreter with fecloth and the engines
+(pip install '.[peers]'); without it this one is taken. The charts and table.md are written beside
+this file. --quick runs fecloth and its springs on three cases on two coarse meshes, and writes
+nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fecloth.bench.cases import NAMES, read_case
+from fecloth.bench.runner import SHOWN, write_report
+from fecloth.study.result import markdown_table
+from studies import harness
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+ENGINES = {  # adapter: the package that it needs
+    "fecloth_p1.py:run": "fecloth",
+    "fecloth_springs.py:run": "fecloth",
+    "mujoco_flex.py:run": "mujoco",
+    "newton_cloth.py:vbd": "newton",
+    "newton_cloth.py:semi_implicit": "newton",
+    "torch_fem.py:run": "torchfem",
+}
+QUICK = ("flight", "hanging", "cantilever")
+LIMIT = 150  # CPU seconds
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def run_engine(engine: str, case: str, levels: int, python: str) -> list[dict[str, Any]]:
+    """Return the rows of an engine on a case, from a process of its own."""
+    command = [python, "-m", "fecloth", "bench", "--json", "--levels", str(levels)]
+    command += ["--adapter", f"{HERE / engine.split(':')[0]}:{engine.split(':')[1]}", case]
+    one = dict.fromkeys(THREADS, "1") | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | one,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5)),
+    )
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    rows = [json.loads(line) for line in lines]
+    return rows + missing_rows(rows, engine, case, levels, done)
+
+
+def missing_rows(
+    rows: Sequence[dict], engine: str, case: str, levels: int, done: subprocess.CompletedProcess
+) -> list[dict[str, Any]]:
+    """Return a row for each level that a process did not come to."""
+    said = read_case(case)
+    if rows and rows[0]["status"].startswith("cannot"):
+        return []
+    file, function = engine.split(":")
+    name = file.removesuffix(".py") if function == "run" else function
+    status = f"failed: more than {LIMIT} s of CPU time in all levels"
+    if "is not installed" in done.stderr:
+        status = f"cannot: {ENGINES[engine]} is not installed"
+    elif done.returncode >= 0 and not rows:
+        status = f"failed: {(done.stderr.splitlines() or ['no answer'])[-1]}"[:200]
+    reference = said["reference"]
+    known = {"version": "", "settings": ""} | {
+        k: rows[0][k] for k in ("version", "settings") if rows
+    }
+    common = {"case": case, "adapter": name, "triangles": 0, "error": None, "status": status}
+    common |= {"uncertainty": reference["uncertainty"] / reference["scale"], "cpu_seconds": LIMIT}
+    missing = range(len(rows), min(levels, len(said["mesh"]["sizes"])))
+    if status.startswith("cannot"):
+        missing = missing[:1]
+    return [common | known | {"level": level} for level in missing]
+
+
+def main() -> int:
+    parser = harness.Parser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fecloth and its springs only")
+    parser.add_argument("--python", default=sys.executable, help="interpreter with the engines")
+    options = parser.parse_args()
+    if options.quick:
+        return quick()
+    rows = []
+    for case in NAMES:
+        for engine in ENGINES:
+            rows += run_engine(engine, case, 3, options.python)
+            print(f"{case} {engine}: {rows[-1]['status']} {rows[-1]['error']}", flush=True)
+            write_report(HERE, rows)
+    return 0
+
+
+def quick() -> int:
+    """Run fecloth and its springs here, on two coarse meshes."""
+    from fecloth.bench.runner import load_adapter, run_levels
+
+    adapters = [load_adapter(f"{HERE / name}.py:run") for name in ("fecloth_p1", "fecloth_springs")]
+    rows = [
+        row
+        for name in QUICK
+        for adapter in adapters
+        for row in run_levels(adapter, read_case(name), 2)
+    ]
+    print(markdown_table([{key: row[key] for key in SHOWN} for row in rows]))
+    best = [row for row in rows if (row["adapter"], row["level"]) == ("fecloth_p1", 1)]
+    worst = max(float(row["error"]) for row in best)
+    print(f"fecloth, largest error on the second mesh: {worst:.2g}")
+    return 0 if worst < 0.01 else 1
+
+
+if __name__ == "__main__":
+    harness.run_main(main)
