@@ -26,13 +26,15 @@ def read_case(name: str) -> dict[str, Any]:
 def at_level(said: Map, level: int) -> dict[str, Any]:
     """Return the mapping that an adapter takes, with arrays of its own, on one mesh."""
     X, triangles = make_mesh(said["mesh"], said["mesh"]["sizes"][level])
-    case = {"level": level, "X": X, "triangles": triangles, "pins": select(said["pins"], X)}
+    case: dict[str, Any] = {"level": level, "X": X, "triangles": triangles, "motion": None}
     case |= {key: said[key] for key in ("name", "static", "fabric")}
     case |= {key: np.array(said[key], float) for key in ("gravity", "times")}
     case |= {key: points(said[key], X)[0] for key in ("x", "v")}
-    moves = said["motion"] and points(said["motion"], X[case["pins"]], case["times"])
-    loads = [{**load, "nodes": select(load["nodes"], X)} for load in said["loads"]]
-    return case | {"motion": moves, "loads": loads}
+    case["pins"] = select(said["pins"], X)
+    case["loads"] = [{**load, "nodes": select(load["nodes"], X)} for load in said["loads"]]
+    if said["motion"]:
+        case["motion"] = points(said["motion"], X[case["pins"]], case["times"])
+    return case
 
 
 def make_mesh(mesh: Map, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +50,7 @@ def make_mesh(mesh: Map, size: float) -> tuple[np.ndarray, np.ndarray]:
 
 def select(where: str, X: np.ndarray) -> np.ndarray:
     """Return the numbers of the nodes where a condition of X and Y holds."""
-    return np.flatnonzero(Formula(where, ("X", "Y"), condition=True)(X=X[:, 0], Y=X[:, 1]))
+    return np.flatnonzero(points([f"where({where}, 1, 0)"], X))
 
 
 def points(texts: Sequence[str], X: np.ndarray, times: Any = (0.0,)) -> np.ndarray:

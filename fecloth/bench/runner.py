@@ -15,7 +15,6 @@ from fecloth.bench.cases import NAMES, Map, at_level, read_case
 from fecloth.errors import FAILED, InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.study.chart_result import Chart
-from fecloth.study.command import missing_package
 from fecloth.study.result import Table, markdown_table
 
 SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", "status")
@@ -24,10 +23,7 @@ SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", 
 def load_adapter(text: str) -> dict[str, Any]:
     """Import FILE.py:FUNCTION; the file may say its VERSION and SETTINGS."""
     file, _, function = text.rpartition(":")
-    try:
-        module = runpy.run_path(file) if Path(file).is_file() else {}
-    except ImportError as error:
-        raise missing_package(str(error.name)) from error
+    module = runpy.run_path(file) if Path(file).is_file() else {}
     if not callable(module.get(function)):
         allowed = "must name a file and a function in it, as my.py:run"
         raise InputError(f"--adapter {text!r}", allowed, "bench")
@@ -38,52 +34,44 @@ def load_adapter(text: str) -> dict[str, Any]:
 
 def run_level(adapter: Map, said: Map, level: int) -> dict[str, Any]:
     """Return a row; its error and uncertainty are over the reference's scale."""
-    case, reference = at_level(said, level), said["reference"]
-    row = {key: value for key, value in adapter.items() if key != "run"}
-    row |= {"case": said["name"], "level": level, "triangles": len(case["triangles"])}
+    case, reference, asked = at_level(said, level), said["reference"], said["quantity"]
+    row = {"case": said["name"], "level": level, **adapter, "triangles": len(case["triangles"])}
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
     expected, begin = (len(case["times"]), len(case["X"]), 3), time.process_time()
     try:
-        x = np.asarray(adapter["run"](case), float)
+        x = np.asarray(row.pop("run")(case), float)
         row |= {"cpu_seconds": time.process_time() - begin, "status": "ok"}
         if x.shape != expected:
             raise ValueError(f"positions have the shape {x.shape}, not (times, n, 3) = {expected}")
-        error = measure(said["quantity"], at_level(said, level), x) - reference["value"]
-        row["error"] = float(np.abs(error).max() / reference["scale"])
+        case = at_level(said, level)  # whatever the adapter has changed
+        moved = x - np.pad(case["X"], ((0, 0), (0, 1)))
+        values = getattr(quantities, asked["name"])(case, moved, **asked["arguments"])
+        row["error"] = float(np.abs(values - reference["value"]).max() / reference["scale"])
         if not np.isfinite(row["error"]):
             raise ValueError("positions, or what is asked of them, are not finite")
-    except Exception as reason:  # whatever a solver raises, the next case is run
-        cannot = isinstance(reason, NotImplementedError)
-        why = f"cannot: {reason}" if cannot else f"failed: {type(reason).__name__}: {reason}"
-        row |= {"error": None, "cpu_seconds": time.process_time() - begin, "status": why[:200]}
+    except Exception as why:  # whatever a solver raises, the next case is run
+        kind = "cannot" if isinstance(why, NotImplementedError) else f"failed: {type(why).__name__}"
+        row |= {"cpu_seconds": time.process_time() - begin, "status": f"{kind}: {why}"[:200]}
+        row["error"] = None
     return row
 
 
-def measure(asked: Map, case: Map, x: np.ndarray) -> np.ndarray:
-    """Return the quantity of a case, one value a time."""
-    arguments = {key: value for key, value in asked.items() if key != "name"}
-    return getattr(quantities, asked["name"])(case, x, **arguments)
-
-
 def run_levels(adapter: Map, said: Map, levels: int) -> Iterator[dict[str, Any]]:
-    """Yield a row for each level; a call on the coarsest before does not count, as it compiles."""
-    first = run_level(adapter, said, 0)
-    sizes = said["mesh"]["sizes"][: 0 if first["status"].startswith("cannot") else levels]
-    yield from [first] if not sizes else (run_level(adapter, said, i) for i in range(len(sizes)))
+    """Yield a row for each level; the first call, on the coarsest, compiles and is left out."""
+    first, count = run_level(adapter, said, 0), min(levels, len(said["mesh"]["sizes"]))
+    cannot = first["status"].startswith("cannot")
+    yield from [first] if cannot else (run_level(adapter, said, level) for level in range(count))
 
 
 def bench(options: Namespace) -> int:
     """Run adapters on cases, or list the cases; return the exit status."""
     cases, rows = [read_case(name) for name in options.case or NAMES], []
     if options.list:
-        keys = ("known", "source")
-        about = [[(k, said[k]) for k in ("name", "asks")] for said in cases]
-        known = [[(k, said["reference"][k]) for k in keys] for said in cases]
-        print(markdown_table([dict(a + b) for a, b in zip(about, known, strict=True)]))
-        return 0
-    if not options.adapter:
+        keys = ("name", "asks", "known", "source")
+        print(markdown_table([{key: said[key] for key in keys} for said in cases]))
+    elif not options.adapter:
         raise InputError("--adapter", "is needed, or --list", "bench")
-    for adapter in map(load_adapter, options.adapter):
+    for adapter in map(load_adapter, options.adapter or []):
         for row in (row for said in cases for row in run_levels(adapter, said, options.levels)):
             rows.append(row)
             line = " ".join(f"{key}={row[key]}" for key in SHOWN)
@@ -94,24 +82,21 @@ def bench(options: Namespace) -> int:
 
 
 def write_report(folder: Path, rows: Sequence[Map]) -> None:
-    """Write table.md and a chart CASE.png of each case."""
+    """Write table.md, and a chart CASE.png of each case that says below it who gave no error."""
     folder.mkdir(parents=True, exist_ok=True)
-    said = {row["adapter"]: row for row in rows}
-    settings = [{k: row[k] for k in ("adapter", "version", "settings")} for row in said.values()]
-    tables = map(markdown_table, [settings, [{k: row[k] for k in SHOWN} for row in rows]])
-    replace_file(folder / "table.md", ("\n\n".join(tables) + "\n").encode())
+    said = dict.fromkeys(f"- {r['adapter']}: {r['version']}. {r['settings']}" for r in rows)
+    table = markdown_table([{key: row[key] for key in SHOWN} for row in rows])
+    replace_file(folder / "table.md", "\n".join([*said, "", table, ""]).encode())
     for name in dict.fromkeys(row["case"] for row in rows):
-        draw(read_case(name), [row for row in rows if row["case"] == name], folder / f"{name}.png")
+        mine = [row for row in rows if row["case"] == name]
+        lost = {f"{row['adapter']} {row['status'][:60]}" for row in mine if row["status"] != "ok"}
+        chart = Chart(read_case(name)["asks"], "", Table(tuple(map(point, mine))), quantity=name)
+        drawing = chart.figure()
+        drawing.text(0.01, -0.01, "\n".join(sorted(lost)), va="top", fontsize=8)
+        drawing.savefig(folder / f"{name}.png", dpi=100, bbox_inches="tight")
 
 
-def draw(said: Map, rows: Sequence[Map], path: Path) -> None:
-    """Draw errors over CPU seconds, and say below who gave none."""
-    parts = [
-        {"method": row["adapter"], "element": "", "seconds": row["cpu_seconds"]} for row in rows
-    ]
-    for part, row in zip(parts, rows, strict=True):
-        part |= row | {f"{k} %": 100 * (row[k] or 0.0) for k in ("error", "uncertainty")}
-    lost = {f"{row['adapter']} {row['status'][:60]}" for row in rows if row["status"] != "ok"}
-    drawing = Chart(said["asks"], "", Table(tuple(parts)), quantity=said["name"]).figure()
-    drawing.text(0.01, -0.01, "\n".join(sorted(lost)), va="top", fontsize=8)
-    drawing.savefig(path, dpi=100, bbox_inches="tight")
+def point(row: Map) -> dict[str, Any]:
+    """Return a row with the keys of a chart's."""
+    parts = {f"{key} %": 100 * (row[key] or 0.0) for key in ("error", "uncertainty")}
+    return {**row, **parts, "method": row["adapter"], "element": "", "seconds": row["cpu_seconds"]}
