@@ -3,28 +3,28 @@
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
-from fecloth.bench.cases import Map, points
+from fecloth.bench.cases import points
 
 
-def mean(case: Map, u: np.ndarray, axis: int) -> np.ndarray:
+def mean(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
     """Return the mean displacement along an axis over the area of the flat cloth [m]."""
     corners = case["X"][case["triangles"]]
     area = np.linalg.det(corners[:, 1:] - corners[:, :1])
     return u[:, case["triangles"], axis].mean(axis=2) @ area / area.sum()
 
 
-def point(case: Map, u: np.ndarray, axis: int, at: list, beside: list | None = None) -> np.ndarray:
+def point(case: dict, u: np.ndarray, axis: int, at: list, beside: list | None = None) -> np.ndarray:
     """Return the displacement of the point `at` of the flat cloth, less that of `beside` [m]."""
     between = LinearNDInterpolator(case["X"], u[:, :, axis].T)
     return between(*at) - (between(*beside) if beside else 0.0)
 
 
-def away(case: Map, u: np.ndarray, motion: list[str]) -> np.ndarray:
+def away(case: dict, u: np.ndarray, motion: list[str]) -> np.ndarray:
     """Return the largest distance of a node from displacements by formulas of X, Y and t [m]."""
     return np.linalg.norm(u - points(motion, case["X"], case["times"]), axis=2).max(axis=1)
 
 
-def period(case: Map, u: np.ndarray, axis: int) -> np.ndarray:
+def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
     """Return twice the mean time between zeros of the mean displacement [s]; NaN without two."""
     y, t = mean(case, u, axis), case["times"]
     i = np.flatnonzero(y[:-1] * y[1:] < 0)
@@ -32,17 +32,14 @@ def period(case: Map, u: np.ndarray, axis: int) -> np.ndarray:
     return np.array(2 * np.diff(zeros).mean() if len(zeros) > 1 else np.nan)
 
 
-def shadow(case: Map, u: np.ndarray, support: float) -> np.ndarray:
+def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:
     """Return the share of the ring beyond a radius that is in shadow (Cusick, 1968) [%]."""
-    flat, cell = np.pad(case["X"], ((0, 0), (0, 1))), support / 200
-    ring, *covered = (_count_cells(x[case["triangles"], :2] / cell) for x in flat + [0 * u[0], *u])
-    return 100 * np.array(covered) / ring
-
-
-def _count_cells(corners: np.ndarray) -> int:
-    """Return how many cells of a grid triangles cover beyond 200 cells from 0; each counts once."""
-    count = int(np.ceil(2 * np.ptp(corners, axis=1).max()))
-    i, j = np.nonzero(np.tri(count + 1)[::-1])  # points of each triangle, closer than the cells
-    weights = np.stack([i, j, count - i - j], axis=1) / count
-    cells = np.unique(np.floor(weights @ corners).astype(int).reshape(-1, 2), axis=0)
-    return int(np.sum(np.hypot(*(cells.T + 0.5)) >= 200))
+    covered, flat = [], np.pad(case["X"], ((0, 0), (0, 1)))
+    for x in flat + [0 * u[0], *u]:
+        corners = 200 / support * x[case["triangles"], :2]  # in cells of a grid, which count once
+        count = int(np.ceil(2 * np.ptp(corners, axis=1).max()))
+        i, j = np.nonzero(np.tri(count + 1)[::-1])  # points of each triangle, closer than the cells
+        weights = np.stack([i, j, count - i - j], axis=1) / count
+        cells = np.unique(np.floor(weights @ corners).astype(int).reshape(-1, 2), axis=0)
+        covered.append(np.sum(np.hypot(*(cells.T + 0.5)) >= 200))
+    return 100 * np.array(covered[1:]) / covered[0]

@@ -4,35 +4,36 @@ import json
 import runpy
 import time
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fecloth.bench import quantities
-from fecloth.bench.cases import NAMES, Map, at_level, read_case
+from fecloth.bench.cases import CASES, at_level
 from fecloth.errors import FAILED, InputError
 from fecloth.output.atomic_files import replace_file
-from fecloth.study.chart_result import Chart
-from fecloth.study.result import Table, markdown_table
+from fecloth.study import figures
+from fecloth.study.result import markdown_table
+from fecloth.validation import known
 
 SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", "status")
 
 
-def load_adapter(text: str) -> dict[str, Any]:
+def load_adapter(text: str) -> dict:
     """Import FILE.py:FUNCTION; the file may say its VERSION and SETTINGS."""
     file, _, function = text.rpartition(":")
     module = runpy.run_path(file) if Path(file).is_file() else {}
     if not callable(module.get(function)):
-        allowed = "must name a file and a function in it, as my.py:run"
-        raise InputError(f"--adapter {text!r}", allowed, "bench")
-    said = {key.lower(): str(module.get(key, "")) for key in ("VERSION", "SETTINGS")}
+        raise InputError(
+            f"--adapter {text!r}", "must name a file and its function: my.py:run", "bench"
+        )
     name = Path(file).stem if function == "run" else function
+    said = {key.lower(): str(module.get(key, "")) for key in ("VERSION", "SETTINGS")}
     return {"adapter": name, "run": module[function], **said}
 
 
-def run_level(adapter: Map, said: Map, level: int) -> dict[str, Any]:
+def run_level(adapter: dict, said: dict, level: int) -> dict:
     """Return a row; its error and uncertainty are over the reference's scale."""
     case, reference, asked = at_level(said, level), said["reference"], said["quantity"]
     row = {"case": said["name"], "level": level, **adapter, "triangles": len(case["triangles"])}
@@ -40,23 +41,23 @@ def run_level(adapter: Map, said: Map, level: int) -> dict[str, Any]:
     expected, begin = (len(case["times"]), len(case["X"]), 3), time.process_time()
     try:
         x = np.asarray(row.pop("run")(case), float)
-        row |= {"cpu_seconds": time.process_time() - begin, "status": "ok"}
+        row["cpu_seconds"] = time.process_time() - begin
         if x.shape != expected:
             raise ValueError(f"positions have the shape {x.shape}, not (times, n, 3) = {expected}")
         case = at_level(said, level)  # whatever the adapter has changed
         moved = x - np.pad(case["X"], ((0, 0), (0, 1)))
         values = getattr(quantities, asked["name"])(case, moved, **asked["arguments"])
-        row["error"] = float(np.abs(values - reference["value"]).max() / reference["scale"])
-        if not np.isfinite(row["error"]):
+        error = float(np.abs(values - reference["value"]).max() / reference["scale"])
+        if not np.isfinite(error):
             raise ValueError("positions, or what is asked of them, are not finite")
+        row |= {"error": error, "status": "ok"}
     except Exception as why:  # whatever a solver raises, the next case is run
         kind = "cannot" if isinstance(why, NotImplementedError) else f"failed: {type(why).__name__}"
         row |= {"cpu_seconds": time.process_time() - begin, "status": f"{kind}: {why}"[:200]}
-        row["error"] = None
     return row
 
 
-def run_levels(adapter: Map, said: Map, levels: int) -> Iterator[dict[str, Any]]:
+def run_levels(adapter: dict, said: dict, levels: int) -> Iterator[dict]:
     """Yield a row for each level; the first call, on the coarsest, compiles and is left out."""
     first, count = run_level(adapter, said, 0), min(levels, len(said["mesh"]["sizes"]))
     cannot = first["status"].startswith("cannot")
@@ -65,12 +66,12 @@ def run_levels(adapter: Map, said: Map, levels: int) -> Iterator[dict[str, Any]]
 
 def bench(options: Namespace) -> int:
     """Run adapters on cases, or list the cases; return the exit status."""
-    cases, rows = [read_case(name) for name in options.case or NAMES], []
-    if options.list:
+    for name in options.case:
+        known(f"case {name!r}", name, CASES, "bench")
+    cases, rows = [CASES[name] for name in options.case or CASES], []
+    if options.list or not options.adapter:
         keys = ("name", "asks", "known", "source")
         print(markdown_table([{key: said[key] for key in keys} for said in cases]))
-    elif not options.adapter:
-        raise InputError("--adapter", "is needed, or --list", "bench")
     for adapter in map(load_adapter, options.adapter or []):
         for row in (row for said in cases for row in run_levels(adapter, said, options.levels)):
             rows.append(row)
@@ -81,22 +82,24 @@ def bench(options: Namespace) -> int:
     return FAILED if any(row["status"].startswith("failed") for row in rows) else 0
 
 
-def write_report(folder: Path, rows: Sequence[Map]) -> None:
-    """Write table.md, and a chart CASE.png of each case that says below it who gave no error."""
-    folder.mkdir(parents=True, exist_ok=True)
-    said = dict.fromkeys(f"- {r['adapter']}: {r['version']}. {r['settings']}" for r in rows)
+def write_report(folder: Path, rows: list[dict]) -> None:
+    """Write table.md, and a chart CASE.png of each case with a cross for each failure."""
+    said = {row["adapter"]: "- {adapter}: {version}. {settings}".format(**row) for row in rows}
     table = markdown_table([{key: row[key] for key in SHOWN} for row in rows])
-    replace_file(folder / "table.md", "\n".join([*said, "", table, ""]).encode())
-    for name in dict.fromkeys(row["case"] for row in rows):
-        mine = [row for row in rows if row["case"] == name]
-        lost = {f"{row['adapter']} {row['status'][:60]}" for row in mine if row["status"] != "ok"}
-        chart = Chart(read_case(name)["asks"], "", Table(tuple(map(point, mine))), quantity=name)
-        drawing = chart.figure()
-        drawing.text(0.01, -0.01, "\n".join(sorted(lost)), va="top", fontsize=8)
-        drawing.savefig(folder / f"{name}.png", dpi=100, bbox_inches="tight")
-
-
-def point(row: Map) -> dict[str, Any]:
-    """Return a row with the keys of a chart's."""
-    parts = {f"{key} %": 100 * (row[key] or 0.0) for key in ("error", "uncertainty")}
-    return {**row, **parts, "method": row["adapter"], "element": "", "seconds": row["cpu_seconds"]}
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_file(folder / "table.md", "\n".join([*said.values(), "", table, ""]).encode())
+    for case in {row["case"]: CASES[row["case"]] for row in rows}.values():
+        drawing, ax = figures.new_figure()
+        ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", title=case["asks"])
+        for i, name in enumerate(said):
+            mine = [row for row in rows if (row["case"], row["adapter"]) == (case["name"], name)]
+            done = [(row["cpu_seconds"], row["error"]) for row in mine if row["status"] == "ok"]
+            label = f"{name} {mine[-1]['status'][:60]}" if mine else name
+            ax.plot(*np.reshape(done, (-1, 2)).T, label=label, **figures.line_style(i))
+            lost = [row for row in mine if row["status"] != "ok"]
+            figures.mark_failures(ax, lost, "cpu_seconds", figures.COLOURS[i % 7])
+        band = case["reference"]["uncertainty"] / case["reference"]["scale"]
+        ax.axhspan(0, band, color="0.9", zorder=0, label="uncertainty of the known value")
+        ax.set_ylabel(f"error / {case['reference']['scale']:.3g} {case['reference']['unit']}")
+        ax.legend(fontsize=8)
+        drawing.savefig(folder / f"{case['name']}.png", dpi=100)

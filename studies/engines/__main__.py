@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fecloth.bench.cases import NAMES, read_case
+from fecloth.bench.cases import CASES
 from fecloth.bench.runner import SHOWN, write_report
 from fecloth.study.result import markdown_table
 from studies import harness
@@ -32,12 +32,12 @@ ENGINES = {  # adapter: the package that it needs
     "fecloth_p1.py:run": "fecloth",
     "fecloth_springs.py:run": "fecloth",
     "mujoco_flex.py:run": "mujoco",
-    "newton_cloth.py:vbd": "newton",
-    "newton_cloth.py:semi_implicit": "newton",
     "torch_fem.py:run": "torchfem",
+    "newton_cloth.py:semi_implicit": "newton",
+    "newton_cloth.py:vbd": "newton",
 }
 QUICK = ("flight", "hanging", "cantilever")
-LIMIT = 60  # CPU seconds
+LIMIT = 45  # CPU seconds
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -63,7 +63,7 @@ def missing_rows(
     rows: Sequence[dict], engine: str, case: str, levels: int, done: subprocess.CompletedProcess
 ) -> list[dict[str, Any]]:
     """Return a row for each level that a process did not come to."""
-    said = read_case(case)
+    said = CASES[case]
     if rows and rows[0]["status"].startswith("cannot"):
         return []
     file, function = engine.split(":")
@@ -93,8 +93,8 @@ def main() -> int:
     if options.quick:
         return quick()
     rows = []
-    for case in NAMES:
-        for engine in ENGINES:
+    for engine in ENGINES:
+        for case in CASES:
             rows += run_engine(engine, case, 3, options.python)
             print(f"{case} {engine}: {rows[-1]['status']} {rows[-1]['error']}", flush=True)
             text = "".join(json.dumps(row) + "\n" for row in rows)
@@ -109,10 +109,7 @@ def quick() -> int:
 
     adapters = [load_adapter(f"{HERE / name}.py:run") for name in ("fecloth_p1", "fecloth_springs")]
     rows = [
-        row
-        for name in QUICK
-        for adapter in adapters
-        for row in run_levels(adapter, read_case(name), 2)
+        row for name in QUICK for adapter in adapters for row in run_levels(adapter, CASES[name], 2)
     ]
     print(markdown_table([{key: row[key] for key in SHOWN} for row in rows]))
     best = [row for row in rows if (row["adapter"], row["level"]) == ("fecloth_p1", 1)]
