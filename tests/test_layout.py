@@ -13,7 +13,7 @@ import fecloth
 PACKAGE = Path(fecloth.__file__).parent
 PACKAGES = """errors validation compiled quantities linalg mesh fabric terms system
 nonlinear integrators stability output view simulation homogenisation verify scene runs distributed
-study cli"""
+study bench cli"""
 ORDER = PACKAGES.split()
 ROOT_FILES = {"__init__", "__main__", "errors", "validation", "homogenisation", "verify"}
 

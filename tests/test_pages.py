@@ -30,7 +30,7 @@ OURS = [c for c in COMMANDS if re.match(r"(\.venv/bin/)?fecloth \w+ \S", c)]
 # a command's name
 BARE = re.compile(
     r"fecloth (run|view|render|export|check|mesh|info|converge|compare|chart|stability|simplify"
-    r"|tune|sweep|sensitivity|budget|fit|modes|new|--version)"
+    r"|tune|sweep|sensitivity|budget|fit|modes|new|bench|--version)"
 )
 SCENE = ["cloth", "fabric", "terms", "time"]  # what a block needs to be a scene; else a fragment
 # what stands for a name of the reader's own, by command and word; and what makes runs short

@@ -19,14 +19,13 @@ CASES = {
 def at_level(said: dict, level: int) -> dict:
     """Return the mapping that an adapter takes, with arrays of its own, on one mesh."""
     X, triangles = make_mesh(said["mesh"], said["mesh"]["sizes"][level])
-    case: dict = {"level": level, "X": X, "triangles": triangles, "motion": None}
-    case |= {key: deepcopy(said[key]) for key in ("name", "static", "fabric", "loads")}
+    case: dict = {"level": level, "X": X, "triangles": triangles}
+    case |= {key: deepcopy(said[key]) for key in ("name", "static", "fabric", "loads", "pins")}
     case |= {key: np.array(said[key], float) for key in ("gravity", "times")}
-    case |= {key: points(said[key], X)[0] for key in ("x", "v")} | {"pins": select(said["pins"], X)}
-    for load in case["loads"]:
-        load["nodes"] = select(load["nodes"], X)
-    if said["motion"]:
-        case["motion"] = points(said["motion"], X[case["pins"]], case["times"])
+    case |= {key: points(said[key], X)[0] for key in ("x", "v")}
+    for places, key in ((case, "pins"), *((load, "nodes") for load in case["loads"])):
+        places[key] = np.flatnonzero(points([f"where({places[key]}, 1, 0)"], X))
+    case["motion"] = said["motion"] and points(said["motion"], X[case["pins"]], case["times"])
     return case
 
 
@@ -39,11 +38,6 @@ def make_mesh(mesh: dict, size: float) -> tuple[np.ndarray, np.ndarray]:
     z = np.concatenate([k * np.exp(2j * np.pi * turn) for k, turn in enumerate(around)])
     X = mesh["radius"] / size * np.column_stack([z.real, z.imag])
     return X, Delaunay(X).simplices.astype(np.int64)  # counterclockwise
-
-
-def select(where: str, X: np.ndarray) -> np.ndarray:
-    """Return the numbers of the nodes where a condition of X and Y holds."""
-    return np.flatnonzero(Formula(where, ("X", "Y"), condition=True)(X=X[:, 0], Y=X[:, 1]))
 
 
 def points(texts: list[str], X: np.ndarray, times=(0.0,)) -> np.ndarray:

@@ -4,7 +4,7 @@ import json
 import runpy
 import time
 from argparse import Namespace
-from collections.abc import Iterator
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,9 @@ def load_adapter(text: str) -> dict:
     file, _, function = text.rpartition(":")
     module = runpy.run_path(file) if Path(file).is_file() else {}
     if not callable(module.get(function)):
-        raise InputError(
-            f"--adapter {text!r}", "must name a file and its function: my.py:run", "bench"
-        )
-    name = Path(file).stem if function == "run" else function
+        raise InputError(f"--adapter {text!r}", "must be FILE.py:FUNCTION, both there", "bench")
     said = {key.lower(): str(module.get(key, "")) for key in ("VERSION", "SETTINGS")}
+    name = Path(file).stem if function == "run" else function
     return {"adapter": name, "run": module[function], **said}
 
 
@@ -38,7 +36,7 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
     case, reference, asked = at_level(said, level), said["reference"], said["quantity"]
     row = {"case": said["name"], "level": level, **adapter, "triangles": len(case["triangles"])}
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
-    expected, begin = (len(case["times"]), len(case["X"]), 3), time.process_time()
+    expected, begin = (len(case["times"]), *case["x"].shape), time.process_time()
     try:
         x = np.asarray(row.pop("run")(case), float)
         row["cpu_seconds"] = time.process_time() - begin
@@ -57,13 +55,6 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
     return row
 
 
-def run_levels(adapter: dict, said: dict, levels: int) -> Iterator[dict]:
-    """Yield a row for each level; the first call, on the coarsest, compiles and is left out."""
-    first, count = run_level(adapter, said, 0), min(levels, len(said["mesh"]["sizes"]))
-    cannot = first["status"].startswith("cannot")
-    yield from [first] if cannot else (run_level(adapter, said, level) for level in range(count))
-
-
 def bench(options: Namespace) -> int:
     """Run adapters on cases, or list the cases; return the exit status."""
     for name in options.case:
@@ -72,8 +63,11 @@ def bench(options: Namespace) -> int:
     if options.list or not options.adapter:
         keys = ("name", "asks", "known", "source")
         print(markdown_table([{key: said[key] for key in keys} for said in cases]))
-    for adapter in map(load_adapter, options.adapter or []):
-        for row in (row for said in cases for row in run_levels(adapter, said, options.levels)):
+    for adapter, said in product(map(load_adapter, options.adapter or []), cases):
+        first = run_level(adapter, said, 0)  # it compiles: the level is measured again
+        cannot, count = first["status"].startswith("cannot"), len(said["mesh"]["sizes"])
+        finer = range(0 if cannot else min(options.levels, count))
+        for row in chain([first] * cannot, (run_level(adapter, said, level) for level in finer)):
             rows.append(row)
             line = " ".join(f"{key}={row[key]}" for key in SHOWN)
             print(json.dumps(row) if options.json else line, flush=True)
@@ -90,16 +84,15 @@ def write_report(folder: Path, rows: list[dict]) -> None:
     replace_file(folder / "table.md", "\n".join([*said.values(), "", table, ""]).encode())
     for case in {row["case"]: CASES[row["case"]] for row in rows}.values():
         drawing, ax = figures.new_figure()
-        ax.set(xscale="log", yscale="log", xlabel="CPU time [s]", title=case["asks"])
+        ax.set(xlabel="CPU time [s]", ylabel="error, as a part of the scale", title=case["asks"])
         for i, name in enumerate(said):
             mine = [row for row in rows if (row["case"], row["adapter"]) == (case["name"], name)]
             done = [(row["cpu_seconds"], row["error"]) for row in mine if row["status"] == "ok"]
-            label = f"{name} {mine[-1]['status'][:60]}" if mine else name
-            ax.plot(*np.reshape(done, (-1, 2)).T, label=label, **figures.line_style(i))
-            lost = [row for row in mine if row["status"] != "ok"]
-            figures.mark_failures(ax, lost, "cpu_seconds", figures.COLOURS[i % 7])
-        band = case["reference"]["uncertainty"] / case["reference"]["scale"]
-        ax.axhspan(0, band, color="0.9", zorder=0, label="uncertainty of the known value")
-        ax.set_ylabel(f"error / {case['reference']['scale']:.3g} {case['reference']['unit']}")
+            label = " ".join([name, *{row["status"][:60] for row in mine} - {"ok"}])
+            ax.loglog(*np.reshape(done, (-1, 2)).T, label=label, **figures.line_style(i))
+            marked = [row | {"status": row["status"][:6]} for row in mine]
+            figures.mark_failures(ax, marked, "cpu_seconds", figures.COLOURS[i % 7])
+        about = case["reference"]
+        ax.axhspan(0, about["uncertainty"] / about["scale"], color="0.9", label="uncertainty")
         ax.legend(fontsize=8)
         drawing.savefig(folder / f"{case['name']}.png", dpi=100)

@@ -20,8 +20,8 @@ wp.init()
 
 VERSION = f"Newton {newton.__version__}, Warp {wp.__version__}"
 SETTINGS = (
-    "CPU, float32; vbd: 10 iterations a step, as its examples, and steps of 1/600, 1/1200, 1/2400 s "
-    "by level, 0.3 s at most to rest; semi_implicit: 0.3 of the stable step"
+    "CPU, float32; vbd: 10 iterations a step, as its examples, and steps of 1/600, 1/1200, "
+    "1/2400 s by level, 0.3 s at most to rest; semi_implicit: 0.3 of the stable step"
 )
 COURANT, FRAME, ITERATIONS, LONGEST, RAMP = 0.3, 1 / 600, 10, 0.3, 0.1
 AT_REST = 1e-5  # extents/s, what single precision allows

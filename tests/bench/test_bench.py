@@ -1,0 +1,189 @@
+"""`fecloth bench`: its files, the quantities, and adapters that are right, wrong, or fail."""
+
+import json
+import math
+from argparse import Namespace
+
+import numpy as np
+import pytest
+
+from fecloth.bench import quantities
+from fecloth.bench.cases import CASES, at_level, points
+from fecloth.bench.runner import bench, load_adapter, run_level
+from fecloth.cli.main import main
+from fecloth.errors import InputError
+
+KEYS = {"asks", "known", "source", "static", "mesh", "x", "v", "pins", "motion", "gravity"}
+KEYS |= {"name", "loads", "fabric", "times", "quantity", "reference"}
+FABRIC = {"areal_density", "tensile_stiffness", "poisson_ratio", "shear_stiffness"}
+FABRIC |= {"bending_rigidity", "grain"}
+ADAPTER = """
+import numpy as np
+VERSION, SETTINGS = "toy 1", "none"
+def exact(case):
+    t = case["times"][:, None]
+    X, Y = case["X"].T
+    c, s = np.cos(2 * np.pi * t), np.sin(2 * np.pi * t)
+    return np.stack([t + c * X - s * Y, s * X + c * Y, 2 * t - 4.905 * t**2 + 0 * X], axis=-1)
+def late(case):
+    case["X"] += 1.0  # what an adapter changes is its own
+    return exact({**case, "X": case["X"] - 1.0}) + [0.03, 0.0, -0.04]
+def raises(case):
+    raise ZeroDivisionError("a hint")
+def lost(case):
+    return exact(case) * np.nan
+def short(case):
+    return exact(case)[1:]
+def run(case):
+    raise NotImplementedError("no cloth")
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "toy.py"
+    path.write_text(ADAPTER)
+    return path
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_files_have_the_keys_of_the_page_and_state_a_case(name):
+    said = CASES[name]
+    assert set(said) == KEYS
+    assert set(said["fabric"]) == FABRIC
+    assert set(said["reference"]) == {"value", "uncertainty", "unit", "scale"}
+    assert len(said["mesh"]["sizes"]) >= 3
+    counts = []
+    for level in range(3):
+        case = at_level(said, level)
+        X, triangles, n = case["X"], case["triangles"], len(case["X"])
+        corners = X[triangles]
+        assert (np.linalg.det(corners[:, 1:] - corners[:, :1]) > 0).all()
+        assert sorted(np.unique(triangles)) == list(range(n))
+        assert case["x"].shape == case["v"].shape == (n, 3)
+        assert case["level"] == level
+        assert (np.diff(case["times"], prepend=0.0) > 0).all()
+        assert not case["static"] or len(case["times"]) == 1
+        assert (len(case["pins"]) > 0) == (name != "flight")
+        if case["motion"] is not None:
+            assert case["motion"].shape == (len(case["times"]), len(case["pins"]), 3)
+        assert all(len(load["nodes"]) and len(load["force"]) == 3 for load in case["loads"])
+        counts.append(len(triangles))
+    assert counts[0] < counts[1] < counts[2]
+
+
+def test_what_is_asked_of_positions():
+    case = at_level(CASES["shear"], 0)
+    X, Y = case["X"].T
+    u = np.stack([np.stack([k * X, 0 * X, 2.0 + k * Y], axis=1) for k in (0.0, 0.5)])
+    case["times"] = np.array([0.0, 0.5])
+    assert quantities.mean(case, u, 0) == pytest.approx([0.0, 0.25])
+    assert quantities.point(case, u, 2, [0.3, 0.4]) == pytest.approx([2.0, 2.2])
+    beside = quantities.point(case, u, 0, [0.3, 0.4], [0.7, 0.4])
+    assert beside == pytest.approx([0.0, -0.2])
+    assert quantities.away(case, u, ["t*X", "0", "2"]) == pytest.approx([0.0, 0.5])
+
+
+def test_a_period_is_twice_the_time_between_zeros():
+    case = at_level(CASES["string"], 0)
+    case["times"] = t = np.linspace(0.01, 1.0, 100)
+    u = np.zeros((100, len(case["X"]), 3))
+    u[:, :, 2] = np.cos(2 * np.pi * t / 0.7)[:, None]
+    assert quantities.period(case, u, 2) == pytest.approx(0.7, rel=1e-4)
+    assert math.isnan(quantities.period(case, u[:20], 2))  # one zero
+
+
+def test_a_shadow_counts_what_is_covered_once():
+    case, support = at_level(CASES["drape"], 0), 0.0635
+    flat = np.pad(case["X"], ((0, 0), (0, 1)))
+    r = np.hypot(*case["X"].T)[:, None]
+    # nodes beyond the support come closer to its edge, or lie above each other
+    drawn_in = np.where(r > support, support + 0.5 * (r - support), r) / np.maximum(r, 1e-9)
+    folded = flat * np.where(r > 0.75 * 0.127, 0.127 * 1.5 / np.maximum(r, 1e-9) - 1, 1.0)
+    u = np.stack([0 * flat, flat * drawn_in - flat, folded - flat])
+    share = (0.75**2 - 0.5**2) / (1 - 0.5**2)  # a smaller ring of the same middle
+    assert quantities.shadow(case, u, support) == pytest.approx(
+        [100.0, 100 * share, 100 * share], abs=1.5
+    )
+
+
+def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
+    said, scale = CASES["flight"], CASES["flight"]["reference"]["scale"]
+    exact = run_level(load_adapter(f"{file}:exact"), said, 1)
+    assert exact["error"] < 1e-14
+    assert (exact["status"], exact["adapter"], exact["version"]) == ("ok", "exact", "toy 1")
+    assert exact["uncertainty"] == said["reference"]["uncertainty"] / scale
+    wrong = run_level(load_adapter(f"{file}:late"), said, 1)
+    assert wrong["error"] == pytest.approx(0.05 / scale)
+
+
+@pytest.mark.parametrize(
+    ("function", "status"),
+    [
+        ("raises", "failed: ZeroDivisionError: a hint"),
+        ("lost", "failed: ValueError: positions, or what is asked of them, are not finite"),
+        ("short", "positions have the shape (9, 7, 3), not (times, n, 3) = (10, 7, 3)"),
+        ("run", "cannot: no cloth"),
+    ],
+)
+def test_failures_are_shown_as_failures(file, function, status, capsys, tmp_path):
+    given = Namespace(case=["flight"], list=False, adapter=[f"{file}:{function}"], levels=1)
+    ended = bench(Namespace(**vars(given), json=True, output=str(tmp_path / "out")))
+    (line,) = capsys.readouterr().out.splitlines()
+    row = json.loads(line)
+    if function == "short":
+        n = len(at_level(CASES["flight"], 0)["X"])
+        status = status.replace("7", str(n))
+    assert status in row["status"]
+    assert row["error"] is None
+    assert ended == (0 if function == "run" else 3)
+    assert status[:20] in (tmp_path / "out" / "table.md").read_text()
+
+
+def test_a_command_prints_lines_and_leaves_a_table_and_charts(file, tmp_path, capsys):
+    out, two = tmp_path / "out", ["--adapter", f"{file}:exact", "--adapter", f"{file}:run"]
+    assert main(["bench", *two, "flight", "wave", "--json", "--levels", "2", "-o", str(out)]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    of_flight = [row for row in rows if row["case"] == "flight"]
+    assert [(row["adapter"], row["level"]) for row in of_flight] == [
+        ("exact", 0),
+        ("exact", 1),
+        ("toy", 0),
+    ]
+    assert {"case", "level", "error", "cpu_seconds"} <= set(rows[0])
+    table = (out / "table.md").read_text()
+    assert "- exact: toy 1. none" in table
+    assert table.count("| flight |") == 3
+    assert {path.name for path in out.iterdir()} == {"table.md", "flight.png", "wave.png"}
+
+
+def test_the_list_has_all_cases_with_what_is_known(capsys):
+    assert main(["bench", "--list"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"| {name} | {CASES[name]['asks']}" in said for name in CASES)
+    assert "| -613.125 ± 0.018 µm | ρ g L⁴/(8 B)" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--adapter", "none.py:run"], "must be FILE.py:FUNCTION"),
+        (["--adapter", "toy.py:walk"], "must be FILE.py:FUNCTION"),
+        (["--adapter", "toy.py:run", "fligth"], "did you mean 'flight'"),
+    ],
+)
+def test_mistakes_are_answered(file, words, message, capsys, monkeypatch):
+    monkeypatch.chdir(file.parent)
+    assert main(["bench", *words]) == 2
+    assert message.lower() in capsys.readouterr().err.lower()
+
+
+def test_an_adapter_without_its_file_raises():
+    with pytest.raises(InputError, match="--adapter 'x'"):
+        load_adapter("x")
+
+
+def test_formulas_are_of_place_and_time():
+    X = np.array([[1.0, 2.0], [3.0, 4.0]])
+    values = points(["X", "Y + t", "t"], X, [0.0, 0.5])
+    assert values.tolist() == [[[1, 2, 0], [3, 4, 0]], [[1, 2.5, 0.5], [3, 4.5, 0.5]]]
