@@ -117,7 +117,7 @@ def wave(said: Said) -> tuple[list[float], float]:
 
 def trampoline(said: Said) -> tuple[list[float], float]:
     """The mean deflection of a disk that falls, of `falling_disk.trampoline`; 1e-4 of its peak."""
-    run = falling_disk.trampoline(said["times"], elements=1200)
+    run = falling_disk.trampoline(said["times"])
     return (-run.mean_deflection).tolist(), 1e-4 * float(run.mean_deflection.max())
 
 

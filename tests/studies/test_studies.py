@@ -80,6 +80,7 @@ def run_here(monkeypatch, capsys):
         ("fit.cantilever", "ρ g L³/B = 6: 1.947 >= 1.6: met"),
         ("fit.nylon", "% of the largest force: 1.708 <= 2: met"),
         ("budget", "of 1 cloths that buckle or fold, sampled: 1 >= 1: met"),
+        ("engines", "largest error on the second mesh: 0.002157 <= 0.01: met"),
         ("fit.knits", "say that the law is wrong: 1 >= 1: met"),
         ("validation", "35 predictions"),
         ("validation.nylon", "of 1 predicted angles, wrong at full extension: 1 >= 1: met"),
