@@ -17,7 +17,7 @@
 # the forces of fecloth and follows the nodes that are free. The implicit midpoint rule of fecloth
 # gives the same motion: halving its step divides the difference by four.
 #
-# The cloth is as soft as rubber. Which of the two suffers more from a stiffer one?
+# This cloth is as soft as a thin sheet of rubber. Which of the two suffers more from a stiffer one?
 
 # %%
 import matplotlib.pyplot as plt

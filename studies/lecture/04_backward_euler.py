@@ -14,8 +14,8 @@
 #
 # an equation for $v_1$. Here a cloth is squeezed by up to 3 % and let go; nothing damps it.
 #
-# - Stable: each step multiplies a vibration by $1/(1 \mp i\omega h)$, less than 1 for every $h$.
-#   The energy never grows.
+# - Stable: each step multiplies a vibration by $1/(1 \mp i\omega h)$, whose modulus is below 1 for
+#   every $h$. The energy never grows.
 # - Accurate: the error is of first order. A step of 12 ms loses 88 % of the energy, which should
 #   all be left.
 # - Solvable: at large $h$ the compressed cloth has an indefinite matrix, and Newton's iteration

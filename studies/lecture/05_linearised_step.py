@@ -8,7 +8,7 @@
 # %% [markdown]
 # # The linearised step
 #
-# One Newton iteration of backward Euler from the old state gives the final equation
+# Backward Euler, with the force expanded to first order about the old state, is one equation:
 #
 # $$\left(M - h\,\frac{\partial f}{\partial v} - h^2 \frac{\partial f}{\partial x}\right) \Delta v
 # = h \left(f + h\,\frac{\partial f}{\partial x}\,v\right), \qquad \Delta x = h\,(v + \Delta v).$$
