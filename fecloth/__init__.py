@@ -1,7 +1,7 @@
 """fecloth: a continuum cloth solver on Gmsh meshes with Green-strain membranes.
 
-All quantities are in SI units. Stiffness and stress of a fabric are per width [N/m]. The README has
-the table of symbols; `System`, `march` and `run` are the places to start.
+All quantities are in SI units. Stiffness and stress of a fabric are per width [N/m]. `System`,
+`march` and `run` are the places to start. `fecloth info` says where the pages are.
 
 The public names stand in ``__init__.pyi``. Each is imported when it is first used.
 """

@@ -51,7 +51,7 @@ ELSEWHERE = (  # commands that continuous integration runs, and those that need 
     "python3 -m venv .venv",
     ".venv/bin/pip install",
     ".venv/bin/pre-commit install",
-    *("python -m build", "twine upload", "pip install shtab"),
+    *("python -m build", "twine upload", "pip install shtab", "pip install 'fecloth["),
     ".venv/bin/python -m pytest -q",
     "pytest",
     "python tests/support/key_reference.py",  # see tests/scene/test_key_reference.py

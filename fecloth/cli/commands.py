@@ -38,7 +38,6 @@ class Command:
 
 
 def read_names(text: str) -> list[str]:
-    """Return the names between commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -78,8 +77,7 @@ def read_options(listed: list[Any]) -> list[Option]:
     options = {}
     for row in _rows(listed):
         keywords = {key: value for key, value in row.items() if key not in ("names", "like")}
-        if "type" in keywords:
-            keywords["type"] = TYPES[keywords["type"]]
+        keywords |= {"type": TYPES[row["type"]]} if "type" in row else {}
         options[row["names"]] = Option(row["names"].split(), keywords)
     return list(options.values())
 

@@ -47,7 +47,8 @@ def _info_lines(options: Namespace) -> list[str]:
     if options.scene:
         return _describe_scene(options)
     lines = [f"{name}: {number}" for name, number in versions().items()]
-    return [*lines, f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
+    lines += [f"processors: {os.cpu_count()}", f"direct solver: {select.direct().name}"]
+    return [*lines, f"pages: {Path(validation.__file__).with_name('README.md')} leads to all"]
 
 
 def _describe_scene(options: Namespace) -> list[str]:

@@ -97,7 +97,7 @@ def clip_to_drawable(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The frames of a run's folder, read one at a time."""
+    """The frames of a run, or of `write_vtk`, read one at a time."""
 
     folder: Path
     times: tuple[float, ...]  # times of the frames [s]
@@ -105,8 +105,10 @@ class Series:
 
     @classmethod
     def open(cls, folder: str | Path) -> Self:
-        folder = Path(folder)
+        given = folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
+        if not (listed.is_file() or single.is_file()):  # what `write_vtk` was given, or returned
+            folder, listed = folder.parent, folder.with_suffix(".vtu.series")
         if listed.is_file():
             try:
                 entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
@@ -118,8 +120,7 @@ class Series:
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
         if single.is_file():
             return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
-        remedy = "Give the folder of a run, e.g. out/flag."
-        raise InputError(f"{folder}", "has no frames", remedy=remedy)
+        raise InputError(f"{given}", "has no frames", "", "Give the folder of a run, as out/flag.")
 
     def at(self, time: float | None) -> int:
         """Return the number of the frame closest to a time [s]; the last for None."""

@@ -32,6 +32,8 @@ def _toml_remedy(problem: str) -> str:
         return "A text has no closing quotation mark."
     if found := re.search(r"Cannot declare \('(terms|pins|probes)',\) twice", problem):
         return f"Write [[{found[1]}]], with two brackets, above each of them."
+    if "Expected newline or end of document after a statement" in problem:
+        return 'A text has quotation marks, also a number with a unit: h = "5 cm".'
     return ""
 
 

@@ -85,7 +85,7 @@ def warn_of_dissipation(run: Run, balance: Balance, ledger: Ledger) -> str:
     remedy = "dt, or a method that dissipates less"
     if has_kind(run.system.terms, "contact"):  # all other methods are refused
         remedy = "dt, or BDF2" if run.method.traits.order == 1 else "dt"
-        remedy += "; in impacts without a bounce it takes what the law would take otherwise"
+        remedy += "; impacts without a bounce lose energy anyway, and count here, too"
     return (
         f"numerical dissipation has taken {ledger.numerical:.3g} J, "
         f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion: take a smaller "

@@ -90,8 +90,8 @@ def summarise(
     estimate = estimate_uncertainty(sizes, sequence, theory)
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
     known = estimate.behaviour in ("monotone", "constant")
-    error = abs(estimate.value - estimate.limit)
-    shares = {name: error if known else estimate.uncertainty / UNSAFE}
+    least = 0.0 if known else estimate.uncertainty / UNSAFE  # a finest level is off, too
+    shares = {name: max(abs(estimate.value - estimate.limit), least)}
     base = record_at(rows[0], quantity)
     able = [row for row in more if row["status"] == OK]
     apart = [difference_of(quantity, base, record_at(row, quantity)) for row in able]
@@ -103,7 +103,7 @@ def summarise(
     converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
     answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, shown['unit'])}"
     lines = [
-        _table_row(row) | {"value": value, "error": abs(difference - estimate.limit)}
+        _table_row(row) | {"value": value, "error": max(abs(difference - estimate.limit), least)}
         for row, value, difference in zip(rows, values, sequence, strict=True)
     ]
     return Convergence(

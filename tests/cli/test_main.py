@@ -203,6 +203,8 @@ def test_info(scene, capsys):
     printed = capsys.readouterr().out
     assert f"fecloth: {fc.__version__}" in printed
     assert "direct solver:" in printed
+    pages = re.search(r"^pages: (.*) leads to all$", printed, re.MULTILINE)
+    assert Path(pages[1]).is_file()
     assert main(["info", str(scene)]) == 0
     printed = capsys.readouterr().out
     assert "terms: StVK, StrainRateDamping, Gravity" in printed
@@ -350,7 +352,7 @@ def test_a_wrong_command_suggests_the_right_one(wrong, capsys):
     told = capsys.readouterr().err
     commands = (
         "run, view, render, export, check, converge, compare, sweep, chart, stability, "
-        "sensitivity, budget, fit, simplify, tune, modes, new, mesh, info"
+        "sensitivity, budget, fit, simplify, tune, bench, modes, new, mesh, info"
     )
     assert f"{wrong!r}: must be one of {commands}." in told
     assert told.strip().endswith(WRONG_COMMANDS[wrong])

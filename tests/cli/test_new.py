@@ -115,6 +115,14 @@ def test_a_new_scene_runs_at_once(kind, tmp_path, monkeypatch, capsys):
         SceneProblem(scene, "scene").check_quantity(parse_quantity(text))
 
 
+def test_a_new_scene_names_sets_that_its_cloth_has(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "a"]) == 0
+    line = re.search(r"^where = .*# (.*), or inside", Path("a.toml").read_text("utf-8"), re.M)
+    cloth = load_scene("a.toml").mesh()
+    assert all(len(cloth.nodes(name)) for name in line[1].split(", "))
+
+
 def test_without_an_option_it_is_a_cloth(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "a"]) == 0

@@ -502,6 +502,10 @@ DECLARED_TWICE = (
     "not TOML (Cannot declare ('pins',) twice (at line 3, column 6)). "
     "Write [[pins]], with two brackets, above each of them."
 )
+UNQUOTED = (
+    "not TOML (Expected newline or end of document after a statement (at line 1, column 7)). "
+    'A text has quotation marks, also a number with a unit: h = "5 cm".'
+)
 NO_SCENES = [
     (b"\x00\xff\x80", "is not UTF-8 text (byte 1)"),
     (b"a = 1\nb = \n", "not TOML (Invalid value (at line 2, column 5))"),
@@ -509,6 +513,7 @@ NO_SCENES = [
     (b"a = 1\0", "not TOML"),
     (b'a = "x\nb = 1\n', UNCLOSED.format(r"Illegal character '\n' (at line 1, column 7)")),
     (b'a = "x', UNCLOSED.format("Unterminated string (at end of document)")),
+    (b"h = 5 cm\n", UNQUOTED),
     (b"[pins]\na = 1\n[pins]\n", DECLARED_TWICE),
     (b"a = " + b"[" * 5000, "not TOML"),
     (b"a = " + b"1" * 5000, "not TOML"),

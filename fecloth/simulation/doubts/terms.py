@@ -201,10 +201,9 @@ def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
     for name, term in run.system.named:
         is_shape, cloth = isinstance(term, BoundObstacle), run.system.cloth
         if is_shape and (depth := cutting_depth(term.shape, term.gap, cloth)):
-            what, remedy = "has edges that", "a larger gap or rounder edges"
-            if term.shape.radius_of_curvature:
-                what, remedy = "curves so much that it", "or a larger gap"
-            elif isinstance(term.shape, Sdf):
+            curved, remedy = term.shape.radius_of_curvature, "or a larger gap"
+            what = "curves so much that it" if curved else "has edges that"
+            if isinstance(term.shape, Sdf) and not curved:
                 what, remedy = "has no radius: its edges", "a larger gap, or give its radius"
             yield (
                 f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are large "
