@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean, is_number
@@ -107,6 +106,8 @@ def _largest_force(load: Any, where: str) -> float:
 
 def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
     """Columns of the curve `warp`, `weft` or `shear` of `MembraneTable`, from fields of KES-F."""
+    from scipy.optimize import brentq  # takes 0.3 s to import
+
     # Of tension: the exponential that has the largest force and LT. Of shear: G, up to 8°.
     where = "MembraneTable"
     read = {key: value for key, value in fields.items() if key != "load"}

@@ -1,7 +1,6 @@
 """Lay a cloth on what carries it, so that a run starts at rest there."""
 
 import numpy as np
-from scipy.optimize import brentq
 
 from fecloth.errors import InputError
 from fecloth.system.arguments import check_system
@@ -50,6 +49,8 @@ def lay_down(system: System, state: State) -> State:
 
 def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
     """x (n, 3) with one piece laid down."""
+    from scipy.optimize import brentq  # takes 0.3 s to import
+
     load, still = np.zeros_like(x), np.zeros_like(x)
     for term in system.bound:
         if term.load:

@@ -56,6 +56,7 @@ def test_a_scene_imports_no_library_that_it_does_not_use():
     """Each of these takes 0.03 to 1 s; the scene has no mesh file, factor, picture or table."""
     unused = ["gmsh", "meshio", "pypardiso", "pydantic", "rich", "jinja2", "pebble", "ipctk"]
     unused += ["matplotlib", "pyvista", "imageio", "h5py", "mpi4py", "petsc4py", "distributed"]
+    unused += ["scipy.optimize"]
     show = f"\nimport sys\nprint(*sys.modules.keys() & {set(unused)})"
     run = subprocess.run([sys.executable, "-c", SCENE + show], check=True, capture_output=True)
     assert run.stdout.split() == []

@@ -1,6 +1,9 @@
 """PARDISO and SuperLU: analysis, pivots, refinement, memory."""
 
 import gc
+import os
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,6 +70,16 @@ def test_refinement_corrects_a_poor_factor(monkeypatch):
     monkeypatch.setattr(solver, "_apply", lambda b: exact(b) * 1.5)
     with pytest.raises(SolveFailed, match=r"relative residual 1.25e-01, required 1.00e-10"):
         solver.solve(load(A), rtol=1e-10)
+
+
+@needs_pardiso
+def test_the_mkl_is_loaded_from_the_folder_of_libraries():
+    """Where it lies there, pypardiso need not search the disk for it."""
+    folder = Path(sys.prefix, "lib")
+    if not list(folder.glob("libmkl_rt.so*")):
+        pytest.skip("the MKL is elsewhere")
+    mkl_pardiso.routine()
+    assert Path(os.environ["PYPARDISO_MKL_RT"]).is_relative_to(folder)
 
 
 @needs_pardiso

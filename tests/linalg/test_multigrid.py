@@ -108,9 +108,9 @@ def test_threads_do_not_change_a_bit(pattern, element, bending, small_loops_shar
     for threads in (1, 2, 3):
         team = Team(threads)
         solver = prepared(tangent(system, state, team=team), state.x)
-        first, info = solver.solve(b, rtol=1e-9)
+        first, info = solver.solve(b, rtol=1e-4)
         solver.prepare(tangent(system, system.rest(), team=team))  # with the same coarse matrices
-        second, after = solver.solve(b, rtol=1e-9, guess=first)
+        second, after = solver.solve(b, rtol=1e-4, guess=first)
         levels = [array for each in solver._levels for array in (each.A.values, each.P.data)]
         counts = np.array([info.iterations, info.residual, after.iterations, after.residual])
         found.append([*levels, first, second, counts])

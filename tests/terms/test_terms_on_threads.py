@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
+from fecloth.compiled.team import SMALL
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.step_difference import StepDifference
 
@@ -41,13 +42,14 @@ GRID = [("P1", name) for name in BOTH | P1] + [("P2", name) for name in BOTH]
 def cloths():
     """Meshes above the size at which threads share loops."""
     return {
-        element: fc.Cloth.rectangle(1.0, 0.8, h=0.03, pattern="unstructured", element=element)
-        for element in ("P1", "P2")
+        element: fc.Cloth.rectangle(1.0, 0.8, h=h, pattern="unstructured", element=element)
+        for element, h in (("P1", 0.03), ("P2", 0.04))
     }
 
 
 def evaluate(cloth, term, threads):
     """Force, tangents, energy and power on these threads, at x and over a step."""
+    assert min(len(cloth.X), len(cloth.triangles)) >= SMALL
     system = fc.System(cloth, FABRIC, [term], threads=threads)
     rng = np.random.default_rng(3)
     x = 1.02 * system.rest().x + 5e-4 * rng.standard_normal((len(cloth.X), 3))

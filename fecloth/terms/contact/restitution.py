@@ -21,7 +21,6 @@ Vibroimpact, J. Appl. Mech. 42(2).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from fecloth.terms.contact import barrier
 
@@ -32,6 +31,8 @@ ROUND = 1e-12
 
 def damping(restitution: float) -> float:
     """y = c v₁ that leaves the part e of the speed; infinite for e = 0."""
+    from scipy.optimize import brentq  # takes 0.3 s to import
+
     e = restitution
     if e in (0.0, 1.0):
         return np.inf if e == 0.0 else 0.0

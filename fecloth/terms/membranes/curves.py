@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from fecloth.compiled.jit import Array
 from fecloth.errors import InputError, brief
@@ -90,6 +89,8 @@ class Curve:
     @classmethod
     def through(cls, name: str, rows: Rows) -> Self:
         """The curve through points by PCHIP, whose slope at an end may not be 0."""
+        from scipy.interpolate import PchipInterpolator  # takes 0.3 s to import
+
         x, force = np.array(rows).T
         E, over = _strain(name, x)
         S = force / over
@@ -108,6 +109,8 @@ class Curve:
 
     def pieces(self) -> Array:
         """(k, 6) between the points and beyond the last one: E₀, w₀, and S by powers of E − E₀."""
+        from scipy.interpolate import CubicHermiteSpline
+
         spline = CubicHermiteSpline(self.E, self.S, self.slopes)
         beyond = [[self.S[-1]], [self.slopes[-1]], [0.0], [0.0]]
         powers = np.hstack([spline.c[::-1], beyond])
