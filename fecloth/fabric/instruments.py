@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 
 from fecloth import validation
 from fecloth.errors import InputError, did_you_mean, is_number
@@ -106,8 +107,6 @@ def _largest_force(load: Any, where: str) -> float:
 
 def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
     """Columns of the curve `warp`, `weft` or `shear` of `MembraneTable`, from fields of KES-F."""
-    from scipy.optimize import brentq  # takes 0.3 s to import
-
     # Of tension: the exponential that has the largest force and LT. Of shear: G, up to 8°.
     where = "MembraneTable"
     read = {key: value for key, value in fields.items() if key != "load"}
@@ -121,7 +120,7 @@ def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
     linearity = 2 * _work(values, force, where)[side] / (force * extension)
     if not 0.1 <= linearity <= 1.9:
         raise InputError(f"LT = {linearity:.4g}", "must lie between 0.1 and 1.9", where)
-    a = brentq(lambda a: 1 / a - 1 / np.expm1(a) - linearity / 2, -30.0, 30.5)
+    a = scipy.optimize.brentq(lambda a: 1 / a - 1 / np.expm1(a) - linearity / 2, -30.0, 30.5)
     P = force * np.expm1(a * x) / np.expm1(a)
     return {"stretch": list(1 + extension * x), "force": list(P)}
 

@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from glob import glob
 from typing import Any
 
 import numpy as np
@@ -65,20 +65,17 @@ def pardiso(
 @cache
 def routine() -> Callable[..., None]:
     """The C function ``pardiso``; the first call loads the MKL (0.1 s)."""
-    # Without this, pypardiso starts compilers and searches all of the environment: 0.3 s.
-    for library in sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*")):
-        os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
+    for library in glob(f"{sys.prefix}/lib/libmkl_rt.so*"):  # else pypardiso searches it all: 0.3 s
+        os.environ.setdefault("PYPARDISO_MKL_RT", library)
     import pypardiso
 
-    # The module-wide solver is used because a new PyPardisoSolver() searches the disk again.
-    solver = pypardiso.ps
+    solver = pypardiso.ps  # of the module: a new one would search again
     # Equal calls with equal numbers of threads are to give equal bits. In the default mode sums
-    # depend on the addresses of arrays, and the number of threads on the load of the machine
-    # (oneMKL Developer Guide, Obtaining Numerically Reproducible Results). The mode does not change
-    # if the MKL rejects the call because another package has already used it.
+    # depend on the addresses of arrays (oneMKL Developer Guide, Obtaining Numerically Reproducible
+    # Results). The mode stays if another package has used the MKL, which then rejects the call.
     if "MKL_CBWR" not in os.environ:
         solver.libmkl.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
-    solver.libmkl.MKL_Set_Dynamic(ctypes.c_int(0))
+    solver.libmkl.MKL_Set_Dynamic(ctypes.c_int(0))  # threads do not depend on the load
     call: Callable[..., None] = solver._mkl_pardiso
     return call
 

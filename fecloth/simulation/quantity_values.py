@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+import scipy
 
 from fecloth.errors import InputError, amount
 from fecloth.mesh.cloth import Cloth
@@ -150,8 +150,6 @@ LEAST_SAMPLES = 4  # a cubic spline needs them
 
 def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal") -> float:
     """Return the period of a signal that swings about a constant level [unit of times]."""
-    from scipy.interpolate import CubicSpline  # takes 0.3 s to import
-
     # The times at which a cubic spline through the samples passes the level are
     # t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
     # level, needs three passages; with only two, T is twice the time between them. The level is
@@ -159,7 +157,7 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:
         raise InputError(amount(len(times), "sample"), f"must be at least {LEAST_SAMPLES}", where)
-    spline = CubicSpline(times, values)
+    spline = scipy.interpolate.CubicSpline(times, values)
     turns = spline.derivative().roots(extrapolate=False)
     extremes = spline(np.append(turns[np.isfinite(turns)], [times[0], times[-1]]))
     passed = _passages(spline, (extremes.min() + extremes.max()) / 2)
@@ -174,7 +172,7 @@ def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal
     return float(np.linalg.lstsq(np.column_stack(columns), passed, rcond=None)[0][1])
 
 
-def _passages(spline: Any, level: float) -> np.ndarray:
+def _passages(spline, level: float) -> np.ndarray:
     """Return the times inside the samples at which the spline passes a level."""
     times = spline.solve(level, extrapolate=False)
     return np.sort(times[np.isfinite(times)])

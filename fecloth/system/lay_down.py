@@ -1,6 +1,7 @@
 """Lay a cloth on what carries it, so that a run starts at rest there."""
 
 import numpy as np
+import scipy
 
 from fecloth.errors import InputError
 from fecloth.system.arguments import check_system
@@ -49,8 +50,6 @@ def lay_down(system: System, state: State) -> State:
 
 def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
     """x (n, 3) with one piece laid down."""
-    from scipy.optimize import brentq  # takes 0.3 s to import
-
     load, still = np.zeros_like(x), np.zeros_like(x)
     for term in system.bound:
         if term.load:
@@ -89,7 +88,8 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
         low *= part(x, low * along)
         while n @ (push(x + high * along) + f) > 0:
             high *= 2
-        root = brentq(lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15)
+        out = lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f)  # noqa: E731
+        root = scipy.optimize.brentq(out, low, high, xtol=1e-15)
         x = x + root * along
         if not push(x).any() or abs(root) < 1e-12 * system.cloth.extent:
             break

@@ -21,6 +21,7 @@ Vibroimpact, J. Appl. Mech. 42(2).
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from fecloth.terms.contact import barrier
 
@@ -31,8 +32,6 @@ ROUND = 1e-12
 
 def damping(restitution: float) -> float:
     """y = c v₁ that leaves the part e of the speed; infinite for e = 0."""
-    from scipy.optimize import brentq  # takes 0.3 s to import
-
     e = restitution
     if e in (0.0, 1.0):
         return np.inf if e == 0.0 else 0.0
@@ -41,7 +40,7 @@ def damping(restitution: float) -> float:
         return y - np.log1p(y) + e * y + np.log1p(-e * y)
 
     most = (1 - ROUND) / e
-    return most if lost(most) > 0 else float(brentq(lost, 0.5 * (1 - e), most))
+    return most if lost(most) > 0 else float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import scipy
 
 from fecloth.compiled.jit import Array
 from fecloth.errors import InputError, brief
@@ -89,12 +90,10 @@ class Curve:
     @classmethod
     def through(cls, name: str, rows: Rows) -> Self:
         """The curve through points by PCHIP, whose slope at an end may not be 0."""
-        from scipy.interpolate import PchipInterpolator  # takes 0.3 s to import
-
         x, force = np.array(rows).T
         E, over = _strain(name, x)
         S = force / over
-        slopes, secants = PchipInterpolator(E, S)(E, 1), np.diff(S) / np.diff(E)
+        slopes, secants = scipy.interpolate.PchipInterpolator(E, S)(E, 1), np.diff(S) / np.diff(E)
         slopes[[0, -1]] = np.maximum(slopes[[0, -1]], LEAST_END * secants[[0, -1]])
         return cls(E, S, slopes, float(E[-1]))
 
@@ -109,9 +108,7 @@ class Curve:
 
     def pieces(self) -> Array:
         """(k, 6) between the points and beyond the last one: E₀, w₀, and S by powers of E − E₀."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        spline = CubicHermiteSpline(self.E, self.S, self.slopes)
+        spline = scipy.interpolate.CubicHermiteSpline(self.E, self.S, self.slopes)
         beyond = [[self.S[-1]], [self.slopes[-1]], [0.0], [0.0]]
         powers = np.hstack([spline.c[::-1], beyond])
         return np.vstack([self.E, spline.antiderivative()(self.E), powers]).T
