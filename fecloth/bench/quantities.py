@@ -25,11 +25,13 @@ def away(case: dict, u: np.ndarray, motion: list[str]) -> np.ndarray:
 
 
 def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
-    """Return twice the mean time between zeros of the mean displacement [s]; NaN without two."""
+    """Return twice the mean time between zeros of the mean displacement [s]."""
     y, t = mean(case, u, axis), case["times"]
     i = np.flatnonzero(y[:-1] * y[1:] < 0)
     zeros = t[i] + (t[i + 1] - t[i]) * y[i] / (y[i] - y[i + 1])
-    return np.array(2 * np.diff(zeros).mean() if len(zeros) > 1 else np.nan)
+    if len(zeros) < 2:
+        raise ValueError("no period: the mean displacement is zero less than twice")
+    return 2 * np.diff(zeros).mean()
 
 
 def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:

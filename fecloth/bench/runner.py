@@ -2,20 +2,23 @@
 
 import json
 import runpy
+import sys
 import time
 from argparse import Namespace
-from itertools import chain, product
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.bench import quantities
 from fecloth.bench.cases import CASES, at_level
 from fecloth.errors import FAILED, InputError
 from fecloth.output.atomic_files import replace_file
 from fecloth.study import figures
 from fecloth.study.result import markdown_table
-from fecloth.validation import known
 
 SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", "status")
 
@@ -23,12 +26,16 @@ SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", 
 def load_adapter(text: str) -> dict:
     """Import FILE.py:FUNCTION; the file may say its VERSION and SETTINGS."""
     file, _, function = text.rpartition(":")
-    module = runpy.run_path(file) if Path(file).is_file() else {}
-    if not callable(module.get(function)):
-        raise InputError(f"--adapter {text!r}", "must be FILE.py:FUNCTION, both there", "bench")
-    said = {key.lower(): str(module.get(key, "")) for key in ("VERSION", "SETTINGS")}
-    name = Path(file).stem if function == "run" else function
-    return {"adapter": name, "run": module[function], **said}
+    sys.path.insert(0, str(Path(file).resolve().parent))  # it may import files beside it
+    try:
+        module = runpy.run_path(file)
+        run = module[function]
+    except Exception as error:  # whatever is wrong in a file of the user
+        allowed = f"must be FILE.py:FUNCTION; this is none: {type(error).__name__}: {error}"
+        raise InputError(f"--adapter {text!r}", allowed, "bench") from error
+    validation.function(text, run, "my.py:run", "bench")
+    said = {key.lower(): str(module.get(key, "not said")) for key in ("VERSION", "SETTINGS")}
+    return {"adapter": Path(file).stem + f":{function}" * (function != "run"), "run": run, **said}
 
 
 def run_level(adapter: dict, said: dict, level: int) -> dict:
@@ -38,7 +45,8 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
     expected, begin = (len(case["times"]), *case["x"].shape), time.process_time()
     try:
-        x = np.asarray(row.pop("run")(case), float)
+        with redirect_stdout(sys.stderr):  # what it prints does not mix with the rows
+            x = np.asarray(row.pop("run")(case), float)
         row["cpu_seconds"] = time.process_time() - begin
         if x.shape != expected:
             raise ValueError(f"positions have the shape {x.shape}, not (times, n, 3) = {expected}")
@@ -49,30 +57,39 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
         if not np.isfinite(error):
             raise ValueError("positions, or what is asked of them, are not finite")
         row |= {"error": error, "status": "ok"}
-    except Exception as why:  # whatever a solver raises, the next case is run
+    except (Exception, SystemExit) as why:  # whatever a solver raises, the next case is run
         kind = "cannot" if isinstance(why, NotImplementedError) else f"failed: {type(why).__name__}"
         row |= {"cpu_seconds": time.process_time() - begin, "status": f"{kind}: {why}"[:200]}
     return row
 
 
+def run_levels(adapter: dict, said: dict, levels: int) -> Iterator[dict]:
+    """Yield a row for each level; where the adapter cannot do the case, one row."""
+    first = run_level(adapter, said, 0)  # it compiles: the level is measured again
+    cannot = first["status"].startswith("cannot")
+    yield from [first] * cannot or (run_level(adapter, said, level) for level in range(levels))
+
+
 def bench(options: Namespace) -> int:
     """Run adapters on cases, or list the cases; return the exit status."""
     for name in options.case:
-        known(f"case {name!r}", name, CASES, "bench")
-    cases, rows = [CASES[name] for name in options.case or CASES], []
+        validation.known(f"case {name!r}", name, CASES, "bench")
+    cases, rows = [CASES[name] for name in dict.fromkeys(options.case or CASES)], []
     if options.list or not options.adapter:
         keys = ("name", "asks", "known", "source")
         print(markdown_table([{key: said[key] for key in keys} for said in cases]))
-    for adapter, said in product(map(load_adapter, options.adapter or []), cases):
-        first = run_level(adapter, said, 0)  # it compiles: the level is measured again
-        cannot, count = first["status"].startswith("cannot"), len(said["mesh"]["sizes"])
-        finer = range(0 if cannot else min(options.levels, count))
-        for row in chain([first] * cannot, (run_level(adapter, said, level) for level in finer)):
-            rows.append(row)
-            line = " ".join(f"{key}={row[key]}" for key in SHOWN)
-            print(json.dumps(row) if options.json else line, flush=True)
-    if options.output:
-        write_report(Path(options.output), rows)
+    adapters = [load_adapter(text) for text in dict.fromkeys(options.adapter or [])]
+    if folder := options.output and Path(options.output).resolve():
+        folder.mkdir(parents=True, exist_ok=True)  # refused before anything is run
+    try:
+        for adapter, said in product(adapters, cases):
+            for row in run_levels(adapter, said, options.levels):
+                rows.append(row)
+                line = " ".join(f"{key}={row[key]}" for key in SHOWN)
+                print(json.dumps(row) if options.json else line, flush=True)
+    finally:  # also of what an interruption leaves
+        if folder and rows:
+            write_report(folder, rows)
     return FAILED if any(row["status"].startswith("failed") for row in rows) else 0
 
 
@@ -80,7 +97,6 @@ def write_report(folder: Path, rows: list[dict]) -> None:
     """Write table.md, and a chart CASE.png of each case with a cross for each failure."""
     said = {row["adapter"]: "- {adapter}: {version}. {settings}".format(**row) for row in rows}
     table = markdown_table([{key: row[key] for key in SHOWN} for row in rows])
-    folder.mkdir(parents=True, exist_ok=True)
     replace_file(folder / "table.md", "\n".join([*said.values(), "", table, ""]).encode())
     for case in {row["case"]: CASES[row["case"]] for row in rows}.values():
         drawing, ax = figures.new_figure()

@@ -37,10 +37,6 @@ class Command:
         return getattr(importlib.import_module(module), name)
 
 
-def read_names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
-
-
 def read_seconds(text: str) -> str | float:
     """Return a bare number as seconds, and a text with a unit as it is."""
     try:
@@ -56,9 +52,8 @@ def read_size(text: str) -> tuple[str, float]:
 
 
 TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-TYPES: dict[str, Callable] = {
-    "int": int, "float": float, "names": read_names, "seconds": read_seconds, "size": read_size,
-}  # fmt: skip
+TYPES: dict = {"int": int, "float": float, "seconds": read_seconds, "size": read_size}
+TYPES["names"] = lambda text: [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _rows(listed: list[Any]) -> Iterator[dict[str, Any]]:

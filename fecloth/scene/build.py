@@ -34,7 +34,7 @@ from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin
 from fecloth.system.state import State, make_state
 from fecloth.system.system import System
-from fecloth.terms.protocol import BoundTerm, has_own
+from fecloth.terms.protocol import has_own
 from fecloth.validation import FARTHEST
 
 FASTEST, STRONGEST = 1e6, 1e15  # m/s, N on a node: no cloth
@@ -190,7 +190,9 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
     x, still = state.x, np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
-    for name, term in (pair for pair in system.named if not _follows_pins(pair[1])):
+    for name, term in system.named:
+        if term.limits_direction or has_own(term, "work_of_clamps"):
+            continue  # it may depend on t, as what it touches, or the normals of clamps, move
         forces = np.zeros((3, *x.shape))
         for t, f in zip((0.0, 0.37, 1.0), forces, strict=True):
             term.add_force(x, still, t, f)
@@ -198,11 +200,6 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             allowed = "must not depend on t in a scene with [equilibrium]"
             remedy = "Write its value, or use [time]."
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
-
-
-def _follows_pins(term: BoundTerm) -> bool:
-    """Whether a term may depend on t, as what it touches, or the normals of clamps, move."""
-    return bool(term.limits_direction or has_own(term, "work_of_clamps"))
 
 
 def _on_request(scene: Any) -> tuple[str, ...]:

@@ -84,10 +84,11 @@ def describe_term(term: Any, number: int) -> dict:
 
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
     """Return the setup with these terms, and the clamps of pins if one of them holds normals."""
-    old = setup.system
+    old: Any = setup.system
     new = tuple(_make_term(term, old.terms) for term in terms)
     holds = any(traits_of(term).holds_normals for term in new)
-    pins = old.pins if holds else tuple(map(_unclamp, old.pins))
+    free = (replace(p, clamp=False) if getattr(p, "clamp", False) else p for p in old.pins)
+    pins = old.pins if holds else tuple(free)
     return replace(setup, system=replace(old, terms=new, pins=pins))
 
 
@@ -98,7 +99,3 @@ def _make_term(term: Mapping, own: Sequence) -> Any:
     before = parameters_of(kept)
     other = {key: term.get(key) for key in ("strain", "gap") if term.get(key) != before.get(key)}
     return replace(kept, **other) if other else kept
-
-
-def _unclamp(pin: Any) -> Any:
-    return replace(pin, clamp=False) if getattr(pin, "clamp", False) else pin

@@ -1,7 +1,6 @@
 """`fecloth bench`: its files, the quantities, and adapters that are right, wrong, or fail."""
 
 import json
-import math
 from argparse import Namespace
 
 import numpy as np
@@ -90,7 +89,8 @@ def test_a_period_is_twice_the_time_between_zeros():
     u = np.zeros((100, len(case["X"]), 3))
     u[:, :, 2] = np.cos(2 * np.pi * t / 0.7)[:, None]
     assert quantities.period(case, u, 2) == pytest.approx(0.7, rel=1e-4)
-    assert math.isnan(quantities.period(case, u[:20], 2))  # one zero
+    with pytest.raises(ValueError, match="no period"):
+        quantities.period(case, u[:20], 2)  # one zero
 
 
 def test_a_shadow_counts_what_is_covered_once():
@@ -111,7 +111,7 @@ def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
     said, scale = CASES["flight"], CASES["flight"]["reference"]["scale"]
     exact = run_level(load_adapter(f"{file}:exact"), said, 1)
     assert exact["error"] < 1e-14
-    assert (exact["status"], exact["adapter"], exact["version"]) == ("ok", "exact", "toy 1")
+    assert (exact["status"], exact["adapter"], exact["version"]) == ("ok", "toy:exact", "toy 1")
     assert exact["uncertainty"] == said["reference"]["uncertainty"] / scale
     wrong = run_level(load_adapter(f"{file}:late"), said, 1)
     assert wrong["error"] == pytest.approx(0.05 / scale)
@@ -146,15 +146,34 @@ def test_a_command_prints_lines_and_leaves_a_table_and_charts(file, tmp_path, ca
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     of_flight = [row for row in rows if row["case"] == "flight"]
     assert [(row["adapter"], row["level"]) for row in of_flight] == [
-        ("exact", 0),
-        ("exact", 1),
+        ("toy:exact", 0),
+        ("toy:exact", 1),
         ("toy", 0),
     ]
     assert {"case", "level", "error", "cpu_seconds"} <= set(rows[0])
     table = (out / "table.md").read_text()
-    assert "- exact: toy 1. none" in table
+    assert "- toy:exact: toy 1. none" in table
     assert table.count("| flight |") == 3
     assert {path.name for path in out.iterdir()} == {"table.md", "flight.png", "wave.png"}
+
+
+def test_rows_are_apart_from_what_an_adapter_prints_and_stay_when_it_is_stopped(
+    file, tmp_path, capsys
+):
+    (tmp_path / "beside.py").write_text(
+        "import toy\n"
+        "def run(case):\n"
+        "    print('step 1')\n"
+        "    if case['level'] == 1:\n"
+        "        raise KeyboardInterrupt\n"
+        "    return toy.exact(case)\n"
+    )
+    words = ["bench", "--adapter", str(tmp_path / "beside.py:run"), "flight", "--json"]
+    assert main([*words, "-o", str(tmp_path / "out")]) == 4
+    said = capsys.readouterr()
+    assert [json.loads(line)["level"] for line in said.out.splitlines()] == [0]
+    assert "step 1" in said.err
+    assert (tmp_path / "out" / "table.md").read_text().count("| flight |") == 1
 
 
 def test_the_list_has_all_cases_with_what_is_known(capsys):
@@ -168,12 +187,19 @@ def test_the_list_has_all_cases_with_what_is_known(capsys):
     ("words", "message"),
     [
         (["--adapter", "none.py:run"], "must be FILE.py:FUNCTION"),
-        (["--adapter", "toy.py:walk"], "must be FILE.py:FUNCTION"),
+        (["--adapter", "toy.py:walk"], "must be FILE.py:FUNCTION; this is none: KeyError: 'walk'"),
+        (["--adapter", "toy.py:VERSION"], "toy.py:VERSION = 'toy 1': must be a function"),
+        (
+            ["--adapter", "wrong.py:run"],
+            "wrong.py:run': must be FILE.py:FUNCTION; this is none: Syn",
+        ),
+        (["--adapter", "toy.py:run", "-o", "toy.py"], "File exists: '"),
         (["--adapter", "toy.py:run", "fligth"], "did you mean 'flight'"),
     ],
 )
 def test_mistakes_are_answered(file, words, message, capsys, monkeypatch):
     monkeypatch.chdir(file.parent)
+    (file.parent / "wrong.py").write_text("def run(case)\n")
     assert main(["bench", *words]) == 2
     assert message.lower() in capsys.readouterr().err.lower()
 

@@ -36,7 +36,8 @@ def panel_plate(panel: Panel, where: str) -> tuple[sparse.csr_matrix, sparse.csr
     # R (3m, h + c) [1/m] gives (κ₁₁, κ₂₂, 2κ₁₂) along X and Y; see `angle_curvature`.
     slopes = panel.cloth.edge_slopes
     D = of_parts(panel, plate_rigidity(panel, where))
-    given = D, of_parts(panel, panel.material), clamped_edges(panel)
+    held = np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges  # by pins
+    given = D, of_parts(panel, panel.material), held
     key = blake2b(b"".join(array.tobytes() for array in given)).digest()
     if key != _last.get(slopes, (b"",))[0]:
         R = angle_curvature(slopes, *given)
@@ -48,11 +49,6 @@ def of_parts(panel: Panel, values: np.ndarray) -> np.ndarray:
     """Values of each triangle (m, …), on P2 of the four parts of each."""
     parts = len(panel.cloth.edge_slopes.edges.triangles) // len(panel.cloth.triangles)
     return np.repeat(values, parts, axis=0)
-
-
-def clamped_edges(panel: Panel) -> np.ndarray:
-    """(c,) half-edges whose slope pins hold."""
-    return np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges
 
 
 def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
