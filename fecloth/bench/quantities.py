@@ -25,13 +25,11 @@ def away(case: dict, u: np.ndarray, motion: list[str]) -> np.ndarray:
 
 
 def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
-    """Return twice the mean time between zeros of the mean displacement [s]."""
+    """Return twice the mean time between zeros of the mean displacement [s]; NaN without two."""
     y, t = mean(case, u, axis), case["times"]
     i = np.flatnonzero(y[:-1] * y[1:] < 0)
     zeros = t[i] + (t[i + 1] - t[i]) * y[i] / (y[i] - y[i + 1])
-    if len(zeros) < 2:
-        raise ValueError("no period: the mean displacement is zero less than twice")
-    return 2 * np.diff(zeros).mean()
+    return np.array(2 * np.diff(zeros).mean() if len(zeros) > 1 else np.nan)
 
 
 def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:

@@ -28,8 +28,7 @@ def load_adapter(text: str) -> dict:
     file, _, function = text.rpartition(":")
     sys.path.insert(0, str(Path(file).resolve().parent))  # it may import files beside it
     try:
-        module = runpy.run_path(file)
-        run = module[function]
+        run = (module := runpy.run_path(file))[function]
     except Exception as error:  # whatever is wrong in a file of the user
         allowed = f"must be FILE.py:FUNCTION; this is none: {type(error).__name__}: {error}"
         raise InputError(f"--adapter {text!r}", allowed, "bench") from error
@@ -55,7 +54,7 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
         values = getattr(quantities, asked["name"])(case, moved, **asked["arguments"])
         error = float(np.abs(values - reference["value"]).max() / reference["scale"])
         if not np.isfinite(error):
-            raise ValueError("positions, or what is asked of them, are not finite")
+            raise ValueError(f"the {asked['name']} of these positions is not a finite number")
         row |= {"error": error, "status": "ok"}
     except (Exception, SystemExit) as why:  # whatever a solver raises, the next case is run
         kind = "cannot" if isinstance(why, NotImplementedError) else f"failed: {type(why).__name__}"

@@ -89,8 +89,7 @@ def test_a_period_is_twice_the_time_between_zeros():
     u = np.zeros((100, len(case["X"]), 3))
     u[:, :, 2] = np.cos(2 * np.pi * t / 0.7)[:, None]
     assert quantities.period(case, u, 2) == pytest.approx(0.7, rel=1e-4)
-    with pytest.raises(ValueError, match="no period"):
-        quantities.period(case, u[:20], 2)  # one zero
+    assert np.isnan(quantities.period(case, u[:20], 2))  # one zero
 
 
 def test_a_shadow_counts_what_is_covered_once():
@@ -121,7 +120,7 @@ def test_an_exact_adapter_has_no_error_and_a_wrong_one_its_own(file):
     ("function", "status"),
     [
         ("raises", "failed: ZeroDivisionError: a hint"),
-        ("lost", "failed: ValueError: positions, or what is asked of them, are not finite"),
+        ("lost", "failed: ValueError: the away of these positions is not a finite number"),
         ("short", "positions have the shape (9, 7, 3), not (times, n, 3) = (10, 7, 3)"),
         ("run", "cannot: no cloth"),
     ],
