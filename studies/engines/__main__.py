@@ -1,13 +1,13 @@
 """fecloth, its springs, MuJoCo, Newton and torch-fem on the cases of `fecloth bench`.
 
-    python -m studies.engines [--quick] [--python PYTHON]
+    python -m studies.engines [--quick] [--draw] [--python PYTHON]
 
 Each engine runs each case in a process of its own, on one thread, coarse to fine, for at most
 LIMIT seconds of CPU a case; where it is over, the finer levels are failures. An engine that is not
 installed has a line that says so. PYTHON is an interpreter with fecloth and the engines
-(pip install '.[peers]'); without it this one is taken. The charts and table.md are written beside
-this file. --quick runs fecloth and its springs on three cases on two coarse meshes, and writes
-nothing.
+(pip install '.[peers]'); without it this one is taken. The charts, table.md and results.jsonl are
+written beside this file; --draw makes the first two from the last. --quick runs fecloth and its
+springs on three cases on two coarse meshes, and writes nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,12 +73,11 @@ def missing_rows(
         status = f"cannot: {ENGINES[engine]} is not installed"
     elif done.returncode >= 0 and not rows:
         status = f"failed: {(done.stderr.splitlines() or ['no answer'])[-1]}"[:200]
-    reference = said["reference"]
     known = {"version": "", "settings": ""} | {
         k: rows[0][k] for k in ("version", "settings") if rows
     }
     common = {"case": case, "adapter": name, "triangles": 0, "error": None, "status": status}
-    common |= {"uncertainty": reference["uncertainty"] / reference["scale"], "cpu_seconds": LIMIT}
+    common |= {"uncertainty": uncertainty(said), "cpu_seconds": LIMIT}
     missing = range(len(rows), min(levels, len(said["mesh"]["sizes"])))
     if status.startswith("cannot"):
         missing = missing[:1]
@@ -88,19 +87,61 @@ def missing_rows(
 def main() -> int:
     parser = harness.Parser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fecloth and its springs only")
+    parser.add_argument("--draw", action="store_true", help="draw results.jsonl again")
     parser.add_argument("--python", default=sys.executable, help="interpreter with the engines")
     options = parser.parse_args()
     if options.quick:
         return quick()
-    rows = []
+    rows: list[dict[str, Any]] = []
+    if options.draw:
+        lines = (HERE / "results.jsonl").read_text(encoding="utf-8").splitlines()
+        draw([json.loads(line) for line in lines])
+        return 0
     for engine in ENGINES:
         for case in CASES:
             rows += run_engine(engine, case, 3, options.python)
             print(f"{case} {engine}: {rows[-1]['status']} {rows[-1]['error']}", flush=True)
             text = "".join(json.dumps(row) + "\n" for row in rows)
             (HERE / "results.jsonl").write_text(text, encoding="utf-8")
-    write_report(HERE, rows)
+    draw(rows)
     return 0
+
+
+def draw(rows: Sequence[dict[str, Any]]) -> None:
+    """Write the charts and table.md, whose first table has the finest mesh of each engine."""
+    write_report(HERE, list(rows))
+    text = (HERE / "table.md").read_text(encoding="utf-8")
+    engines = list(dict.fromkeys(row["adapter"] for row in rows))
+    lines = []
+    for case, said in CASES.items():
+        line = {"case": case, "uncertainty": f"{uncertainty(said):.2g}"}
+        for engine in engines:
+            mine = [row for row in rows if (row["case"], row["adapter"]) == (case, engine)]
+            line[engine] = finest(mine)
+        lines.append(line)
+    head = (
+        "# Errors and CPU seconds of each engine on each case\n\n"
+        "Made by `python -m studies.engines`. "
+        "Errors are parts of the scale of the known value, as its standard uncertainty is. First "
+        "the finest mesh: error (CPU seconds).\n\n"
+    )
+    parts = [head + markdown_table(lines), "What the engines are, and all meshes:", text]
+    (HERE / "table.md").write_text("\n\n".join(parts), encoding="utf-8")
+
+
+def uncertainty(said: Mapping[str, Any]) -> float:
+    """Return the uncertainty of a known value over its scale."""
+    return said["reference"]["uncertainty"] / said["reference"]["scale"]
+
+
+def finest(rows: Sequence[dict[str, Any]]) -> str:
+    """Return error and CPU seconds on the finest mesh with an error, or how the engine failed."""
+    done = [row for row in rows if row["status"] == "ok"]
+    lost = "" if len(done) == len(rows) else rows[-1]["status"].split(":")[0]
+    if not done:
+        return lost
+    coarse = f", level {done[-1]['level']}; then {lost}" if lost else ""
+    return f"{done[-1]['error']:.2g} ({done[-1]['cpu_seconds']:.2g}{coarse})"
 
 
 def quick() -> int:

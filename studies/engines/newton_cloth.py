@@ -70,6 +70,7 @@ def make_model(case: Mapping[str, Any], bending: Callable) -> newton.Model:
         builder.particle_mass[node] = 0.0
     builder.color(include_bending=True)
     model = builder.finalize(device="cpu")
+    model.particle_grid = None  # no contact of particles
     edges = model.edge_indices.numpy()
     stiffness = np.column_stack([bending(edges), np.zeros(len(edges))])
     model.edge_bending_properties.assign(stiffness.astype(np.float32))
