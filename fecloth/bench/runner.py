@@ -105,8 +105,8 @@ def write_report(folder: Path, rows: list[dict]) -> None:
             done = [(row["cpu_seconds"], row["error"]) for row in mine if row["status"] == "ok"]
             label = " ".join([name, *{row["status"][:60] for row in mine} - {"ok"}])
             ax.loglog(*np.reshape(done, (-1, 2)).T, label=label, **figures.line_style(i))
-            marked = [row | {"status": row["status"][:6]} for row in mine]
-            figures.mark_failures(ax, marked, "cpu_seconds", figures.COLOURS[i % 7])
+            lost = [row | {"status": "failed"} for row in mine if row["status"][:6] == "failed"]
+            figures.mark_failures(ax, lost, "cpu_seconds", figures.COLOURS[i % 7])
         about = case["reference"]
         ax.axhspan(0, about["uncertainty"] / about["scale"], color="0.9", label="uncertainty")
         ax.legend(fontsize=8)
