@@ -110,4 +110,5 @@ def write_report(folder: Path, rows: list[dict]) -> None:
         about = case["reference"]
         ax.axhspan(0, about["uncertainty"] / about["scale"], color="0.9", label="uncertainty")
         ax.legend(fontsize=8)
+        figures.use_plain_ticks(ax)
         drawing.savefig(folder / f"{case['name']}.png", dpi=100)
