@@ -33,8 +33,8 @@ ENGINES = {  # adapter: the package that it needs
     "fecloth_springs.py:run": "fecloth",
     "mujoco_flex.py:run": "mujoco",
     "torch_fem.py:run": "torchfem",
-    "newton_cloth.py:semi_implicit": "newton",
-    "newton_cloth.py:vbd": "newton",
+    "newton_cloth.py:newton_semi_implicit": "newton",
+    "newton_cloth.py:newton_vbd": "newton",
 }
 QUICK = ("flight", "hanging", "cantilever")
 LIMIT = 45  # CPU seconds

@@ -1,4 +1,4 @@
-"""Newton (NVIDIA's) on the CPU: `vbd`, which its cloth examples take, and `semi_implicit`.
+"""Newton (NVIDIA's) on the CPU: block descent, as its cloth examples take, and explicit steps.
 
 Both have the neo-Hookean membrane of Smith et al. (2018) in the plane, with tri_ke = μ and
 tri_ka = λ + μ of plane stress, so that small strains have the fabric's Y and ν, and hinges. All
@@ -21,21 +21,21 @@ wp.init()
 VERSION = f"Newton {newton.__version__}, Warp {wp.__version__}"
 SETTINGS = (
     "CPU, float32; vbd: 10 iterations a step, as its examples, and steps of 1/600, 1/1200, "
-    "1/2400 s by level, 0.3 s at most to rest; semi_implicit: 0.3 of the stable step"
+    "1/2400 s by level, 0.3 s at most to rest; semi_implicit: 0.3 of the stable step, contact off"
 )
 COURANT, FRAME, ITERATIONS, LONGEST, RAMP = 0.3, 1 / 600, 10, 0.3, 0.1
 AT_REST = 1e-5  # extents/s, what single precision allows
 
 
-def vbd(case: Mapping[str, Any]) -> np.ndarray:
+def newton_vbd(case: Mapping[str, Any]) -> np.ndarray:
     """Return the positions (times, n, 3) [m] by vertex block descent."""
     model = make_model(case, hinge_stiffness(case))
     solver = newton.solvers.SolverVBD(model, iterations=ITERATIONS)
     return march(case, model, solver, FRAME / 2 ** case["level"])
 
 
-def semi_implicit(case: Mapping[str, Any]) -> np.ndarray:
-    """Return the positions (times, n, 3) [m] by symplectic Euler steps."""
+def newton_semi_implicit(case: Mapping[str, Any]) -> np.ndarray:
+    """Return the positions (times, n, 3) [m] by symplectic Euler steps, without contact."""
     if case["static"]:
         raise NotImplementedError("explicit steps come to rest too slowly")
     model = make_model(case, hinge_stiffness(case))
