@@ -29,14 +29,13 @@ def at_level(said: dict, level: int) -> dict:
     return case
 
 
-def make_mesh(mesh: dict, size: float) -> tuple[np.ndarray, np.ndarray]:
+def make_mesh(mesh: dict, size) -> tuple[np.ndarray, np.ndarray]:
     """Return X (n, 2) [m] and triangles (m, 3) of a rectangle, or of a disk of rings of nodes."""
     if mesh["shape"] == "rectangle":
         cloth = Cloth.rectangle(mesh["width"], mesh["height"], size, mesh["pattern"])
         return cloth.X + mesh["corner"], np.array(cloth.triangles)
-    around = [np.arange(max(6 * k, 1)) / max(6 * k, 1) for k in range(int(size) + 1)]
-    z = np.concatenate([k * np.exp(2j * np.pi * turn) for k, turn in enumerate(around)])
-    X = mesh["radius"] / size * np.column_stack([z.real, z.imag])
+    z = [k * np.exp(2j * np.pi / (6 * k or 1) * np.arange(6 * k or 1)) for k in range(size + 1)]
+    X = mesh["radius"] / size * np.concatenate(z).view(float).reshape(-1, 2)
     return X, Delaunay(X).simplices.astype(np.int64)  # counterclockwise
 
 
