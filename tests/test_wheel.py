@@ -47,7 +47,7 @@ def installed(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_wheel_makes_a_scene_a_run_and_a_page(installed):
+def test_the_wheel_makes_a_scene_a_run_pictures_and_a_study(installed):
     where = installed("-c", "import fecloth; print(fecloth.__file__)")
     assert Path(where.strip()).is_relative_to(installed.packages)
     assert PROJECT["version"] in installed("--version")
@@ -55,6 +55,13 @@ def test_the_wheel_makes_a_scene_a_run_and_a_page(installed):
     short = ["--set", "time.t_end=0.01", "--set", "cloth.h=0.2"]  # most of it is compilation
     installed("run", "pennant.toml", "--quiet", *short)
     installed("view", "out/pennant", "--no-open")
+    installed("render", "out/pennant", "-o", "pennant.png", "--size", "160x120")
+    installed("export", "out/pennant", "-o", "pennant.usda")
+    values = "fabric.poisson_ratio=0.2,0.3"
+    swept = installed("sweep", "pennant.toml", "--over", values, "--quantity", "tip.z", *short)
+    assert swept.count("| ok |") == 2
+    for name in ("pennant.png", "pennant.usda"):
+        assert (installed.folder / name).stat().st_size > 1000
     assert "interlock" in installed("info", "--fabrics")
     made = {path.name for path in (installed.folder / "out/pennant").iterdir()}
     assert {"report.html", "view.html", "run.pvd"} <= made

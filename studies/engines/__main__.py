@@ -45,13 +45,13 @@ def run_engine(engine: str, case: str, levels: int, python: str) -> list[dict[st
     """Return the rows of an engine on a case, from a process of its own."""
     command = [python, "-m", "fecloth", "bench", "--json", "--levels", str(levels)]
     command += ["--adapter", f"{HERE / engine.split(':')[0]}:{engine.split(':')[1]}", case]
-    one = dict.fromkeys(THREADS, "1") | {"PYTHONPATH": str(ROOT)}
+    one_thread = dict.fromkeys(THREADS, "1") | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         command,
         capture_output=True,
         text=True,
         cwd=ROOT,
-        env=os.environ | one,
+        env=os.environ | one_thread,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT + 5)),
     )
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
@@ -66,8 +66,7 @@ def missing_rows(
     said = CASES[case]
     if rows and rows[0]["status"].startswith("cannot"):
         return []
-    file, function = engine.split(":")
-    name = file.removesuffix(".py") if function == "run" else function
+    name = engine.replace(".py", "").removesuffix(":run")  # as the runner calls it
     status = f"failed: more than {LIMIT} s of CPU time in all levels"
     if "No module named" in done.stderr:
         status = f"cannot: {ENGINES[engine]} is not installed"
