@@ -40,6 +40,6 @@ def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:
         count = int(np.ceil(2 * np.ptp(corners, axis=1).max()))
         i, j = np.nonzero(np.tri(count + 1)[::-1])  # points of each triangle, closer than the cells
         weights = np.stack([i, j, count - i - j], axis=1) / count
-        cells = np.unique(np.floor(weights @ corners).astype(int).reshape(-1, 2), axis=0)
-        covered.append(np.sum(np.hypot(*(cells.T + 0.5)) >= 200))
+        cells = np.unique(np.floor(weights @ corners) @ (1, 1j))  # x + i y of their lower corners
+        covered.append(np.sum(np.abs(cells + 0.5 + 0.5j) >= 200))
     return 100 * np.array(covered[1:]) / covered[0]

@@ -108,7 +108,7 @@ class Series:
         given = folder = Path(folder)
         listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
         if not (listed.is_file() or single.is_file()):  # what `write_vtk` was given, or returned
-            folder, listed = folder.parent, folder.with_suffix(".vtu.series")
+            folder, listed = folder.parent, Path(f"{folder}.vtu.series".replace(".pvd.", "."))
         if listed.is_file():
             try:
                 entries = json.loads(listed.read_text(encoding="utf-8"))["files"]

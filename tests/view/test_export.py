@@ -153,13 +153,13 @@ def test_a_folder_without_frames_is_refused(tmp_path):
         fc.export(tmp_path, tmp_path / "a.usda")
 
 
-@pytest.mark.parametrize("given", ["swing", "swing.pvd"])
+@pytest.mark.parametrize("given", ["swing_0.1", "swing_0.1.pvd"])
 def test_frames_of_write_vtk_are_exported_by_their_name(given, tmp_path):
     system = fc.System(fc.Cloth.rectangle(1.0, 1.0, h=0.5), fc.Fabric(0.2, 1e3, 0.3), [fc.StVK()])
     state = system.rest()
     moved = system.state(state.x + (0.0, 0.0, 0.25))
-    written = fc.write_vtk(tmp_path / "swing", system.cloth, [state, moved])
-    assert written == tmp_path / "swing.pvd"
+    written = fc.write_vtk(tmp_path / "swing_0.1", system.cloth, [state, moved])
+    assert written == tmp_path / "swing_0.1.pvd"
     files = fc.export(tmp_path / given, tmp_path / "cloth.obj")
     assert [file.name for file in files] == ["cloth_0000.obj", "cloth_0001.obj"]
     assert files[1].read_text(encoding="utf-8").count(" 0.25\n") == len(state.x)
