@@ -90,7 +90,7 @@ def summarise(
     estimate = estimate_uncertainty(sizes, sequence, theory)
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
     known = estimate.behaviour in ("monotone", "constant")
-    least = 0.0 if known else estimate.uncertainty / UNSAFE  # a finest level is off, too
+    least = 0.0 if known else estimate.uncertainty / UNSAFE  # the finest is not exact
     shares = {name: max(abs(estimate.value - estimate.limit), least)}
     base = record_at(rows[0], quantity)
     able = [row for row in more if row["status"] == OK]

@@ -80,6 +80,7 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
             what = "nothing within ten extents of the cloth in the direction of its load"
             raise InputError(what, "must be there to carry it", "lay_down", remedy)
         x = x + alpha * way
+    brentq = scipy.optimize.brentq
     for _ in range(TURNS):
         p = push(x)
         n, along = p / np.linalg.norm(p), np.zeros_like(x)
@@ -88,8 +89,7 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
         low *= part(x, low * along)
         while n @ (push(x + high * along) + f) > 0:
             high *= 2
-        out = lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f)  # noqa: E731
-        root = scipy.optimize.brentq(out, low, high, xtol=1e-15)
+        root = brentq(lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15)
         x = x + root * along
         if not push(x).any() or abs(root) < 1e-12 * system.cloth.extent:
             break
