@@ -28,7 +28,7 @@ def installed(tmp_path_factory):
     packages, scripts = Path(paths["purelib"]), Path(paths["scripts"])
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(packages)]
     subprocess.run([*pip, str(wheel)], check=True, timeout=300)
-    # the dependencies are those of this environment: nothing is downloaded
+    # the new environment takes the dependencies from this environment: nothing is downloaded
     (packages / "others.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
     (folder / "work").mkdir()
     outside = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}

@@ -30,7 +30,7 @@ def load_adapter(text: str) -> dict:
     try:
         run = (module := runpy.run_path(file))[function]
     except Exception as error:  # whatever is wrong in a file of the user
-        allowed = f"must be FILE.py:FUNCTION; this is none: {type(error).__name__}: {error}"
+        allowed = f"must be FILE.py:FUNCTION, and fails with {type(error).__name__}: {error}"
         raise InputError(f"--adapter {text!r}", allowed, "bench") from error
     validation.function(text, run, "my.py:run", "bench")
     said = {key.lower(): str(module.get(key, "not said")) for key in ("VERSION", "SETTINGS")}

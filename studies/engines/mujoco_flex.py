@@ -15,6 +15,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from studies.engines.wave_time import crossing_time
+
 VERSION = f"MuJoCo {mujoco.__version__}"
 SETTINGS = (
     "flex of P1, elastic2d; dynamics: Euler at 0.3 of the stable step; statics: discrete at 10 ms "
@@ -60,15 +62,6 @@ def refuse(case: Mapping[str, Any]) -> None:
     (warp, weft), nu = fabric["tensile_stiffness"], fabric["poisson_ratio"]
     if warp != weft or not math.isclose(fabric["shear_stiffness"], warp / (2 * (1 + nu))):
         raise NotImplementedError("a flex is isotropic")
-
-
-def crossing_time(case: Mapping[str, Any]) -> float:
-    """Return the time in which a wave crosses the smallest altitude of a triangle [s]."""
-    fabric, corners = case["fabric"], case["X"][case["triangles"]]
-    plane = fabric["tensile_stiffness"][0] / (1 - fabric["poisson_ratio"] ** 2)
-    area = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return float((area / sides.max(axis=1)).min() * math.sqrt(fabric["areal_density"] / plane))
 
 
 def lumped_mass(case: Mapping[str, Any]) -> np.ndarray:

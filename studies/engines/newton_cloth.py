@@ -15,6 +15,8 @@ import newton
 import numpy as np
 import warp as wp
 
+from studies.engines.wave_time import crossing_time
+
 wp.config.quiet = True
 wp.init()
 
@@ -90,15 +92,6 @@ def hinge_stiffness(case: Mapping[str, Any]) -> Callable:
         return values
 
     return stiffness
-
-
-def crossing_time(case: Mapping[str, Any]) -> float:
-    """Return the time in which a wave crosses the smallest altitude of a triangle [s]."""
-    fabric, corners = case["fabric"], case["X"][case["triangles"]]
-    plane = fabric["tensile_stiffness"][0] / (1 - fabric["poisson_ratio"] ** 2)
-    area = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return float((area / sides.max(axis=1)).min() * math.sqrt(fabric["areal_density"] / plane))
 
 
 def march(case: Mapping[str, Any], model: Any, solver: Any, longest: float) -> np.ndarray:

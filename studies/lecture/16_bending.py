@@ -9,8 +9,8 @@
 # # Bending
 #
 # Bending is "much smaller but can be important". Smaller: for the fabric of trousers and
-# $L=0.1$ m, the bending rigidity $B$ is $8\cdot10^{-7}$ of the membrane's $YL^2$. Important: it
-# bears the weight where the membrane cannot, and what counts is
+# $L=0.1$ m, the bending rigidity $B$ is $8\cdot10^{-7}$ of the membrane's $YL^2$. Important:
+# bending bears the weight where the membrane cannot. The ratio of weight to bending is
 #
 # $$\Gamma=\rho gL^3/B$$
 #
@@ -57,7 +57,7 @@ def elastica(gamma):  # the sag over L; y = θ, θ′ L and z/L over s/L
 plt.style.use(STYLE)
 fig, ax = plt.subplots(figsize=(9, 5), layout="constrained")
 grid = np.geomspace(gamma[0], gamma[-1], 50)
-ax.loglog(grid, [elastica(one) for one in grid], "k-", lw=1, label="elastica")
+ax.loglog(grid, [elastica(number) for number in grid], "k-", lw=1, label="elastica")
 ax.loglog(grid[grid < 8], grid[grid < 8] / 8, "k:", label=r"$\Gamma/8$")
 ax.axhline(1, color="0.5", ls="--", label="without bending")
 ax.loglog(gamma, sags, **line_style(0) | {"ls": ""}, label="strip of trousers, computed")
@@ -68,7 +68,7 @@ for L, at, height in zip(lengths, gamma, sags, strict=True):
     ax.annotate(f"{1000 * L:.0f} mm", (at, height), **below)
 
 # %%
-exact = np.array([elastica(one) for one in gamma])
+exact = np.array([elastica(number) for number in gamma])
 assert np.allclose(sags, exact, rtol=0.012)
 assert np.isclose(sags[0], gamma[0] / 8, rtol=0.005)
 assert 0.97 < sags[-1] < 1

@@ -97,7 +97,7 @@ def sheet_cases(quick: bool) -> Rows:
         if method != "forward_euler":
             listed += [{**base, "h": h, "damping": t} for t in times for h in sizes]
     few = {"within": 1.25, "to": 1.02} if quick else {}
-    return [dict(one) | few for one in dict.fromkeys(tuple(one.items()) for one in listed)]
+    return [dict(row) | few for row in dict.fromkeys(tuple(row.items()) for row in listed)]
 
 
 def exponent_of(rows: Rows, method: str, over: str, **fixed: float) -> float:

@@ -186,11 +186,11 @@ def test_the_list_has_all_cases_with_what_is_known(capsys):
     ("words", "message"),
     [
         (["--adapter", "none.py:run"], "must be FILE.py:FUNCTION"),
-        (["--adapter", "toy.py:walk"], "must be FILE.py:FUNCTION; this is none: KeyError: 'walk'"),
+        (["--adapter", "toy.py:walk"], "must be FILE.py:FUNCTION, and fails with KeyError: 'walk'"),
         (["--adapter", "toy.py:VERSION"], "toy.py:VERSION = 'toy 1': must be a function"),
         (
             ["--adapter", "wrong.py:run"],
-            "wrong.py:run': must be FILE.py:FUNCTION; this is none: Syn",
+            "wrong.py:run': must be FILE.py:FUNCTION, and fails with Syn",
         ),
         (["--adapter", "toy.py:run", "-o", "toy.py"], "File exists: '"),
         (["--adapter", "toy.py:run", "fligth"], "did you mean 'flight'"),
