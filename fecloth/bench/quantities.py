@@ -33,7 +33,7 @@ def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
 
 
 def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:
-    """Return the share of the ring beyond a radius that is in shadow (Cusick, 1968) [%]."""
+    """Return the share of the ring beyond a radius that is in shadow (Cusick, 1965) [%]."""
     covered, flat = [], np.pad(case["X"], ((0, 0), (0, 1)))
     for x in flat + [0 * u[0], *u]:
         corners = 200 / support * x[case["triangles"], :2]  # in cells of a grid, which count once
