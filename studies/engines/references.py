@@ -28,9 +28,9 @@ def flight(said: Said) -> tuple[float, float]:
     """Rigid motion: 0 apart from it; the uncertainty is what the spin ω stretches, from t = 0.
 
     A spinning disk of radius a has u(r) = (1 − ν) ρ ω² r ((3 + ν) a² − (1 + ν) r²)/(8 Y),
-    which balances plane stress and the load ρ ω² r, with a free edge. The disk begins unstretched, so
-    that it swings up to 2 u(a) at the rim, and turns slower by 2 ⟨u/r⟩, the mean over its moment of
-    inertia.
+    which balances plane stress and the load ρ ω² r, with a free edge. The disk begins unstretched,
+    so that it swings up to 2 u(a) at the rim, and turns slower by 2 ⟨u/r⟩, the mean over its moment
+    of inertia.
     """
     fabric, a, omega = said["fabric"], said["mesh"]["radius"], 2 * math.pi
     Y, nu = fabric["tensile_stiffness"][0], fabric["poisson_ratio"]
