@@ -23,7 +23,9 @@ CurveData = str | Path | Mapping[str, Any] | Sequence[Sequence[float]] | np.ndar
 
 WHERE = "MembraneTable"
 LEAST_END = 0.1  # of the secant beside it: the least slope at an end, where PCHIP may have 0
-PIECE = 6  # numbers of a piece: its begin, the energy there, and four coefficients of S
+CELLS = 8  # for each point
+ROUND_OFF = 1e-12  # relative, of where a cell begins
+PIECE = 8  # numbers of a piece: begin, energy there, four coefficients, next begin and its place
 
 
 def read_rows(name: str, data: Any) -> Rows:
@@ -121,9 +123,21 @@ class Curve:
 
 
 def pack(coupling: float, curves: Sequence[Curve]) -> Array:
-    """(p,) what the compiled law reads: c, then piece 0 of each curve, piece 1 of each, …"""
-    count = 1 + max(len(curve.E) for curve in curves)
-    pieces = np.full((count, len(curves), PIECE), np.nan)  # a search stops at NaN
+    """(p,) what the compiled law reads: c, cells per E of each curve, their number, and pieces.
+
+    Each curve is cut into equal cells up to its last point. A cell has the piece in which it
+    begins; so the law needs no search, whose branches a processor guesses wrong where strains jump.
+    Points inside of a cell lead on to the pieces of `Curve.pieces`, which follow the cells. First
+    come the cells 0 of all curves, then the cells 1, …
+    """
+    most = max(len(curve.E) for curve in curves)
+    cells, first = CELLS * most, 2 + len(curves)
+    rows = np.full((cells + 1 + most, len(curves), PIECE), np.nan)  # E is never beyond NaN
     for k, curve in enumerate(curves):
-        pieces[: len(curve.E), k] = curve.pieces()
-    return np.append(coupling, pieces)
+        n = len(curve.E)
+        places = first + PIECE * (k + len(curves) * (cells + 2 + np.arange(n)))  # of the next piece
+        pieces = np.column_stack([curve.pieces(), np.append(curve.E[1:], np.nan), places])
+        begins = np.linspace(0.0, (1 - ROUND_OFF) * curve.E[-1], cells + 1)[:-1]
+        rows[:cells, k] = pieces[np.searchsorted(curve.E, begins, "right") - 1]
+        rows[cells, k], rows[cells + 1 :][:n, k] = pieces[-1], pieces
+    return np.concatenate([[coupling], *([cells / c.E[-1]] for c in curves), [cells], rows.ravel()])

@@ -16,7 +16,7 @@ from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 CURVES = ("warp", "weft", "shear")
-STEP = len(CURVES) * PIECE  # numbers from a piece to the next one of the same curve
+FIRST = 2 + len(CURVES)  # the place of the first piece, see `pack`
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class MembraneTable:
     their width, as in KES. Near rest the force of a strip with free sides is 1 − ν² times as large.
     The curve of τ is exact where warp and weft keep their length. It is assumed that c is constant.
 
-    Cost relative to `StVK`: force 1.3, 2 to 5 where strains jump between points; tangent up to 1.8.
+    Cost relative to `StVK`: force 1.6, tangent 1.2, however many points and wherever the strains.
 
     Parameters
     ----------
@@ -139,12 +139,14 @@ class BoundTable(membrane.BoundMembrane):
 @inlined
 def above_rest(c, k, E):
     """w, S and dS/dE of the curve k at E ≥ 0."""
-    q = np.uintp(1 + PIECE * k)
-    while c[q + np.uintp(STEP)] <= E:  # the next piece; branches are guessed before E is known
-        q += np.uintp(STEP)
+    at, last = E * c[1 + k], c[1 + len(CURVES)]
+    cell = np.uintp(at if at < last else last)  # the last one also for NaN
+    q = np.uintp(FIRST + PIECE * k) + np.uintp(PIECE * len(CURVES)) * cell
+    while c[q + np.uintp(6)] <= E:  # a point lies in the cell, below E
+        q = np.uintp(c[q + np.uintp(7)])
     t, w, a0 = E - c[q], c[q + np.uintp(1)], c[q + np.uintp(2)]
     a1, a2, a3 = c[q + np.uintp(3)], c[q + np.uintp(4)], c[q + np.uintp(5)]
-    w += t * (a0 + t * (a1 / 2.0 + t * (a2 / 3.0 + t * (a3 / 4.0))))
+    w += t * (a0 + t * (a1 * 0.5 + t * (a2 * (1.0 / 3.0) + t * (a3 * 0.25))))
     return w, a0 + t * (a1 + t * (a2 + t * a3)), a1 + t * (2.0 * a2 + t * (3.0 * a3))
 
 
@@ -153,13 +155,13 @@ def on_curve(c, k, E):
     """w, S and dS/dE of the curve k at E, with the slope at rest in compression."""
     above = E if E > 0.0 else 0.0
     w, S, slope = above_rest(c, k, above)
-    below, rest = E - above, c[np.uintp(1 + PIECE * k + 3)]
+    below, rest = E - above, c[np.uintp(FIRST + PIECE * k + 3)]
     return w + 0.5 * rest * below * below, S + rest * below, slope
 
 
 @inlined
 def law(E, c):
-    """c = (c, pieces …)."""
+    """c as `pack` lays it out."""
     c = contiguous(c)
     w1, S1, C11 = on_curve(c, 0, E[0])
     w2, S2, C22 = on_curve(c, 1, E[1])
