@@ -29,15 +29,7 @@ import scipy.sparse as sparse
 from fecloth.compiled.jit import Array, kernel
 from fecloth.compiled.team import SMALL
 from fecloth.compiled.threads import ONLY, Member, part_of, wait
-from fecloth.linalg.aggregation import (
-    aggregate,
-    coarse_matrix,
-    coarse_pattern,
-    is_coupled,
-    orthonormalise,
-    prolongator,
-    rigid_motions,
-)
+from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.conjugate_gradients import CONVERGED, OUT_OF_ITERATIONS, step
 from fecloth.linalg.gauss_seidel import (
@@ -96,11 +88,11 @@ class Level:
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
     """Coarsen a pattern until its aggregates are no fewer than half of its nodes."""
-    of_node = aggregate(pattern.indptr, pattern.indices)
+    of_node = aggregation.aggregate(pattern.indptr, pattern.indices)
     grid = Grid(pattern, SweepOrder.from_pattern(pattern), of_node)
     if 2 * (of_node.max() + 1) >= len(pattern):
         return [grid]
-    return [grid, *make_grids(coarse_pattern(pattern, of_node))]
+    return [grid, *make_grids(aggregation.coarse_pattern(pattern, of_node))]
 
 
 def make_levels(
@@ -114,10 +106,10 @@ def make_levels(
     if not coarser:
         empty = sparse.bsr_matrix((0, 3 * len(A.pattern)), blocksize=(3, 3), dtype=kind)
         return [Level.allocate(grid, A, inverse, empty)]
-    motions *= is_coupled(A)
-    coarse_motions = orthonormalise(grid.of_node, motions)
-    P = prolongator(A, inverse, grid.of_node, motions)
-    coarse = coarse_matrix(A, P, coarser[0].pattern)
+    motions *= aggregation.is_coupled(A)
+    coarse_motions = aggregation.orthonormalise(grid.of_node, motions)
+    P = aggregation.prolongator(A, inverse, grid.of_node, motions)
+    coarse = aggregation.coarse_matrix(A, P, coarser[0].pattern)
     level = Level.allocate(grid, A, inverse, P.T.astype(kind).tobsr((3, 3)))
     del P  # what comes needs memory, too
     coarse_inverse = np.empty((len(coarse.pattern), 6))
@@ -166,7 +158,8 @@ class Multigrid(PCG):
             self._levels[0].refill(A, self._inverse)
         else:
             self._levels, self._rate, self._extra = [], 0.0, 0.0
-            motions = rigid_motions(np.zeros((len(A.pattern), 3)) if self._x is None else self._x)
+            x = np.zeros((len(A.pattern), 3)) if self._x is None else self._x
+            motions = aggregation.rigid_motions(x)
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
         self._seconds += time.perf_counter() - begin

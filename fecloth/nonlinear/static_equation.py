@@ -7,14 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
-from fecloth.nonlinear.equation import (
-    Remedies,
-    Remedy,
-    Unsolved,
-    has_limits,
-    largest_step,
-    measure_round_off,
-)
+from fecloth.nonlinear import equation
 from fecloth.nonlinear.line_search import Point
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -24,7 +17,7 @@ FEW = 0.1  # of the triangles: with contact, as many are slack without being the
 LESS, MORE = 10, 30  # factors of 4 that the first shift may shrink and grow by
 
 
-class EquilibriumFailed(Unsolved):
+class EquilibriumFailed(equation.Unsolved):
     """No equilibrium was found; `state` is the best one reached, with its `residual`.
 
     With load steps, `state` balances the loads times `load`, the largest factor solved, and
@@ -56,13 +49,13 @@ class StaticEquation:
         return float(np.ptp(self.system.cloth.X, axis=0).max())
 
     @cached_property
-    def remedies(self) -> Remedies:
+    def remedies(self) -> equation.Remedies:
         """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
         f, _ = self.forces(self.start)
         mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
         first = 10 * float(mean) / self.longest
-        shifted = (Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
-        return Remedies((Remedy(0.0, False), *shifted), second=LESS + 1)
+        shifted = (equation.Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
+        return equation.Remedies((equation.Remedy(0.0, False), *shifted), second=LESS + 1)
 
     @cached_property
     def potential(self) -> Callable[[np.ndarray], float] | None:
@@ -94,7 +87,7 @@ class StaticEquation:
         return self.system.constraints.project(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
-        return largest_step(self.system, x, step, self.t)
+        return equation.largest_step(self.system, x, step, self.t)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """−f, and the scale of the forces at x."""
@@ -102,10 +95,10 @@ class StaticEquation:
         return -f, scale
 
     def round_off(self, x: np.ndarray) -> float:
-        change = measure_round_off(lambda state: self.forces(state)[0], self.at(x))
+        change = equation.measure_round_off(lambda state: self.forces(state)[0], self.at(x))
         return self.system.sums.norm(change)
 
-    def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
+    def assemble(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> None:
         """J = K + σ M."""
         still = np.zeros_like(x)
         self.system.assemble(J, self.at(x), wa=remedy.shift)
@@ -113,7 +106,7 @@ class StaticEquation:
             term.add_tangent(x, still, t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
 
-    def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+    def couple(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern; they are no loads."""
         return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
 
@@ -122,7 +115,7 @@ class StaticEquation:
         dense = [(k, part) for k, part in parts if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
 
-    def key(self, remedy: Remedy) -> tuple:
+    def key(self, remedy: equation.Remedy) -> tuple:
         """No factor is used again."""
         return self, remedy
 
@@ -132,14 +125,14 @@ class StaticEquation:
         """The error; it says how many triangles are slack, which is the usual cause."""
         stretches = principal_stretches(self.system.cloth, point.y)
         slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
-        if slack > (FEW * len(stretches) if has_limits(self.system) else 0):
+        if slack > (FEW * len(stretches) if equation.has_limits(self.system) else 0):
             reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
         if not remedy and any(term.needs_path for term in self.system.bound):
             remedy = (
                 "Take more load_steps, hold the cloth by a pin or by more friction, or march with "
                 "damping."
             )
-        if not remedy and has_limits(self.system):
+        if not remedy and equation.has_limits(self.system):
             remedy = (
                 "On an obstacle without friction the cloth may slide and turn: hold what is free "
                 "by a Slide, start nearer to the equilibrium, or march with damping."

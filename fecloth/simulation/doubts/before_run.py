@@ -10,7 +10,7 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 
 Doubt = Callable[[PlannedRun], Iterable[str]]
 
-DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
+OF_EQUILIBRIA: tuple[Doubt, ...] = (
     units.find_values_in_other_units,
     terms.find_no_membrane,
     terms.find_counted_twice,
@@ -18,23 +18,17 @@ DOUBTS: tuple[Doubt, ...] = (  # of `run`, in the order of the warnings
     terms.find_ignored_poisson_ratio,
     terms.find_lowered_coupling,
     terms.find_bending_unknown_to_hinges,
-    terms.find_damping_of_other_bending,
+    terms.find_friction_without_plate,
     terms.find_gas_without_pressure,
     terms.find_cutting_edges,
     pins.find_idle_pins,
-    pins.find_uneven_start,
-    course.find_step_beyond_end,
-    unseen.find_missed,
-    unseen.find_short_pulses,
 )
-OF_MOTION = (  # alone
+DOUBTS = (  # of `run`, in the order of the warnings
+    *OF_EQUILIBRIA,
     terms.find_damping_of_other_bending,
-    pins.find_uneven_start,
-    course.find_step_beyond_end,
-    unseen.find_missed,
-    unseen.find_short_pulses,
+    *(pins.find_uneven_start, course.find_step_beyond_end),
+    *(unseen.find_missed, unseen.find_short_pulses),
 )
-OF_EQUILIBRIA = tuple(doubt for doubt in DOUBTS if doubt not in OF_MOTION)
 OF_MARCH: tuple[Doubt, ...] = (jumps.find_motion_jumps,)
 OF_SCENES: tuple[Doubt, ...] = (
     *DOUBTS,

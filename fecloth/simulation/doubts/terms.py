@@ -177,6 +177,17 @@ def find_damping_of_other_bending(run: PlannedRun) -> Iterator[str]:
         )
 
 
+def find_friction_without_plate(run: PlannedRun) -> Iterator[str]:
+    """Warn of friction inside a fabric whose elastic bending is not a plate's."""
+    names = [type(term).__name__ for term in run.system.terms]
+    if "BendingFriction" in names and "PlateBending" not in names:
+        yield (
+            "BendingFriction acts on the curvature of a plate, and PlateBending is not among the "
+            "terms, so that nothing bends the cloth back as HB/B says; take PlateBending, and "
+            "leave out other bending terms"
+        )
+
+
 # --- loads and contact ----------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import value_of
+from fecloth.study import run_problems
 from fecloth.study.budgeting.inputs import Inputs, read_inputs, read_measured
 from fecloth.study.budgeting.result import Budget, make_budget
 from fecloth.study.change import AS_IS, FIRST, Change
@@ -21,16 +22,6 @@ from fecloth.study.parameters import grouped
 from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.refinement import levels_to_run, summarise
-from fecloth.study.run_problems import (
-    Point,
-    Runs,
-    check_points,
-    print_warnings,
-    record_at,
-    refuse_huge,
-    run_or_skip,
-    run_points,
-)
 from fecloth.study.sensitivities import sensitivity
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.uncertainty import UNSAFE
@@ -125,8 +116,8 @@ def budget(
     texts = dict.fromkeys(q.text for q in (*chosen, *opened.quantities))
     for name in data:
         known_name(f"measured {name!r} (it is not in [interest])", name, texts, "budget")
-    refuse_huge(opened, runs)
-    warned = print_warnings(opened)
+    run_problems.refuse_huge(opened, runs)
+    warned = run_problems.print_warnings(opened)
     work = Work(study, opened, chosen, runs)
     known, base = work.numerical()
     known["input"], shares, remarks = work.input(inputs, samples, seed)
@@ -168,15 +159,17 @@ class Work:
     study: Opened
     problem: Problem
     quantities: Sequence[Quantity]
-    runs: Runs
+    runs: run_problems.Runs
 
     def numerical(self) -> tuple[dict[str, Any], np.ndarray]:
         """Values and uncertainties of mesh, step and solver, and the values of the first level."""
         opened = self.problem
         cases = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
-        check_points(points, self.runs)
-        rows, columns = run_points(points, self.quantities, self.runs), list[list[float]]()
+        work, point = opened.workload, run_problems.Point
+        points = [point(opened, case, str(case), work(case)) for case in cases]
+        run_problems.check_points(points, self.runs)
+        rows = run_problems.run_points(points, self.quantities, self.runs)
+        columns: list[list[float]] = []
         missing = 0.0 if all(row["status"] == OK for row in rows[LEVELS:]) else np.nan
         for quantity in self.quantities:
             study = summarise(opened, quantity, "h", rows[:LEVELS], rows[LEVELS:])
@@ -194,7 +187,7 @@ class Work:
         values = np.full((len(rows), len(self.quantities)), np.nan)
         for each, row in zip(values, rows, strict=True):
             if row["status"] == OK:
-                each[:] = [value_of(q, record_at(row, q)) for q in self.quantities]
+                each[:] = [value_of(q, run_problems.record_at(row, q)) for q in self.quantities]
         return values
 
     def run(
@@ -207,12 +200,12 @@ class Work:
             try:
                 given = json.loads(json.dumps(grouped(self.problem, values), default=list))
                 problem = self.problem.changed(Change(values=given))
-                points.append(Point(problem, AS_IS, name, size, disturbed=seed))
+                points.append(run_problems.Point(problem, AS_IS, name, size, disturbed=seed))
             except InputError as error:  # as constants that are not admissible together
                 points.append({"status": REFUSED, "cause": str(error)})
-        if able := [point for point in points if isinstance(point, Point)]:
-            check_points(able, self.runs)
-        rows = run_or_skip(points, self.quantities, self.runs)
+        if able := [point for point in points if isinstance(point, run_problems.Point)]:
+            run_problems.check_points(able, self.runs)
+        rows = run_problems.run_or_skip(points, self.quantities, self.runs)
         found = self.values(rows)
         bad = np.flatnonzero(np.isnan(found).any(axis=1)).tolist()
         if not bad:

@@ -53,12 +53,24 @@ def within(x, y):
     return lambda X: (X[:, 0] < x) & (X[:, 1] < y)
 
 
+def rubs(bending):
+    """A scene with friction inside the fabric beside a bending term."""
+    fabric = STIFF | {"bending_rigidity": 1e-6, "bending_hysteresis": 1e-5}
+    return terms(fc.StVK(), *bending, fc.BendingFriction(), fc.Gravity()) | {"fabric": fabric}
+
+
 CASES = [  # the words of the warning, the wrong set-up, and the right one by the remedy
     (
         r"no membrane is among the terms \(HingeBending, Gravity\).* 0 % of .*; add StVK",
         BENT | {"terms": (fc.HingeBending(), fc.Gravity()), "pins": ()},
         BENT | {"terms": (fc.HingeBending(), fc.Gravity(), fc.StVK()), "pins": ()},
     ),
+    (
+        "BendingFriction acts on the curvature of a plate, and PlateBending is not among the terms",
+        rubs([fc.HingeBending()]),
+        rubs([fc.PlateBending()]),
+    ),
+    ("take PlateBending, and leave out other bending terms", rubs([]), rubs([fc.PlateBending()])),
     (
         r"no membrane is among the terms \(Gravity, Pressure, MassDamping\)",
         terms(fc.Gravity(), fc.Pressure(5.0), fc.MassDamping(1.0)),

@@ -50,6 +50,31 @@ def test_stress_energy_and_moduli_are_those_of_the_curves(rng):
         np.testing.assert_allclose(C, [*(part[2] for part in parts), coupling, 0, 0], rtol=1e-11)
 
 
+@pytest.mark.parametrize("crowd", [1e-5, 1e-3, 0.03])
+def test_points_that_crowd_have_their_pieces(crowd, rng):
+    """Many points in one of the equal cells, one in most, and none; strains near the points."""
+    at = np.cumsum(np.concatenate([crowd * rng.uniform(0.5, 2, 7), [0.2], crowd * np.ones(5)]))
+    E = ((1 + at) ** 2 - 1) / 2
+    rows = np.column_stack([1 + at, (1 + at) * (10 * E + 40 * E**2)])
+    c = fc.MembraneTable(rows, rows).constants(FABRIC)
+    near = np.concatenate([E + each * crowd for each in (-0.3, -1e-12, 0, 1e-12, 0.3)])
+    for e in np.concatenate([near, rng.uniform(0, 1.2 * E[-1], 50)]):
+        S, w, slope = stress(rows, e)
+        W, (_, S2, _), (_, C22, *_) = law((0.0, e, 0.0), c)
+        assert S2 == pytest.approx(S, rel=1e-9)
+        assert pytest.approx(float(w), rel=1e-9) == W
+        assert pytest.approx(float(slope), rel=1e-6) == C22
+
+
+def test_a_strain_that_is_no_number_gives_no_number():
+    """The law reads no memory but its own."""
+    c = TABLE.constants(FABRIC)
+    for E in np.nan * np.eye(3), np.diag([-np.inf, np.inf, np.inf]):
+        for values in E:
+            W, S, _ = law(tuple(values), c)
+            assert not np.isfinite([W, *S]).all()
+
+
 @pytest.mark.parametrize("element", ["P1", "P2"])
 @pytest.mark.parametrize("strain", ["interpolated", "pointwise"])
 def test_force_and_tangent_are_derivatives(element, strain, rng):
