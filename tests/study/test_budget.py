@@ -135,14 +135,14 @@ def test_the_share_of_a_gap_belongs_to_the_mesh(monkeypatch):
 
 
 def test_a_part_whose_run_failed_is_not_known(monkeypatch):
-    levels, run = budgets.levels_to_run, budgets.run_points
+    levels, run = budgets.levels_to_run, budgets.run_problems.run_points
 
     def fail_last(points, *given):
         rows = run(points, *given)
         return [*rows[:-1], {**rows[-1], "status": "failed", "cause": "it stopped"}]
 
     monkeypatch.setattr(budgets, "levels_to_run", lambda *a: [*levels(*a), Level(gap=2.0)])
-    monkeypatch.setattr(budgets, "run_points", fail_last)
+    monkeypatch.setattr(budgets.run_problems, "run_points", fail_last)
     answer = fc.budget(pulled, None, {FORCE: (1.0, 0.1)}, FORCE, h=0.5)
     assert math.isnan(answer.space)
     assert math.isnan(answer.total)
