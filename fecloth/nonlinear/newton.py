@@ -69,7 +69,7 @@ class StageEquation:
     @property
     def potential(self) -> Callable[[np.ndarray], float] | None:
         """Φ(q) = ½ wa q·M q + q·M ã + U(x(q))/wx, where every force has a potential U."""
-        has_one = all(term.has_energy and not term.dissipative for term in self.system.bound)
+        has_one = all(b.has_energy and not b.velocity_dependent for b in self.system.bound)
         return self.incremental_potential if has_one else None
 
     def incremental_potential(self, q: np.ndarray) -> float:

@@ -11,6 +11,7 @@ from support.rundirs import restart_at
 
 import fecloth as fc
 from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.nonlinear.newton import StageEquation
 from fecloth.runs import restart
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.load_steps import LoadSteps
@@ -43,6 +44,22 @@ def test_energy_and_heat_balance_the_work():
     assert heat[-1] > 0.02 * work
     assert (np.diff(heat) >= 0).all()
     assert np.abs(energies["remainder"]).max() < 1e-8 * work
+
+
+@pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.ImplicitMidpoint()])
+def test_a_step_lowers_a_potential_whose_slope_is_its_residual(method, rng):
+    """Newton's iteration is led by the energy of sliders over the step."""
+    system, dt = strip(), 4e-3
+    start = system.rest()
+    over = method.over_step(system, start, dt, system.start_history(start))
+    equation = StageEquation(over, method.stage(start, dt), "on_failure")
+    for speed in (1e-3, 0.3):  # sliders stick, or slide
+        q = system.constraints.project(speed * rng.standard_normal(start.x.shape))
+        step = 1e-5 * system.constraints.project(rng.standard_normal(start.x.shape))
+        slope = equation.potential(q + step) - equation.potential(q - step)
+        residual = np.vdot(equation.residual(q, 1.0)[0], 2 * step)
+        assert slope == pytest.approx(residual, rel=1e-5)
+    assert over.bound[2].dissipation(equation.stage.at(q)[0]) > 0.0
 
 
 @pytest.mark.parametrize("name", ["backward_euler", "bdf2", "newmark", "implicit_midpoint"])
