@@ -68,15 +68,18 @@ class StageEquation:
 
     @property
     def potential(self) -> Callable[[np.ndarray], float] | None:
-        """Φ(q) = ½ wa q·M q + q·M ã + U(x(q))/wx, where every force has a potential U."""
-        has_one = all(b.has_energy and not b.velocity_dependent for b in self.system.bound)
+        """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, where each force has a U or is −C v."""
+        terms = [term for term in self.system.bound if not term.damps_linearly]
+        has_one = all(term.has_energy and not term.velocity_dependent for term in terms)
         return self.incremental_potential if has_one else None
 
     def incremental_potential(self, q: np.ndarray) -> float:
-        stage, (x, _, _) = self.stage, self.stage.at(q)
+        stage, (x, v, _), terms = self.stage, self.stage.at(q), self.system.bound
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
-        energy = sum(term.energy(x, stage.t) for term in self.system.bound)
-        return self.system.sums.dot(q, inertia) + energy / stage.wx
+        energy = sum(b.energy(x, stage.t) for b in terms if b.has_energy)
+        power = sum(b.power(x, v, stage.t) for b in terms if b.damps_linearly)
+        potential = energy / stage.wx + (0.5 * power / stage.wv if power else 0.0)
+        return self.system.sums.dot(q, inertia) + potential
 
     def state(self, q: np.ndarray) -> State:
         x, v, _ = self.stage.at(q)

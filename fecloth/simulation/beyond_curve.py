@@ -49,6 +49,6 @@ def area_beyond(system: System, state: State) -> float:
 
 def words_beyond(area: float, time: str = "") -> str:
     """A warning, or "" for less than a thousandth of the area."""
-    words = f"beyond the measured curve on {100 * area:.2g} % of the area{time}"
+    words = f"beyond the measured curve on {100 * area:.3g} % of the area{time}"
     advice = "there it goes on with its last slope; measure farther, or load less"
     return f"MembraneTable: strains are {words}: {advice}" if area > LEAST else ""

@@ -87,6 +87,8 @@ class BoundTerm:
         Whether it has a dissipated `power`.
     velocity_dependent
         Whether its force depends on v, so that D is not zero.
+    damps_linearly
+        True for a force −C v with a matrix C that does not change, and its power v · C v.
     load
         True for a force from outside, which the load steps of `equilibrium` scale.
     stores_strain
@@ -123,6 +125,7 @@ class BoundTerm:
     has_energy: Any
     dissipative: Any = False
     velocity_dependent: Any = False
+    damps_linearly: Any = False
     load: Any = False
     stores_strain: Any = True
     needs_path: Any = False

@@ -159,8 +159,7 @@ class BoundFriction(BoundTerm):
     end: float = 0.0  # time [s] at the end of the step, over a step
 
     name = NAME
-    symmetric = True
-    has_energy = True
+    symmetric = has_energy = True
     stores_strain = False
 
     @property

@@ -200,8 +200,7 @@ class BoundQuadratic(BoundTerm):
     panel: Panel  # the cloth with its fabrics
 
     name = "QuadraticBending"
-    symmetric = True
-    has_energy = True
+    symmetric = has_energy = True
     conserves = True
 
     @cached_property

@@ -128,8 +128,7 @@ class BoundPlate(BoundTerm):
 
     name = "PlateBending"
     nbytes = taken_from("plate.nbytes")
-    symmetric = True
-    has_energy = True
+    symmetric = has_energy = True
 
     @property
     def objective(self) -> bool:

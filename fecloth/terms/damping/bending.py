@@ -89,8 +89,7 @@ class BoundPlateDamping(BoundTerm):
     name = "BendingDamping"
     nbytes = taken_from("plate.nbytes")
     has_energy = False
-    dissipative = True
-    velocity_dependent = True
+    dissipative = velocity_dependent = True
 
     def power(self, x, v, t) -> float:
         """Dissipated power τ μ̇ᵀ Q μ̇ [W]."""

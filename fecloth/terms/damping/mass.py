@@ -68,10 +68,8 @@ class BoundMassDamping(BoundTerm):
     panel: Panel
 
     name = "MassDamping"
-    symmetric = True
+    symmetric = dissipative = velocity_dependent = damps_linearly = True
     has_energy = False
-    dissipative = True
-    velocity_dependent = True
 
     def power(self, x, v, t) -> float:
         """α Σ m_a |v_a|² [W]."""
@@ -99,10 +97,8 @@ class BoundConsistentMassDamping(BoundTerm):
     panel: Panel
 
     name = "MassDamping"
-    symmetric = True
+    symmetric = dissipative = velocity_dependent = damps_linearly = True
     has_energy = False
-    dissipative = True
-    velocity_dependent = True
 
     @cached_property
     def blocks(self) -> np.ndarray:

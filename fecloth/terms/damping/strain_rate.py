@@ -124,8 +124,7 @@ class BoundStrainRate(BoundTerm):
 
     name = "StrainRateDamping"
     has_energy = False
-    dissipative = True
-    velocity_dependent = True
+    dissipative = velocity_dependent = True
 
     @property
     def needs_difference(self) -> bool:

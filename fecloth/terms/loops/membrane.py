@@ -90,9 +90,7 @@ class BoundMembrane(BoundTerm):
     strain: PointwiseStrain | ReggeStrain  # the strain of the panel
     loop: SharedLoop  # the loop over the triangles
 
-    symmetric = True
-    has_energy = True
-    objective = True
+    symmetric = has_energy = objective = True
 
     @cached_property
     def elements(self) -> tuple[Any, ...]:

@@ -16,6 +16,7 @@ from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 CURVES = ("warp", "weft", "shear")
+BEYOND = 1 + 1e-6  # of the last strain: a specimen may be drawn to its last point
 FIRST = 2 + len(CURVES)  # the place of the first piece, see `pack`
 
 
@@ -132,7 +133,7 @@ class BoundTable(membrane.BoundMembrane):
         E = np.zeros(rest.shape)
         self.kernels.add_strain(*self.strain.shape, nodes, A, rest, 1.0, x, E)
         E[:, :, 2] = 2 * abs(E[:, :, 2])
-        share = (self.ends < E).any(axis=2).mean(axis=1)
+        share = (self.ends * BEYOND < E).any(axis=2).mean(axis=1)
         return float(self.loop.select(share * w.sum(axis=1)).sum())
 
 

@@ -23,10 +23,10 @@ B, HB = 2e-5, 3e-4
 L = 0.2
 
 
-def strip(hysteresis=2 * HB, m=20.0, membrane=200.0, pins=None, n=8, density=0.2):
+def strip(hysteresis=2 * HB, m=20.0, membrane=200.0, pins=None, n=8, density=0.2, more=()):
     cloth = fc.Cloth.rectangle(L, 0.05, h=L / n, pattern="right")
     fabric = fc.Fabric(density, membrane, bending_rigidity=B, bending_hysteresis=hysteresis)
-    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(m), fc.Gravity()]
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(m), fc.Gravity(), *more]
     pins = [fc.Pin("left", clamp=True)] if pins is None else pins
     return fc.System(cloth, fabric, terms, pins)
 
@@ -48,8 +48,8 @@ def test_energy_and_heat_balance_the_work():
 
 @pytest.mark.parametrize("method", [fc.BackwardEuler(), fc.ImplicitMidpoint()])
 def test_a_step_lowers_a_potential_whose_slope_is_its_residual(method, rng):
-    """Newton's iteration is led by the energy of sliders over the step."""
-    system, dt = strip(), 4e-3
+    """Newton's iteration is led by the energy of sliders over the step, and by damping."""
+    system, dt = strip(more=[fc.MassDamping(300.0)]), 4e-3
     start = system.rest()
     over = method.over_step(system, start, dt, system.start_history(start))
     equation = StageEquation(over, method.stage(start, dt), "on_failure")
@@ -71,6 +71,18 @@ def test_the_remainder_of_other_methods_falls_with_dt(name):
         remainders.append(np.abs(energies["remainder"]).max())
     assert remainders[1] < 0.01 * np.ptp(energies["Gravity"])
     assert remainders[1] < 0.3 * remainders[0]
+
+
+def test_an_arc_that_opens_against_damping():
+    """Without a potential Newton's iteration ran in circles in the third step."""
+    cloth = fc.Cloth.rectangle(0.04, 0.01, h=0.0025, pattern="right")
+    fabric = fc.Fabric(0.163, 1000.0, bending_rigidity=6.57e-6, bending_hysteresis=3.236e-4)
+    terms = [fc.StVK(), fc.PlateBending(), fc.BendingFriction(), fc.MassDamping(20.0)]
+    system = fc.System(cloth, fabric, terms, [fc.Pin("left", clamp=True)])
+    X, Y = cloth.X.T
+    start = system.state(np.column_stack([np.sin(50 * X) / 50, Y, (1 - np.cos(50 * X)) / 50]))
+    for _, info in fc.march(system, fc.ImplicitMidpoint(), start, 1e-3, 5e-3):
+        assert info.counts.newton < 40
 
 
 def test_steps_in_time_converge_to_the_path():

@@ -283,7 +283,7 @@ def test_an_equilibrium_beyond_a_curve_warns(rows, factor):
     if factor < 1:
         assert not fc.equilibrium(system, start).warnings
         return
-    with pytest.warns(FeclothWarning, match="beyond the measured curve on 1e.02 % of the area:"):
+    with pytest.warns(FeclothWarning, match="beyond the measured curve on 100 % of the area:"):
         fc.equilibrium(system, start)
 
 
@@ -299,6 +299,15 @@ def test_a_run_counts_area_and_time_beyond_a_curve(element):
         result = fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.05, t_end=1.0)
     found = result.figures["beyond_curve"]
     assert found["area"] == pytest.approx(0.25, abs=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_specimen_drawn_to_its_last_point_is_not_beyond(factor):
+    """Strains of an equilibrium are known to a millionth."""
+    end = (1 + factor * 1e-6) * (J[-1, 0] ** 2 - 1) / 2
+    x = np.column_stack([SQUARE.X * [np.sqrt(1 + 2 * end), 1.0], np.zeros(len(SQUARE.X))])
+    (bound,) = fc.System(SQUARE, FABRIC, [fc.MembraneTable(J)]).bound
+    assert bound.beyond(x, 0.0) == pytest.approx(1.0 if factor > 1 else 0.0)
 
 
 def test_less_than_a_thousandth_of_the_area_is_no_warning():
