@@ -23,6 +23,7 @@ CurveData = str | Path | Mapping[str, Any] | Sequence[Sequence[float]] | np.ndar
 
 WHERE = "MembraneTable"
 LEAST_END = 0.1  # of the secant beside it: the least slope at an end, where PCHIP may have 0
+LONGEST = 4.0  # stretch; more is taken for a strain in percent
 CELLS = 8  # for each point
 ROUND_OFF = 1e-12  # relative, of where a cell begins
 PIECE = 8  # numbers of a piece: begin, energy there, four coefficients, next begin and its place
@@ -67,11 +68,14 @@ def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str])
     rest, ratio = (0.0, "cos(angle)") if name == "shear" else (1.0, "stretch")
     if x[0] != rest or force[0] != 0.0 or len(x) < 2:
         what = f"{labels[0]}: {along} = {x[0]:g}, force = {force[0]:g} N/m"
-        allowed = f"must begin at {along} = {rest:g} with force 0, and have another row"
-        remedy = "Leave out compression, and take off the force and the extension of the start."
+        allowed = f"must begin at {along} = {rest:g} with force 0, and have a second row"
+        remedy = "A strain e is the stretch 1 + e. Leave out compression, and what the start has."
         raise InputError(what, allowed, WHERE, remedy)
-    if name == "shear" and x[-1] >= np.pi / 2:
-        raise InputError(f"{labels[-1]}: angle = {x[-1]:g}", "must be below π/2 [rad]", WHERE)
+    most, allowed = LONGEST, f"must be below {LONGEST:g}: at rest it is 1, with 5 % strain 1.05"
+    if name == "shear":
+        most, allowed = np.pi / 2, "must be below π/2 [rad]; degrees have the column angle [deg]"
+    if x[-1] >= most:
+        raise InputError(f"{labels[-1]}: {along} = {x[-1]:g}", allowed, WHERE)
     for what, values in ((along, x), (f"S = force/{ratio}", force / _strain(name, x)[1])):
         if (falls := np.flatnonzero(np.diff(values) <= 0)).size:
             row = 1 + int(falls[0])

@@ -68,7 +68,7 @@ class MembraneTable:
     ------
     InputError
         For what cannot be read, a curve that begins elsewhere than at rest, a row where S does not
-        rise, an angle of 90° or more, and another `poisson`.
+        rise, an angle of 90° or a stretch of 4 or more, and another `poisson`.
     """
 
     warp: CurveData | None = None

@@ -206,7 +206,7 @@ REFUSED = [
     ({"shear": [(0.3, 1.0), (0.6, 0.8)]}, r"shear, row 2: S = force/cos\(angle\)"),
     ({"warp": [1.0, 2.0]}, r"warp = .*: must be a file, a KES sheet, or rows of stretch and force"),
     ({"warp": []}, r"warp = .*must be a file"),
-    ({"warp": [(1.0, 0.0)]}, r"warp, row 1: stretch = 1, force = 0 N/m: .*have another row"),
+    ({"warp": [(1.0, 0.0)]}, r"warp, row 1: stretch = 1, force = 0 N/m: .*have a second row"),
     ({"warp": [(1.1, np.nan)]}, r"line 1, column 'force': nan: must be a finite number"),
     ({"warp": {"stretch": [1.1], "load": [3.0]}}, r"column 'force': is not in the file"),
     ({"warp": "no.csv"}, r"no.csv: no such file"),
@@ -223,6 +223,14 @@ REFUSED = [
 def test_what_is_no_curve_is_refused_with_its_row(given, words):
     with pytest.raises(InputError, match=words):
         fc.MembraneTable(**given)
+
+
+@pytest.mark.parametrize(("name", "most"), [("warp", 4.0), ("weft", 4.0), ("shear", np.pi / 2)])
+def test_percent_and_degrees_are_refused(name, most):
+    """Stretches from 4 on, and angles from π/2 on."""
+    fc.MembraneTable(**{name: [(0.6 * most, 1.0), (0.8 * most, 90.0)]})
+    with pytest.raises(InputError, match="row 2.*(with 5 % strain 1.05|degrees have the column)"):
+        fc.MembraneTable(**{name: [(0.6 * most, 1.0), (1.25 * most, 90.0)]})
 
 
 # --- slopes at the ends, and the coupling ---------------------------------------------------------
