@@ -254,7 +254,7 @@ class _Work:
         return searched
 
     def advance_with_old_factor(self, point: Point, remedy: Remedy) -> Point | None:
-        """Return the point after a whole step with an earlier factor; None if R does not halve."""
+        """Return the point after a whole step with an earlier factor; None if R falls too little."""
         reuse = self.context.factor_reuse
         key = self.equation.key(remedy)
         may_reuse = self.context.options.reuse and point.norm > 0
@@ -271,7 +271,8 @@ class _Work:
         there = self.at(point.y + step, point.scale)
         to_go = self.to_go(point, there)
         reuse.record_iteration(there.norm / point.norm, to_go, self.linear_solver)
-        return there if there.norm < 0.5 * point.norm else None
+        most = point.norm * (0.5 if self.equation.potential else 1.0)  # else Φ might rise
+        return there if there.norm < most else None
 
     def to_go(self, before: Point, point: Point) -> float:
         """The goal over the residual, or the allowed error over that left if it is nearer."""

@@ -156,11 +156,10 @@ def solve(
     # or where the forces there are not finite. With contact both begin where `find_guess` leads.
     # With `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in
     # time of the step; without it, by the residual. If the solver holds a factor for the same
-    # weights, its direction is tried first. The full step is taken if the residual halves; otherwise
-    # a new factor is computed. `iteration.iterate` says how the length of a step is chosen, and
-    # what happens where the matrix is not definite. The norm of the residual alone would not do to
-    # choose the length: good steps that turn a cloth stretch it a little, and so increase the
-    # residual.
+    # weights, its direction is tried first. The full step is taken if the residual falls, with a
+    # potential if it halves; otherwise a new factor is computed. `iteration.iterate` says how the
+    # length of a step is chosen, and what happens where the matrix is not definite. The residual
+    # alone would not do for that: good steps that turn a cloth stretch it, and so increase it.
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
