@@ -254,7 +254,7 @@ class _Work:
         return searched
 
     def advance_with_old_factor(self, point: Point, remedy: Remedy) -> Point | None:
-        """Return the point after a whole step with an earlier factor; None if R falls too little."""
+        """Return the point after a whole step with an old factor; None if R falls too little."""
         reuse = self.context.factor_reuse
         key = self.equation.key(remedy)
         may_reuse = self.context.options.reuse and point.norm > 0
