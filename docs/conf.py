@@ -1,4 +1,4 @@
-"""Sphinx' configuration of the site: `sphinx-build -W -b html .docs out/site`.
+"""Sphinx' configuration of the site: `sphinx-build -W -b html docs out/site`.
 
 The chapters are the pages of the repository: a file here that includes one of them has no text of
 its own. `extensions/` beside this file turns their links into links of the site, and generates the

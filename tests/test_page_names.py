@@ -27,8 +27,8 @@ ROOTS |= {"fc": fc, "fecloth": fc, "C": None, "frequency": None}  # frequency(2)
 ROOTS |= dict.fromkeys((*dir(builtins), *formula_functions.FUNCTIONS))
 TEXT = "\n".join(map(read, NAMES))
 # what the version brings, without the former names at its end
-NEWS = read("fecloth/CHANGELOG.md").split("\n## ")[1].split("\n### Names and defaults")[0]
-SPANS = [*SPANS, *Section("fecloth/CHANGELOG.md", "news", NEWS).spans]
+NEWS = read("CHANGELOG.md").split("\n## ")[1].split("\n### Names and defaults")[0]
+SPANS = [*SPANS, *Section("CHANGELOG.md", "news", NEWS).spans]
 SOURCES = [path.read_text() for at in ("fecloth", "studies") for path in (ROOT / at).rglob("*.py")]
 CLASSES = set(re.findall(r"^class (\w+)", "\n".join([TEXT, *SOURCES]), re.MULTILINE))
 FILE = re.compile(r"\.(py|toml|csv|json|log|html|npz|pvd|vtu|geo|msh)$")
@@ -177,4 +177,4 @@ def test_the_fields_to_draw_exist(capsys):
 def test_the_version_is_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert project["version"] == fc.__version__
-    assert f"## {fc.__version__}" in read("fecloth/CHANGELOG.md")
+    assert f"## {fc.__version__}" in read("CHANGELOG.md")

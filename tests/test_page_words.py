@@ -10,7 +10,7 @@ from support.pages import GENERATED, NAMES, ROOT
 LIMIT = 35_000
 # the changelog; the page that `python -m studies.laws` makes of the docstrings; and the paper,
 # which is no page of the documentation and whose length tests/test_wheel.py checks
-NOT_COUNTED = ("fecloth/CHANGELOG.md", "studies/laws/laws.md", ".github/paper/paper.md")
+NOT_COUNTED = ("CHANGELOG.md", "studies/laws/laws.md", ".github/paper/paper.md")
 BY_HAND = [
     *(name for name in NAMES if "CHANGELOG" not in name),
     *(f"fecloth/{name}/README.md" for name in ("distributed", "terms/bending", "terms/contact")),
@@ -19,7 +19,7 @@ BY_HAND = [
 
 
 def pages() -> list[str]:
-    """Names of all pages in the repository that are counted, also in `.docs` and the lecture."""
+    """Names of all pages in the repository that are counted, also in `docs` and the lecture."""
     command = ["git", "ls-files", "*.md", "*.rst", "studies/lecture/[0-9]*.py"]
     listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return [name for name in listed.split() if name not in NOT_COUNTED]

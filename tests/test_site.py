@@ -32,7 +32,7 @@ pytestmark = [
 ]
 
 (COMMAND,) = re.findall(
-    r"^ {4}\S*sphinx-build (.*)$", read(".github/CONTRIBUTING.md"), re.MULTILINE
+    r"^ {4}\S*sphinx-build (.*)$", read("CONTRIBUTING.md"), re.MULTILINE
 )
 REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Repository"]
 
@@ -83,7 +83,7 @@ def test_a_page_loads_nothing_from_elsewhere(site, pages):
 
 
 def test_every_page_written_by_hand_is_a_chapter():
-    stubs = (ROOT / ".docs").rglob("*.md")
+    stubs = (ROOT / "docs").rglob("*.md")
     included = re.findall(r"\{include\} (?:\.\./)+(\S+)", "".join(f.read_text() for f in stubs))
     assert set(NAMES) <= set(included)
 
@@ -161,7 +161,7 @@ def test_the_gallery_has_a_picture_and_the_commands_of_each_scene(pages):
 @pytest.fixture
 def public_names(monkeypatch):
     """The extension that lists them."""
-    monkeypatch.syspath_prepend(ROOT / ".docs" / "extensions")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "extensions")
     return import_module("public_names")
 
 

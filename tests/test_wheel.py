@@ -70,7 +70,7 @@ def test_the_wheel_makes_a_scene_a_run_pictures_and_a_study(installed):
 def test_the_version_is_said_once():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"version: {PROJECT['version']}\n" in citation
-    changes = (ROOT / "fecloth/CHANGELOG.md").read_text(encoding="utf-8")
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"## {PROJECT['version']}" in changes
 
 

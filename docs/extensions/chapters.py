@@ -1,6 +1,6 @@
 """Pages of the repository as chapters of the site.
 
-A file of `.docs` that includes a page, as in
+A file of `docs` that includes a page, as in
 
     ```{include} ../fecloth/scene/README.md
     ```

@@ -1,6 +1,6 @@
 """The pictures of the scenes, with the commands that make them.
 
-`python .docs/extensions/gallery.py` makes all pictures anew, in `studies/scenes/`.
+`python docs/extensions/gallery.py` makes all pictures anew, in `studies/scenes/`.
 """
 
 import shlex

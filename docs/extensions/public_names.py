@@ -81,7 +81,7 @@ def require_all(app: Sphinx) -> None:
     packages = {word for line in re.findall(r"reference:: (.*)", told) for word in line.split()}
     missing = [n for n, value in names().items() if package_of(n, value) not in packages]
     if missing:
-        raise ExtensionError(f"no page of .docs/api has the package of {', '.join(missing)}")
+        raise ExtensionError(f"no page of docs/api has the package of {', '.join(missing)}")
 
 
 def as_written(app: Sphinx, what: str, name: str, value: object, options: object, lines: list):

@@ -2,7 +2,7 @@
 
 A study is a list of settings, a function that takes one setting and returns numbers, and findings:
 numbers with an expected range. The exit status is 0 if all are met, 1 if one is missed, 2 for a
-mistake in the input, 3 if a case failed. The section "A study" of .github/CONTRIBUTING.md has one
+mistake in the input, 3 if a case failed. The section "A study" of CONTRIBUTING.md has one
 in 30 lines.
 
 The public names stand in ``__init__.pyi``. Each is imported when it is first used. A script whose

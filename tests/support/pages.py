@@ -8,8 +8,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 NAMES = (
-    *("README.md", ".github/CONTRIBUTING.md", "meshes/README.md", "studies/README.md"),
-    *("studies/recommend/README.md", "fecloth/README.md", "fecloth/CHANGELOG.md"),
+    *("README.md", "CONTRIBUTING.md", "meshes/README.md", "studies/README.md"),
+    *("studies/recommend/README.md", "fecloth/README.md", "CHANGELOG.md"),
     *("studies/lecture/README.md", "fecloth/study/fitting/README.md"),
     *("fecloth/terms/bending/FRICTION.md", "fecloth/bench/BENCH.md"),
     *(f"fecloth/{name}/README.md" for name in ("scene", "terms", "integrators", "runs", "fabric")),
