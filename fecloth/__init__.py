@@ -30,6 +30,9 @@ def __getattr__(name: str) -> object:
         from fecloth.errors import did_you_mean
 
         usual = OTHER_WORDS.get(name)
-        remedy = f"Did you mean {usual!r}?" if usual else did_you_mean(name, __all__)
+        if usual:
+            remedy = f"Did you mean {usual!r}?"
+        else:
+            remedy = did_you_mean(name, __all__)
         text = f"module 'fecloth' has no attribute {name!r}. {remedy}"
         raise AttributeError(text.strip()) from None

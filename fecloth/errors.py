@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 
 # exit statuses of commands and studies, beside 0
-MISSED, BAD_INPUT, FAILED, STOPPED = 1, 2, 3, 4
+MISSED = 1
+BAD_INPUT = 2
+FAILED = 3
+STOPPED = 4
 LIKENESS = 0.6  # least likeness of a name that is suggested; 0: one name is always suggested
 
 
@@ -49,7 +52,10 @@ class InputError(FeclothError, ValueError):
     also: tuple[InputError, ...] = ()  # others of the same input; the message has a line for each
 
     def __init__(self, what: str, allowed: str = "", where: str = "", remedy: str = ""):
-        self.what, self.allowed, self.where, self.remedy = what, allowed, where, remedy
+        self.what = what
+        self.allowed = allowed
+        self.where = where
+        self.remedy = remedy
         super().__init__(what, allowed, where, remedy)
 
     def __str__(self) -> str:
@@ -84,7 +90,9 @@ class SolveFailed(FeclothError):
 
     # The cause in words, the relative residual and the required one; NaN if there is none.
     def __init__(self, reason: str, residual: float = float("nan"), rtol: float = float("nan")):
-        self.reason, self.residual, self.rtol = reason, residual, rtol
+        self.reason = reason
+        self.residual = residual
+        self.rtol = rtol
         detail = f" (relative residual {residual:.2e}, required {rtol:.2e})"
         super().__init__(reason if math.isnan(residual) else reason + detail)
 
@@ -133,16 +141,26 @@ class StepFailed(FeclothError):
         remedy: str = "",
         unit: str = " s",
     ):
-        self.reason, self.step, self.t, self.dt, self.unit = reason, step, t, dt, unit
-        self.residual, self.stretch, self.triangle = residual, stretch, triangle
-        self.state, self.remedy = state, remedy
+        self.reason = reason
+        self.step = step
+        self.t = t
+        self.dt = dt
+        self.unit = unit
+        self.residual = residual
+        self.stretch = stretch
+        self.triangle = triangle
+        self.state = state
+        self.remedy = remedy
         self.result: Any = None
         super().__init__(reason)
 
     def __str__(self) -> str:
         if self.step is None or self.t is None or self.dt is None:
             return self.reason
-        residual = "" if math.isnan(self.residual) else f"relative residual {self.residual:.2e}; "
+        if math.isnan(self.residual):
+            residual = ""
+        else:
+            residual = f"relative residual {self.residual:.2e}; "
         place = f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s"
         if self.unit != " s":
             end = self.t + self.dt
@@ -191,7 +209,9 @@ def brief(value: object) -> str:
         return f"{kind} {value.__qualname__}, which is not called"
     text = repr(value)
     short = len(text) <= 60 and "\n" not in text and not text.startswith("<")
-    return text if short else with_article(type(value).__name__)
+    if short:
+        return text
+    return with_article(type(value).__name__)
 
 
 def closest(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
@@ -203,7 +223,9 @@ def closest(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str
     close = difflib.get_close_matches(word, list(plain), n=1, cutoff=cutoff)
     both = [*begins[-1:], *close]  # as "cosine" with "cos", but "tipp.z" with "tip.z"
     likeness = [difflib.SequenceMatcher(None, each, word).ratio() for each in both]
-    return plain[both[likeness.index(max(likeness))]] if both else ""
+    if both:
+        return plain[both[likeness.index(max(likeness))]]
+    return ""
 
 
 def did_you_mean(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:

@@ -83,15 +83,20 @@ def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
     # h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
     length("h", h, where)
     if h > extent:
-        in_mm = f", or write {h / 1000:g} if you meant mm" if h / 1000 < extent / 2 else ""
-        allowed, remedy = f"must be at most {extent:g} m", f"Use a smaller h{in_mm}."
+        if h / 1000 < extent / 2:
+            in_mm = f", or write {h / 1000:g} if you meant mm"
+        else:
+            in_mm = ""
+        allowed = f"must be at most {extent:g} m"
+        remedy = f"Use a smaller h{in_mm}."
         raise InputError(f"h = {h:g} m", allowed, where, remedy)
     equilateral = math.sqrt(3) / 4  # the area for h = 1 m
     count = float(area) / equilateral / h / h
     if count > MOST_TRIANGLES:
         least = math.sqrt(area / equilateral / MOST_TRIANGLES)
         what = f"h = {h:g} m would make about {count:.1e} triangles"
-        allowed, remedy = f"h must be at least {least:.2g} m", "A number without unit is in metres."
+        allowed = f"h must be at least {least:.2g} m"
+        remedy = "A number without unit is in metres."
         raise InputError(what, allowed, where, remedy)
 
 
@@ -132,4 +137,6 @@ def _similar(path: Path) -> str:
     kind = (path.suffix, closest(path.suffix, sorted({file.suffix for file in there})))
     stems = {file.stem: file.name for file in there if not path.suffix or file.suffix in kind}
     close = closest(path.stem, stems)
-    return f"Did you mean {stems[close]!r}?" if close else ""
+    if close:
+        return f"Did you mean {stems[close]!r}?"
+    return ""

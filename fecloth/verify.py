@@ -63,7 +63,10 @@ class Checked(list[Sweep]):
     def __repr__(self) -> str:
         names = ", ".join(dict.fromkeys(sweep.name for sweep in self))
         slopes = [sweep.slope for sweep in self if not np.isnan(sweep.slope)]
-        by_slope = f"slopes {min(slopes):.2f} to {max(slopes):.2f}" if slopes else "all are linear"
+        if slopes:
+            by_slope = f"slopes {min(slopes):.2f} to {max(slopes):.2f}"
+        else:
+            by_slope = "all are linear"
         error = max(sweep.errors.min() for sweep in self)
         return (
             f"{self.where}: passed\n  {len(self)} derivatives: {names}\n"
@@ -137,7 +140,9 @@ def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.
 
 def _scaled(fabric: Fabric, factor: float) -> Fabric:
     def scale_pair(value):
-        return value if value is None else tuple(factor * v for v in np.atleast_1d(value))
+        if value is None:
+            return value
+        return tuple(factor * v for v in np.atleast_1d(value))
 
     return replace(
         fabric,
@@ -149,7 +154,8 @@ def _scaled(fabric: Fabric, factor: float) -> Fabric:
 
 def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep]:
     direction = np.random.default_rng(1).standard_normal(state.x.shape)
-    term, f = system.bound[0], system.force(state)
+    term = system.bound[0]
+    f = system.force(state)
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
     force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
     if not np.linalg.norm(f) > 1e-10 * force_scale:
@@ -203,7 +209,8 @@ def _sweep(
 
 def observed_order(h: ArrayLike, errors: ArrayLike) -> np.ndarray:
     """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions."""
-    h, errors = np.asarray(h, dtype=float), np.asarray(errors, dtype=float)
+    h = np.asarray(h, dtype=float)
+    errors = np.asarray(errors, dtype=float)
     return np.diff(np.log(errors)) / np.diff(np.log(h))
 
 

@@ -31,9 +31,7 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"needs {', '.join(MISSING)} of the extra [docs]"),
 ]
 
-(COMMAND,) = re.findall(
-    r"^ {4}\S*sphinx-build (.*)$", read("CONTRIBUTING.md"), re.MULTILINE
-)
+(COMMAND,) = re.findall(r"^ {4}\S*sphinx-build (.*)$", read("CONTRIBUTING.md"), re.MULTILINE)
 REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Repository"]
 
 

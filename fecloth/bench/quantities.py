@@ -26,7 +26,8 @@ def away(case: dict, u: np.ndarray, motion: list[str]) -> np.ndarray:
 
 def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
     """Return twice the mean time between zeros of the mean displacement [s]; NaN without two."""
-    y, t = mean(case, u, axis), case["times"]
+    y = mean(case, u, axis)
+    t = case["times"]
     i = np.flatnonzero(y[:-1] * y[1:] < 0)
     zeros = t[i] + (t[i + 1] - t[i]) * y[i] / (y[i] - y[i + 1])
     return np.array(2 * np.diff(zeros).mean() if len(zeros) > 1 else np.nan)
@@ -34,7 +35,8 @@ def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
 
 def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:
     """Return the share of the ring beyond a radius that is in shadow (Cusick, 1965) [%]."""
-    covered, flat = [], np.pad(case["X"], ((0, 0), (0, 1)))
+    covered = []
+    flat = np.pad(case["X"], ((0, 0), (0, 1)))
     for x in flat + [0 * u[0], *u]:
         corners = 200 / support * x[case["triangles"], :2]  # in cells of a grid, which count once
         count = int(np.ceil(2 * np.ptp(corners, axis=1).max()))

@@ -39,10 +39,13 @@ def load_adapter(text: str) -> dict:
 
 def run_level(adapter: dict, said: dict, level: int) -> dict:
     """Return a row; its error and uncertainty are over the reference's scale."""
-    case, reference, asked = at_level(said, level), said["reference"], said["quantity"]
+    case = at_level(said, level)
+    reference = said["reference"]
+    asked = said["quantity"]
     row = {"case": said["name"], "level": level, **adapter, "triangles": len(case["triangles"])}
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
-    expected, begin = (len(case["times"]), *case["x"].shape), time.process_time()
+    expected = (len(case["times"]), *case["x"].shape)
+    begin = time.process_time()
     try:
         with redirect_stdout(sys.stderr):  # what it prints does not mix with the rows
             x = np.asarray(row.pop("run")(case), float)
@@ -57,7 +60,10 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
             raise ValueError(f"the {asked['name']} of these positions is not a finite number")
         row |= {"error": error, "status": "ok"}
     except (Exception, SystemExit) as why:  # whatever a solver raises, the next case is run
-        kind = "cannot" if isinstance(why, NotImplementedError) else f"failed: {type(why).__name__}"
+        if isinstance(why, NotImplementedError):
+            kind = "cannot"
+        else:
+            kind = f"failed: {type(why).__name__}"
         row |= {"cpu_seconds": time.process_time() - begin, "status": f"{kind}: {why}"[:200]}
     return row
 
@@ -73,7 +79,8 @@ def bench(options: Namespace) -> int:
     """Run adapters on cases, or list the cases; return the exit status."""
     for name in options.case:
         validation.known(f"case {name!r}", name, CASES, "bench")
-    cases, rows = [CASES[name] for name in dict.fromkeys(options.case or CASES)], []
+    cases = [CASES[name] for name in dict.fromkeys(options.case or CASES)]
+    rows = []
     if options.list or not options.adapter:
         keys = ("name", "asks", "known", "source")
         print(markdown_table([{key: said[key] for key in keys} for said in cases]))
@@ -89,7 +96,9 @@ def bench(options: Namespace) -> int:
     finally:  # also of what an interruption leaves
         if folder and rows:
             write_report(folder, rows)
-    return FAILED if any(row["status"].startswith("failed") for row in rows) else 0
+    if any(row["status"].startswith("failed") for row in rows):
+        return FAILED
+    return 0
 
 
 def write_report(folder: Path, rows: list[dict]) -> None:

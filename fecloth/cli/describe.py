@@ -39,7 +39,9 @@ def print_info(options: Namespace) -> int:
 
 def _info_lines(options: Namespace) -> list[str]:
     if options.fabrics is not None:
-        return describe_fabric(options.fabrics) if options.fabrics else list_fabrics()
+        if options.fabrics:
+            return describe_fabric(options.fabrics)
+        return list_fabrics()
     if options.schema:
         return [json_schema()]
     if options.terms is not None:
@@ -159,14 +161,17 @@ def _in_columns(pairs: Iterable[tuple[float, float]]) -> str:
 
 def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
     """Return lines with the standard uncertainties of the constants, and where they come from."""
-    rows, letters = [], dict[str, str]()
+    rows = []
+    letters = dict[str, str]()
     for name, fabric in fabrics.items():
         assert isinstance(fabric.uncertainty, Uncertainty)
         letter = letters.setdefault(fabric.uncertainty.source, chr(ord("a") + len(letters)))
-        found, value = dict(fabric.uncertainty.deviations), "{:.2f}".format
+        found = dict(fabric.uncertainty.deviations)
+        value = "{:.2f}".format
         nu = value(found.pop("poisson_ratio"))
         warp, weft, shear, *bending = (str(text).removesuffix(" %") for text in found.values())
-        tensile, bent = f"{warp} / {weft}", " / ".join(bending[:2])
+        tensile = f"{warp} / {weft}"
+        bent = " / ".join(bending[:2])
         rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{bent:>12}  ({letter})")
     head = f"{'standard uncertainty':<26}{'Y [%]':>15}{'G [%]':>9}{'ν':>6}{'B [%]':>12}"
     return [head, *rows, "", *(_wrap(f"({letter}) {words}") for words, letter in letters.items())]
@@ -197,7 +202,10 @@ def describe_terms(name: str) -> list[str]:
     lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
     indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
     for key, field in fields(tables[name]).items():
-        usual = "required" if field.is_required() else f"default {field.default!r}"
+        if field.is_required():
+            usual = "required"
+        else:
+            usual = f"default {field.default!r}"
         words = textwrap.wrap(meaning(field), WIDTH, **indent)
         lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
     return lines

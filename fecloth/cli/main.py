@@ -90,9 +90,11 @@ STATUS = """exit status:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit status (see `STATUS`)."""
-    # Without `arguments` it takes the arguments of the process. Then signals are ignored after the
-    # command until the process ends, so that they do not change its status.
+    """Run a command and return its exit status (see `STATUS`).
+
+    Without `arguments` it takes the arguments of the process. Then signals are ignored after the
+    command until the process ends, so that they do not change its status.
+    """
     before = set_handler(stop_at_once)
     try:
         return _run_command(arguments)

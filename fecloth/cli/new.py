@@ -28,6 +28,9 @@ def write_specimen(options: Namespace) -> int:
         text = template.read_text(encoding="utf-8").replace("NAME", target.name)
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path}")
-    fit = f"; your numbers, and fecloth fit {target}_fit.toml" if options.test else ""
+    if options.test:
+        fit = f"; your numbers, and fecloth fit {target}_fit.toml"
+    else:
+        fit = ""
     print(f"next: fecloth run {target}.toml{fit}")
     return 0

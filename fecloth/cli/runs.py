@@ -72,14 +72,17 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
     if outcome.status == DONE:
         return 0
     print(failure_message(outcome), file=sys.stderr)
-    return errors.FAILED if outcome.status == FAILED else errors.STOPPED
+    if outcome.status == FAILED:
+        return errors.FAILED
+    return errors.STOPPED
 
 
 def check(options: Namespace) -> int:
     """Run scenes and print which of their expectations are met."""
     from fecloth.cli.progress import progress, terminal
 
-    console, passed = terminal(options.quiet), True
+    console = terminal(options.quiet)
+    passed = True
     for path in options.scenes:
         scene = _load(path, options)
         scene.require_expectations()
@@ -147,8 +150,10 @@ def _describe_frame_time(options: Namespace) -> str:
     from fecloth.runs.outcome import place_in_words
     from fecloth.view.web_page import unit_of
 
-    series, time = Series.open(options.folder), options.time
-    t, unit = series.times[series.at(time)], unit_of(series.folder)
+    series = Series.open(options.folder)
+    time = options.time
+    t = series.times[series.at(time)]
+    unit = unit_of(series.folder)
     exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
     next_to = "" if exact else f", of the frame next to {time:g}{unit}"
     return f": {place_in_words(t, unit)}{next_to}"
@@ -157,5 +162,8 @@ def _describe_frame_time(options: Namespace) -> str:
 def _load(path: str, options: Namespace) -> Scene:
     from fecloth.scene.scene import load_scene
 
-    threads = [] if options.threads is None else [f"solver.threads={options.threads}"]
+    if options.threads is None:
+        threads = []
+    else:
+        threads = [f"solver.threads={options.threads}"]
     return load_scene(path, [*options.set, *threads], **reading(options))

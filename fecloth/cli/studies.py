@@ -18,8 +18,12 @@ def run_study(command: Command, options: Namespace) -> int:
     from fecloth.study.overlay import compare_runs
     from fecloth.study.workload import LONGEST
 
-    paths = options.scene if isinstance(options.scene, list) else [options.scene]
-    stem, name = "-".join(Path(path).stem for path in paths), command.target.rpartition(":")[2]
+    if isinstance(options.scene, list):
+        paths = options.scene
+    else:
+        paths = [options.scene]
+    stem = "-".join(Path(path).stem for path in paths)
+    name = command.target.rpartition(":")[2]
     own = {option.key for option in command.options} - SHARED
     folder = Path(options.output or Path("out") / name / (stem + _question(command, options)))
     if len(paths) == 2 and all(Path(path).is_dir() for path in paths):  # two runs, for compare
@@ -30,7 +34,8 @@ def run_study(command: Command, options: Namespace) -> int:
     if "set" in (option.key for option in command.options):
         scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
     else:  # the file names scenes, which the study reads
-        scenes, arguments["trust_geo"] = paths, options.trust_geo
+        scenes = paths
+        arguments["trust_geo"] = options.trust_geo
     result = command.load()(
         scenes if len(scenes) > 1 else scenes[0],
         **arguments,

@@ -25,13 +25,15 @@ def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
     Raises `TypeError` for another number of arguments, a parameter that is assigned to, a return
     before the end, and a global name that has another meaning in the template.
     """
-    tree, bodies = copy.deepcopy(_definition(template)), _Bodies(functions, template.__globals__)
+    tree = copy.deepcopy(_definition(template))
+    bodies = _Bodies(functions, template.__globals__)
     tree.body = bodies.expand(tree.body)
     module = ast.fix_missing_locations(ast.Module([tree], []))
     compiled = compile(module, template.__code__.co_filename, "exec", dont_inherit=True)
     code = next(each for each in compiled.co_consts if isinstance(each, CodeType))
     made: Any = FunctionType(code, bodies.names, template.__name__, template.__defaults__)
-    made.__module__, made.__doc__ = template.__module__, template.__doc__
+    made.__module__ = template.__module__
+    made.__doc__ = template.__doc__
     used = [functions[key].__qualname__ for key in sorted(bodies.used)]
     made.__qualname__ = "-".join([template.__qualname__, *used])
     return made
@@ -45,7 +47,8 @@ def _definition(function: FunctionType) -> ast.FunctionDef:
         what = "is not a plain function, or its file has changed since it was imported"
         raise TypeError(f"{function.__qualname__} {what}")
     ast.increment_lineno(tree, function.__code__.co_firstlineno - 1)
-    tree.decorator_list, tree.returns = [], None
+    tree.decorator_list = []
+    tree.returns = None
     for argument in tree.args.args:
         argument.annotation = None
     if ast.get_docstring(tree) is not None:
@@ -66,7 +69,10 @@ class _Bodies:
             for part in ("body", "orelse"):
                 if inside := getattr(each, part, None):
                     setattr(each, part, self.expand(inside) or [ast.Pass()])
-            call = each.value if isinstance(each, ast.Expr | ast.Assign) else None
+            if isinstance(each, ast.Expr | ast.Assign):
+                call = each.value
+            else:
+                call = None
             if isinstance(call, ast.Call) and getattr(call.func, "id", "") in self.functions:
                 result += self._body(call, each)
             else:
@@ -108,7 +114,9 @@ class _Replacement(ast.NodeTransformer):
     """Arguments in place of parameters, and local names with a prefix."""
 
     def __init__(self, arguments: Mapping[str, ast.expr], local: set[str], prefix: str):
-        self.arguments, self.local, self.prefix = arguments, local, prefix
+        self.arguments = arguments
+        self.local = local
+        self.prefix = prefix
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self.local:

@@ -17,10 +17,12 @@ from pathlib import Path
 
 @cache
 def cache_folder() -> str:
-    """Folder for the machine code of these very kernels."""
-    # It lies in ``$NUMBA_CACHE_DIR``, else ``$XDG_CACHE_HOME``, else ``~/.cache``, else in the
-    # temporary directory: the first where it can be written, and where `can_be_trusted` says so of
-    # it. If no folder can, the process has one of its own until it ends.
+    """Folder for the machine code of these very kernels.
+
+    It lies in ``$NUMBA_CACHE_DIR``, else ``$XDG_CACHE_HOME``, else ``~/.cache``, else in the
+    temporary directory: the first where it can be written, and where `can_be_trusted` says so of
+    it. If no folder can, the process has one of its own until it ends.
+    """
     name = f"fecloth-{_digest_of_sources()}"
     bases = [
         os.environ.get("NUMBA_CACHE_DIR"),
@@ -41,11 +43,13 @@ def cache_folder() -> str:
 
 
 def can_be_trusted(folder: Path) -> bool:
-    """Whether only this user and root can change what a folder holds."""
-    # The folder must be a real one, no symbolic link, and this user's; each folder above it must be
-    # this user's or root's. Group and others must not be able to write any of them; the folders
-    # above may have the sticky bit instead, as ``/tmp`` has. On Windows the answer is yes: there a
-    # user's folders have lists of access rights.
+    """Whether only this user and root can change what a folder holds.
+
+    The folder must be a real one, no symbolic link, and this user's; each folder above it must be
+    this user's or root's. Group and others must not be able to write any of them; the folders
+    above may have the sticky bit instead, as ``/tmp`` has. On Windows the answer is yes: there a
+    user's folders have lists of access rights.
+    """
     if os.name != "posix":
         return True
     mine = folder.lstat()
@@ -60,7 +64,8 @@ def can_be_trusted(folder: Path) -> bool:
 
 
 def _digest_of_sources() -> str:
-    digest, compiler = hashlib.sha256(), Path(__file__).with_name("jit.py")
+    digest = hashlib.sha256()
+    compiler = Path(__file__).with_name("jit.py")
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         text = source.read_bytes()
         if b"fecloth.compiled.jit import" in text or source == compiler:

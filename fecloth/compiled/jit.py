@@ -60,12 +60,16 @@ event.register("numba:compile", _RareCollection())
 
 
 def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile a function over arrays and keep the machine code on disk (an entry point)."""
-    # Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
-    # and infinity survive and the result does not depend on the thread count. A kernel from outside
-    # the package is compiled anew when its bytecode, its constants or its callees change.
+    """Compile a function over arrays and keep the machine code on disk (an entry point).
+
+    Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
+    and infinity survive and the result does not depend on the thread count. A kernel from outside
+    the package is compiled anew when its bytecode, its constants or its callees change.
+    """
     is_own = str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
-    return _compile(function) if is_own else _compile_by_content(function)
+    if is_own:
+        return _compile(function)
+    return _compile_by_content(function)
 
 
 def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
@@ -75,9 +79,11 @@ def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def inner(function: Function, **more: bool) -> Function:
-    """Compile a function that kernels call: it is cached as a part of them."""
-    # For them it has no wrapper, which would take as long to compile as the function itself. A call
-    # from Python compiles it once more, with one.
+    """Compile a function that kernels call: it is cached as a part of them.
+
+    For them it has no wrapper, which would take as long to compile as the function itself. A call
+    from Python compiles it once more, with one.
+    """
     compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True} | more))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
     compiled._insert = lambda *_: None  # Python must not find machine code without a wrapper,
@@ -102,9 +108,11 @@ def contiguous(context: Any, array: Any) -> Any:
 
 
 def insert(template: Function, **functions: Callable) -> Function:
-    """Copy a template, a plain function, with compiled `functions` for its globals of that name."""
-    # The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
-    # over a compiled function nor a function that takes one as an argument.
+    """Copy a template, a plain function, with compiled `functions` for its globals of that name.
+
+    The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
+    over a compiled function nor a function that takes one as an argument.
+    """
     if unknown := functions.keys() - set(template.__code__.co_names):
         raise TypeError(f"{template.__qualname__} does not call {', '.join(sorted(unknown))}")
     name = "-".join([template.__qualname__, *(each.__qualname__ for each in functions.values())])
@@ -119,10 +127,13 @@ def specialise(template: Callable[..., Result], **functions: Callable) -> Callab
 
 def _copy(function: Any, qualified_name: str, names: dict) -> Any:
     """Copy a function with another name in the cache, and with `names` for its globals."""
-    code, closure = function.__code__, function.__closure__
+    code = function.__code__
+    closure = function.__closure__
     copy = FunctionType(code, names, function.__name__, function.__defaults__, closure)
-    copy.__module__, copy.__doc__ = function.__module__, function.__doc__
-    copy.__kwdefaults__, copy.__qualname__ = function.__kwdefaults__, qualified_name
+    copy.__module__ = function.__module__
+    copy.__doc__ = function.__doc__
+    copy.__kwdefaults__ = function.__kwdefaults__
+    copy.__qualname__ = qualified_name
     return copy
 
 
@@ -151,11 +162,13 @@ class _UnknownContent(Exception):
 
 
 def fingerprint(function: Callable) -> str | None:
-    """Hash of a function's bytecode, its constants and all compiled functions that it calls."""
-    # These are found through globals, modules and closures. It is None where that is not enough to
-    # tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
-    # tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
-    # machine code must not be kept on disk.
+    """Hash of a function's bytecode, its constants and all compiled functions that it calls.
+
+    These are found through globals, modules and closures. It is None where that is not enough to
+    tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
+    tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
+    machine code must not be kept on disk.
+    """
     try:
         content = repr(_function_content(function, {}))
     except _UnknownContent:
@@ -171,7 +184,8 @@ def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
     seen[id(function)] = len(seen)
     if function.__module__ not in sys.modules:  # Numba imports it to read the machine code
         raise _UnknownContent(function.__module__)
-    code, names = function.__code__, builtins.__dict__ | function.__globals__
+    code = function.__code__
+    names = builtins.__dict__ | function.__globals__
     described, global_names, attributes = _describe_code(code)
     values = []
     try:
@@ -205,7 +219,10 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
         if id(value) in seen:
             return ("seen", seen[id(value)])
         seen[id(value)] = len(seen)
-        used = () if _is_of_library(value.__name__) else set(attributes) & vars(value).keys()
+        if _is_of_library(value.__name__):
+            used = set[str]()
+        else:
+            used = set(attributes) & vars(value).keys()
         parts = (_content(vars(value)[name], seen, attributes) for name in sorted(used))
         return kind, value.__name__, *parts
     home = getattr(value, "__module__", None) or type(value).__module__

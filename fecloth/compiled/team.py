@@ -104,7 +104,8 @@ class ThreadChoice:
 
     def _conclude(self) -> None:
         """End the calibration if enough is known."""
-        one, all_ = self._times[ONE], self._times[ALL]
+        one = self._times[ONE]
+        all_ = self._times[ALL]
         self.usual = median(one)
         is_slow = 2 * sum(each > WORST * self.usual for each in all_) > TRIALS
         is_hopeless = self.usual < SHORTEST or is_slow
@@ -118,20 +119,24 @@ class ThreadChoice:
         """Take a mode until the seconds that were lost are `BUDGET` of the time."""
         self.best, self._rest = mode, max(lost / BUDGET, REST)
         self._lost = min(self._lost, 0.0)
-        self._tried, self._times = (0.0, 0.0), {ONE: [], ALL: []}
+        self._tried = (0.0, 0.0)
+        self._times = {ONE: [], ALL: []}
 
     @property
     def portion(self) -> int:
         """Units of work to do in the next call of a loop that iterates."""
         seconds = PORTION[self._rest > 0]
-        return min(MOST_UNITS, math.ceil(seconds / self.usual)) if self.usual else 1
+        if self.usual:
+            return min(MOST_UNITS, math.ceil(seconds / self.usual))
+        return 1
 
 
 class Team:
     """The threads of a system: a number, or "auto", for which `ThreadChoice` asks the clock [s]."""
 
     def __init__(self, threads: int | str = 1, clock: Callable[[], float] = time.perf_counter):
-        self.threads, self.clock = threads, clock
+        self.threads = threads
+        self.clock = clock
         self.count = number_of_threads(threads)
         self.has_shared = False  # a loop with a given number of threads
         self.choices: dict[object, ThreadChoice] = {}
@@ -143,7 +148,8 @@ class Team:
     @contextmanager
     def pinned(self) -> Iterator[None]:
         """Let one thread do all loops inside."""
-        before, self.count = self.count, 1
+        before = self.count
+        self.count = 1
         try:
             yield
         finally:
@@ -160,16 +166,19 @@ class Team:
         together: Callable[[], Result],
         count: Callable[[Result], float] = lambda result: 1.0,
     ) -> Result:
-        """Return alone(), or together(), which calls `run`; both must have the same result."""
-        # The times of a loop are compared by its `name`, and by its units of work, which `count`
-        # takes from the result.
+        """Return alone(), or together(), which calls `run`; both must have the same result.
+
+        The times of a loop are compared by its `name`, and by its units of work, which `count`
+        takes from the result.
+        """
         if self.count == 1:
             return alone()
         if self.threads != "auto":
             self.has_shared = True
             return together()
         choice = self.choices.setdefault(name, ThreadChoice())
-        on_all, begin = choice.ask(), self.clock()
+        on_all = choice.ask()
+        begin = self.clock()
         result = together() if on_all else alone()
         choice.tell(on_all, self.clock() - begin, max(1.0, count(result)))
         return result
@@ -183,9 +192,11 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Make call(part), the kernel and its arguments for a range of `size` elements."""
-        # It writes only what belongs to its elements, of which each `unit` must stay together.
-        # `name` is as for `do`.
+        """Make call(part), the kernel and its arguments for a range of `size` elements.
+
+        It writes only what belongs to its elements, of which each `unit` must stay together.
+        `name` is as for `do`.
+        """
         function, arguments = call(slice(0, size))
         if not self.shares(size):
             function(*arguments)
@@ -253,7 +264,9 @@ class Team:
         """Threads that were used: all, or one if most of the time was spent with one."""
         spent = [choice.spent for choice in self.choices.values()]
         alone, on_all = (sum(each[mode] for each in spent) for mode in (ONE, ALL))
-        return self.count if self.has_shared or on_all > alone else 1
+        if self.has_shared or on_all > alone:
+            return self.count
+        return 1
 
 
 ALONE = Team(1)

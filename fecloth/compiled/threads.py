@@ -76,7 +76,8 @@ def wait(member: Member) -> None:
     # What a thread wrote before is seen by the others afterwards.
     if member.threads > 1:
         _arrive(member.meeting)
-        arrivals, looks = member.threads * member.round_[0], 0
+        arrivals = member.threads * member.round_[0]
+        looks = 0
         while _look(member.meeting) < arrivals:
             looks += 1
             if looks % SPIN == 0:
@@ -87,7 +88,9 @@ def wait(member: Member) -> None:
 @inner
 def part_of(member: Member, begin: int, end: int) -> tuple[int, int]:
     """Return the begin and the end of a thread's part of the numbers begin … end − 1."""
-    size, p, threads = end - begin, member.thread, member.threads
+    size = end - begin
+    p = member.thread
+    threads = member.threads
     return begin + size * p // threads, begin + size * (p + 1) // threads
 
 

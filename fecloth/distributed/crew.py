@@ -101,7 +101,9 @@ class RemoteTerm(BoundTerm):
     """A bound term of the whole cloth, `key` on the processes; each has its part, here `local`."""
 
     def __init__(self, crew: Crew, key: Any, local: BoundTerm):
-        self.crew, self.key, self.local = crew, key, local
+        self.crew = crew
+        self.key = key
+        self.local = local
         own = (name for name, each in vars(BoundTerm).items() if isinstance(each, FunctionType))
         for name in own:
             if name not in OFFERED | NOT_NEEDED and has_own(local, name):
@@ -145,7 +147,8 @@ class RemoteTerm(BoundTerm):
 
     def _new(self, name: str, share: Callable[[Part], Any]) -> BoundTerm:
         """What a function of the term gives for the share of each part, kept until forgotten."""
-        crew, new = self.crew, ("step", next(_new_keys))
+        crew = self.crew
+        new = ("step", next(_new_keys))
         crew.each(name, lambda part: (self.key, new, share(part)))
         term = RemoteTerm(crew, new, crew.here.terms[new])
         weakref.finalize(term, crew.forgotten.append, new)

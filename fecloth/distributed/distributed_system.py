@@ -37,11 +37,18 @@ class DistributedSolver:
     """
 
     def __init__(self, crew: Crew, nodes: int, choice: str, symmetric: bool):
-        self.crew, self.choice, self.kind = crew, choice, KINDS[choice]
-        self.symmetric, self.prepared, self.keeps_state = symmetric, 0, True
+        self.crew = crew
+        self.choice = choice
+        self.kind = KINDS[choice]
+        self.symmetric = symmetric
+        self.prepared = 0
+        self.keeps_state = True
         self.x = np.zeros((nodes, 3))
-        self.seconds_factor, self.first, self.last = 0.0, 0, 0
-        numbers, at = np.empty(nodes, np.int32), 0
+        self.seconds_factor = 0.0
+        self.first = 0
+        self.last = 0
+        numbers = np.empty(nodes, np.int32)
+        at = 0
         for part in crew.parts:
             own = int(part.is_own.sum())
             numbers[part.own_nodes] = np.arange(at, at + own)
@@ -50,10 +57,12 @@ class DistributedSolver:
         self._create()
 
     def _create(self) -> None:
-        crew, owned = self.crew, [int(part.is_own.sum()) for part in self.crew.parts]
+        crew = self.crew
+        owned = [int(part.is_own.sum()) for part in self.crew.parts]
         arguments = self.kind, self.symmetric, owned
         crew.each("create_solver", lambda part: (*arguments, self.numbers[part.nodes]))
-        self.first, self.spoiled = 0, False
+        self.first = 0
+        self.spoiled = False
 
     @property
     def name(self) -> str:
@@ -95,13 +104,15 @@ class DistributedSolver:
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
-        begin, kept = time.perf_counter(), self.first > 0
+        begin = time.perf_counter()
+        kept = self.first > 0
         try:
             shares = self._solve(b, rtol, guess)
         except SolveFailed as failure:
             if kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
                 raise
-            self.first, self.spoiled = 0, True
+            self.first = 0
+            self.spoiled = True
             slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
             if slow and self.choice == "auto":
                 self._change()
@@ -229,8 +240,9 @@ class DistributedSystem(System):
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """The matrix on all processes plus J, projected there."""
         diagonal = J.values if J.values.any() else None
-        rows = (lambda part: (None,)) if diagonal is None else lambda part: (diagonal[part.nodes],)
-        self.crew.each("project", rows)
+        self.crew.each(
+            "project", lambda part: (None if diagonal is None else diagonal[part.nodes],)
+        )
         return J
 
     def linear_solver(self, choice: str, symmetric: bool) -> tuple[LinearSolver, BlockMatrix, str]:
@@ -259,7 +271,8 @@ def _in_parts(what: str) -> InputError:
 
 def _refuse(terms: Sequence) -> None:
     for term in terms:
-        name, traits = type(term).__name__, traits_of(term)
+        name = type(term).__name__
+        traits = traits_of(term)
         if not traits.shared:
             allowed = "cannot be shared among processes yet"
             names = [other for other, each in named.TRAITS.items() if each.shared]

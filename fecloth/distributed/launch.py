@@ -50,7 +50,8 @@ def load() -> Any:
         from mpi4py import MPI
         from mpi4py.util import pkl5
     except ImportError as error:
-        what, allowed = f"a run on several processes: {error}", "needs mpi4py and petsc4py"
+        what = f"a run on several processes: {error}"
+        allowed = "needs mpi4py and petsc4py"
         remedy = "fecloth/distributed/README.md says how to install them."
         raise InputError(what, allowed, "mpiexec", remedy) from error
     return pkl5.Intracomm(MPI.COMM_WORLD)
@@ -60,7 +61,8 @@ class MpiLink:
     """A `Link` from the first process of a communicator."""
 
     def __init__(self, comm: Any):
-        self.comm, self.size = comm, comm.size
+        self.comm = comm
+        self.size = comm.size
         self.here: Worker | None = None
 
     def begin(self, descriptions: Sequence[PartDescription]) -> Worker:

@@ -74,20 +74,26 @@ class Part:
 
 
 def find_owners(cloth: Cloth, count: int) -> np.ndarray:
-    """(n,) process of each node, of `count`."""
-    # To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band;
-    # beyond pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser
-    # end.
+    """(n,) process of each node, of `count`.
+
+    To 8 processes they own equal ranges of the corners, whose numbers follow a narrow band;
+    beyond pymetis divides the mesh. The midpoint of an edge belongs to the process of its lesser
+    end.
+    """
     corners = int(cloth.triangles.max()) + 1
     if count > corners:
-        what, allowed = f"{count} processes", f"must be at most one for each of {corners} nodes"
+        what = f"{count} processes"
+        allowed = f"must be at most one for each of {corners} nodes"
         raise InputError(what, allowed, "mpiexec", "Ask for fewer by -n.")
     owner = np.empty(len(cloth.X), np.int64)
     # where the ranges end, from 0 to 1; the first process has more to do, and a shorter range
     first = max((1 + DRIVING) / count - DRIVING, 0.2 / count)
     ends = first + (1 - first) * np.arange(count) / max(count - 1, 1)
     ranges = np.searchsorted(ends, np.arange(corners) / corners, side="right")
-    owner[:corners] = ranges if count <= MOST_RANGES else _by_metis(cloth, corners, count)
+    if count <= MOST_RANGES:
+        owner[:corners] = ranges
+    else:
+        owner[:corners] = _by_metis(cloth, corners, count)
     if cloth.element == "P2":  # the stencil: ascending corners, then the midpoints 01, 12, 02
         for midpoint, end in ((3, 0), (4, 1), (5, 0)):
             owner[cloth.stencil[:, midpoint]] = owner[cloth.stencil[:, end]]
@@ -98,7 +104,8 @@ def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
     try:
         import pymetis
     except ImportError as error:
-        what, allowed = f"{count} processes", f"above {MOST_RANGES} need pymetis"
+        what = f"{count} processes"
+        allowed = f"above {MOST_RANGES} need pymetis"
         raise InputError(what, allowed, "mpiexec", "Run: pip install 'pymetis>=2025.2'") from error
     a, b = cloth.triangles.ravel(), np.roll(cloth.triangles, -1, axis=1).ravel()
     ones = np.ones(2 * len(a), np.int8)
@@ -115,7 +122,8 @@ def make_part(cloth: Cloth, owner: np.ndarray, rank: int, rings: int) -> Part:
     for _ in range(rings):
         cells = inside[cloth.triangles].any(axis=1)
         inside[cloth.triangles[cells]] = True
-    chosen, numbers = np.flatnonzero(cells), np.flatnonzero(inside)
+    chosen = np.flatnonzero(cells)
+    numbers = np.flatnonzero(inside)
     place = np.full(corners, -1, np.int32)
     place[numbers] = np.arange(len(numbers), dtype=np.int32)
     triangle = np.full(len(cloth.triangles), -1)

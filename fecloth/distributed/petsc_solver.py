@@ -69,10 +69,12 @@ class PetscSolver:
     """
 
     def __init__(self, part: Part, matrix: BlockMatrix, owned: Sequence[int], numbers: np.ndarray):
-        self.petsc, self.matrix = load(), matrix
+        self.petsc = load()
+        self.matrix = matrix
         self.own, self.size = int(part.is_own.sum()), 3 * sum(owned)
         self.blocks = _blocks_of(part, matrix)
-        pattern, integer = matrix.pattern, self.petsc.IntType
+        pattern = matrix.pattern
+        integer = self.petsc.IntType
         rows = numbers[pattern.rows[self.blocks]]  # they follow one another
         self.first = int(rows[0])
         self.columns = numbers[pattern.indices[self.blocks]].astype(integer)
@@ -106,13 +108,18 @@ class PetscSolver:
 
     def _make_matrix(self, half: bool) -> Any:
         """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""
-        PETSc, first, columns = self.petsc, self.first, self.columns
+        PETSc = self.petsc
+        first = self.first
+        columns = self.columns
         A = PETSc.Mat().create(comm=PETSc.COMM_WORLD)
         A.setSizes(((3 * self.own, self.size), (3 * self.own, self.size)), bsize=3)
         A.setType("mpisbaij" if half else PETSc.Mat.Type.AIJ)
         rows = np.repeat(np.arange(self.own), np.diff(self.starts))
         here = (columns >= first) & (columns < first + self.own)
-        stored = columns - first >= rows if half else np.ones(len(columns), bool)
+        if half:
+            stored = columns - first >= rows
+        else:
+            stored = np.ones(len(columns), bool)
         counts = [np.bincount(rows[k], minlength=self.own) for k in (here & stored, ~here & stored)]
         if not half:
             counts = [3 * np.repeat(count, 3) for count in counts]
@@ -124,7 +131,9 @@ class PetscSolver:
 
     def _fill(self) -> None:
         """Copy the blocks to PETSc, for some rows at once to save memory."""
-        values, starts, A = self.matrix.values[self.blocks], self.starts, self.A
+        values = self.matrix.values[self.blocks]
+        starts = self.starts
+        A = self.A
         for row in range(0, self.own, ROWS):
             end = min(row + ROWS, self.own)
             part = slice(starts[row], starts[end])
@@ -135,7 +144,8 @@ class PetscSolver:
         A.assemble()
 
     def _make_ksp(self, symmetric: bool) -> Any:
-        PETSc, is_direct = self.petsc, self.kind == "MUMPS"
+        PETSc = self.petsc
+        is_direct = self.kind == "MUMPS"
         ksp = PETSc.KSP().create(comm=PETSc.COMM_WORLD)
         ksp.setOptionsPrefix(f"fecloth_{self.kind.lower().replace(' ', '_')}_")
         ksp.setOperators(self.A)
@@ -213,7 +223,8 @@ class PetscSolver:
 
 def _blocks_of(part: Part, matrix: BlockMatrix) -> slice | np.ndarray:
     """The blocks in the rows of own nodes: a slice where these follow one another."""
-    indptr, own = matrix.pattern.indptr, part.own
+    indptr = matrix.pattern.indptr
+    own = part.own
     if isinstance(own, slice):
         return slice(int(indptr[own.start]), int(indptr[own.stop]))
     return np.flatnonzero(part.is_own[matrix.pattern.rows])

@@ -109,14 +109,17 @@ class Worker:
 
     def ask(self, key, name: str, arguments: tuple) -> Any:
         """What one of the `ABILITIES` of a term returns for the part."""
-        ability, function = ABILITIES[name], getattr(self.terms[key], name)
+        ability = ABILITIES[name]
+        function = getattr(self.terms[key], name)
         placed = (self.x, self.v)[: ability.placed]
         if ability.width:
             out = np.zeros((len(self.part.cells), ability.width))
             function(*placed, *arguments, out)
         else:
             out = function(*placed, *arguments)
-        return rows(out, self.own_cells) if ability.gather is cells else out
+        if ability.gather is cells:
+            return rows(out, self.own_cells)
+        return out
 
     def reaction_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of the whole cloth, and their limits, of `ReactionLimits`."""

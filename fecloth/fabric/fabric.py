@@ -94,7 +94,8 @@ class Fabric:
             remedy = "Outside these limits stretching would release energy."
             raise InputError(what, allowed, "Fabric", remedy)
         if self.shear_stiffness is None and warp != weft:
-            what, allowed = "shear_stiffness is missing", "an orthotropic fabric needs it [N/m]"
+            what = "shear_stiffness is missing"
+            allowed = "an orthotropic fabric needs it [N/m]"
             remedy = "Give shear_stiffness, or one tensile stiffness for an isotropic fabric."
             raise InputError(what, allowed, "Fabric", remedy)
         _check_positive("shear_stiffness", self.shear, "N/m")
@@ -106,7 +107,8 @@ class Fabric:
             _check_positive("bending_hysteresis", value or 1.0, "N")
 
     def _check_bending(self) -> None:
-        nu, bias = self.bending_poisson_ratio, self.bias_rigidity
+        nu = self.bending_poisson_ratio
+        bias = self.bias_rigidity
         if not (is_number(nu) and abs(nu) < 1):
             allowed = "must lie between -1 and 1"
             raise InputError(f"bending_poisson_ratio = {nu!r}", allowed, "Fabric")
@@ -310,7 +312,8 @@ class Fabric:
         """
         assert self.bending is not None
         warp, weft = self.bending
-        mean, bias = math.sqrt(warp * weft), self.bias_rigidity
+        mean = math.sqrt(warp * weft)
+        bias = self.bias_rigidity
         H = mean if bias is None else (4 * bias - warp - weft) / 2
         D12 = self.bending_poisson_ratio * mean
         return np.array([[warp, D12, 0.0], [D12, weft, 0.0], [0.0, 0.0, (H - D12) / 2]])
@@ -326,7 +329,8 @@ class Fabric:
             Name of the law, for the error message.
         """
         (warp, weft), nu = self.tensile, self.poisson_ratio
-        shear, remedy = warp / (2 * (1 + nu)), "StVK supports orthotropic fabrics."
+        shear = warp / (2 * (1 + nu))
+        remedy = "StVK supports orthotropic fabrics."
         if warp != weft:
             what = f"the fabric's tensile_stiffness = ({warp!r}, {weft!r})"
             raise InputError(what, "must be one number: the law is isotropic", where, remedy)
@@ -352,7 +356,8 @@ class Fabric:
 
 def constants_in(path: str | Path) -> dict[str, Any]:
     """Arguments of `Fabric` in the table [fabric] of a TOML file."""
-    names, where = [each.name for each in fields(Fabric)], "Fabric.read"
+    names = [each.name for each in fields(Fabric)]
+    where = "Fabric.read"
     try:
         tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -362,7 +367,8 @@ def constants_in(path: str | Path) -> dict[str, Any]:
     if not isinstance(table := tables.get("fabric"), dict):
         raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
     for key in sorted(table.keys() - set(names)):
-        allowed, what = f"unknown key; the keys are {', '.join(names)}", f"{path}: fabric.{key}"
+        allowed = f"unknown key; the keys are {', '.join(names)}"
+        what = f"{path}: fabric.{key}"
         raise InputError(f"{what} = {brief(table[key])}", allowed, where, did_you_mean(key, names))
     return {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
 

@@ -81,10 +81,12 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
 
 
 def fast(fields: Mapping, load: int) -> dict:
-    """Constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`."""
-    # Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
-    # With F = 4.903 N/m this gives G = 1.23/EB5. Bending: a strip with the overhang 2 C bends down
-    # to 41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as a Measurable Quantity, 1930).
+    """Constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`.
+
+    Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
+    With F = 4.903 N/m this gives G = 1.23/EB5. Bending: a strip with the overhang 2 C bends down
+    to 41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as a Measurable Quantity, 1930).
+    """
     where = "Fabric.from_fast"
     if load not in (5, 20, 100):
         raise InputError(f"load = {load!r}", "must be 5, 20 or 100 [gf/cm]", where)
@@ -112,11 +114,13 @@ def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
     read = {key: value for key, value in fields.items() if key != "load"}
     values = _to_si(read, KES_UNITS, KES_UNUSED, where)
     _check_present(values, ("G",) if name == "shear" else ("EMT",), where)
-    x, side = np.linspace(0.0, 1.0, 17)[1:], int(name == "weft")
+    x = np.linspace(0.0, 1.0, 17)[1:]
+    side = int(name == "weft")
     if name == "shear":
         angles = math.radians(8.0) * x
         return {"angle": list(angles), "force": list(sum(values["G"]) / 2 * angles)}
-    force, extension = _largest_force(fields.get("load", 500.0), where), values["EMT"][side]
+    force = _largest_force(fields.get("load", 500.0), where)
+    extension = values["EMT"][side]
     linearity = 2 * _work(values, force, where)[side] / (force * extension)
     if not 0.1 <= linearity <= 1.9:
         raise InputError(f"LT = {linearity:.4g}", "must lie between 0.1 and 1.9", where)

@@ -53,9 +53,11 @@ class Panel:
         fabric: Fabric | Mapping[str, Fabric],
         grain: float | Mapping[str, float] = 0.0,
     ) -> Self:
-        """Assign fabrics and warp directions to the triangles of a cloth."""
-        # The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one
-        # for all, or given by the name of each region.
+        """Assign fabrics and warp directions to the triangles of a cloth.
+
+        The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one
+        for all, or given by the name of each region.
+        """
         fabrics, region = _by_region(cloth, fabric, "fabric")
         for value in fabrics:
             if not isinstance(value, Fabric):
@@ -107,7 +109,8 @@ class Panel:
         # With them F, E and S refer to the directions of the fabric.
         if not self.grain.any():
             return self.cloth.gradients
-        c, s = np.cos(self.grain), np.sin(self.grain)
+        c = np.cos(self.grain)
+        s = np.sin(self.grain)
         rotation = np.array([[c, -s], [s, c]])  # columns: warp and weft in X and Y
         return np.ascontiguousarray(np.einsum("eqai,ije->eqaj", self.cloth.gradients, rotation))
 

@@ -74,14 +74,19 @@ def _tables() -> dict[str, Any]:
 
 @cache
 def _fabrics() -> dict[str, dict]:
-    fabrics, kinds, printed = dict[str, dict](), dict[str, tuple](), dict[str, dict]()
+    fabrics = dict[str, dict]()
+    kinds = dict[str, tuple]()
+    printed = dict[str, dict]()
     for family, table in _tables().items():
         for name, published in table["fabrics"].items():
             row = dict(published)
             what = f"{row.pop('what')}. {table['source']}"
             kinds[name] = family, row.pop("kind", family), row.pop("thicknesses", [])
             fabrics[name] = _CONVERSIONS[family](**row) | {"source": what}
-            printed[name] = wang(**row, least=-math.inf) if family == "wang" else fabrics[name]
+            if family == "wang":
+                printed[name] = wang(**row, least=-math.inf)
+            else:
+                printed[name] = fabrics[name]
     for name, (family, kind, thicknesses) in kinds.items():
         source, alike = ([printed[n] for n in kinds if k in kinds[n]] for k in (family, kind))
         fabrics[name]["uncertainty"] = _uncertainty(source, alike, kind, thicknesses)
@@ -90,7 +95,8 @@ def _fabrics() -> dict[str, dict]:
 
 def _uncertainty(source: list[dict], alike: list[dict], kind: str, thicknesses: list) -> dict:
     """Table of the spread among the fabrics of the source or the kind, or of both thicknesses."""
-    table, words = spread(source), f"spread of {len(source)} fabrics of the source"
+    table = spread(source)
+    words = f"spread of {len(source)} fabrics of the source"
     if thicknesses:
         taken, other = thicknesses
         part = f"{100 * abs(taken - other) / math.sqrt(2) / taken:.0f} %"

@@ -26,9 +26,12 @@ def force(rows: Rows, strain: float, along: str) -> float:
     S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along warp or weft does not
     shear. (Where the rows have c₃₃ < 0 it would shear without force.)
     """
-    c, s = math.cos(math.radians(ALONG[along])), math.sin(math.radians(ALONG[along]))
-    stretch, stress = 1 + strain, np.array([c * c, s * s, c * s])
-    green, table = (stretch**2 - 1) / 2, np.array(rows)
+    c = math.cos(math.radians(ALONG[along]))
+    s = math.sin(math.radians(ALONG[along]))
+    stretch = 1 + strain
+    stress = np.array([c * c, s * s, c * s])
+    green = (stretch**2 - 1) / 2
+    table = np.array(rows)
     E = green * stress  # E11, E22, E12
     for _ in range(ITERATIONS):
         unit = np.linalg.solve(_moduli(table, E), stress)  # the strain for s = 1

@@ -50,7 +50,8 @@ class Uncertainty:
             allowed = 'must be a table, as { shear_stiffness = "5 %" }'
             raise InputError(f"uncertainty = {brief(table)}", allowed, WHERE)
         given = dict(_flat(table))
-        listed, source = given.pop("correlation", ()), given.pop("source", "")
+        listed = given.pop("correlation", ())
+        source = given.pop("source", "")
         if not isinstance(source, str):
             raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
         deviations = tuple((key, _deviation(key, value)) for key, value in given.items())
@@ -66,7 +67,8 @@ class Uncertainty:
 
         `InputError` for a key that the fabric has no number for, or a percentage of 0.
         """
-        numbers, found = numbers_of(vars(fabric)), dict[str, float]()
+        numbers = numbers_of(vars(fabric))
+        found = dict[str, float]()
         for key, value in sorted(self.deviations, key=lambda item: item[0].count(".")):
             for name in _stands_for(key, numbers):
                 if isinstance(value, float):
@@ -144,7 +146,8 @@ def _deviation(key: str, value: Any) -> float | str:
     if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
         allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
         raise InputError(f"{key} = {brief(value)}", allowed, WHERE, did_you_mean(key, CONSTANTS))
-    dimension, number = CONSTANTS[name], value
+    dimension = CONSTANTS[name]
+    number = value
     if isinstance(value, str) and (part := PART.fullmatch(value.strip())):
         return f"{float(part[1]):.15g} %"
     if isinstance(value, str) and dimension:

@@ -17,7 +17,8 @@ from fecloth.terms.step_difference import StepDifference
 
 # A step does not resolve an impact if the force of contact changes in it by this part, and if that
 # would change the momentum of what it touches by this part.
-JUMP, KICK = 0.5, 0.35
+JUMP = 0.5
+KICK = 0.35
 
 
 @remembered
@@ -72,10 +73,13 @@ class BDF2(WithMemory):
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step."""
-        # A step in which the force of contact jumps, as in an impact, is taken again by backward
-        # Euler: the memory of the motion before would throw the cloth off.
-        step, last = super()._take(begin, solver), begin.memory
+        """One step.
+
+        A step in which the force of contact jumps, as in an impact, is taken again by backward
+        Euler: the memory of the motion before would throw the cloth off.
+        """
+        step = super()._take(begin, solver)
+        last = begin.memory
         after = cast(Change, step.memory)
         if last is None or last.jumped or not after.jumped:
             return step
@@ -83,11 +87,13 @@ class BDF2(WithMemory):
         return replace(again, counts=step.counts.plus(again.counts))
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
-        """Open a step after the one that left this memory; q = v₁ − v₀."""
-        # The first step is a step of another method. With contact it is of first order, which
-        # leaves this method of second order: the friction and the push at its begin are not to be
-        # relied on, as a cloth that stands still may be held by any friction below the limit. So is
-        # the step after a step in which the force of contact jumped.
+        """Open a step after the one that left this memory; q = v₁ − v₀.
+
+        The first step is a step of another method. With contact it is of first order, which
+        leaves this method of second order: the friction and the push at its begin are not to be
+        relied on, as a cloth that stands still may be held by any friction below the limit. So is
+        the step after a step in which the force of contact jumped.
+        """
         system, state, dt, memory, history = begin
         contact = any(term.needs_end for term in system.bound)
         if contact and (memory is None or memory.jumped):
@@ -96,7 +102,8 @@ class BDF2(WithMemory):
         over = system.over_step(self.difference(state, dt, memory), history)
         if memory is None:
             return Newmark()._open(begin, solver, over)
-        end, stage = begin.end, self.stage(state, dt, memory)
+        end = begin.end
+        stage = self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         before = system.with_history(history)
         return Opening(self, before, over, stage, state, end, dt, memory, memory.dv, history)
@@ -129,17 +136,20 @@ def _coefficients(dt: float, last: Change) -> tuple[float, float]:
 
 
 def _memory(opening: Opening, new: State) -> Change:
-    old, last = opening.begin, opening.memory
+    old = opening.begin
+    last = opening.memory
     change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
     pairs = zip(opening.system.bound, opening.over.bound, strict=True)
     contacts = [over for term, over in pairs if term.needs_end]
     if not contacts:
         return change
-    push, size = np.zeros_like(new.x), opening.system.sums.norm
+    push = np.zeros_like(new.x)
+    size = opening.system.sums.norm
     for contact in contacts:
         contact.add_force(new.x, new.v, new.t, push)
     before = push if last is None else last.push
-    changed, touched = size(push - before), (push != 0.0) | (before != 0.0)
+    changed = size(push - before)
+    touched = (push != 0.0) | (before != 0.0)
     stopped = size(opening.system.mass_times(old.v) * touched.any(axis=1, keepdims=True))
     jumped = changed > JUMP * max(size(push), size(before)) and change.dt * changed > KICK * stopped
     return replace(change, push=push, jumped=bool(jumped))

@@ -54,7 +54,8 @@ class StepTangents:
         """The solvers to try for this step, in their order; whether the run has a matrix of it."""
         if self.solution is not solution:
             self.solution, self.number = solution, self.number + 1
-            self.usual, self.known = {**self.usual, **self.known}, {}
+            self.usual = {**self.usual, **self.known}
+            self.known = {}
         both = {"held": lambda: self._held(solution), "exact": lambda: self._exact(solution)}
         held, exact = (self._solves(self.usual.get(name, FIRST)) for name in both)
         price = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
@@ -139,7 +140,9 @@ def _derive_unknown(
 ) -> np.ndarray:
     """δq (n, 3)."""
     plus, minus = openings
-    opening, q, norm = solution.opening, solution.q, np.linalg.norm
+    opening = solution.opening
+    q = solution.q
+    norm = np.linalg.norm
 
     def residual(dq: np.ndarray) -> np.ndarray:
         r: np.ndarray = plus.residual(q + size * dq) - minus.residual(q - size * dq)
@@ -156,7 +159,8 @@ def _derive_unknown(
     def size_of(dq: np.ndarray) -> float:
         return float(max(norm(dq), least))
 
-    solvers, known = tangents.solvers(solution, step.counts.newton > 0), tangents.known
+    solvers = tangents.solvers(solution, step.counts.newton > 0)
+    known = tangents.known
     allowed = size_of, tangents.tolerance, floor
     corrected = correct(residual, guess, solvers, known, *allowed)
     for name, contraction in corrected.contractions.items():

@@ -58,7 +58,8 @@ class EnergyMomentum(StageMethod):
     @cached_property
     def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
         """A-stable; its matrix is symmetric if the tangents of the forces between states are."""
-        midpoint, symmetric = ImplicitMidpoint.traits, self.tangent != "exact"
+        midpoint = ImplicitMidpoint.traits
+        symmetric = self.tangent != "exact"
         return replace(midpoint, symmetric=symmetric, gains=False, studied=("stability",))
 
     stage = ImplicitMidpoint.stage
@@ -88,7 +89,8 @@ class EnergyMomentum(StageMethod):
     ) -> System:
         """The system with forces between x₀ and x₁ = 2x − x₀ that do the work of the energies."""
         over = system.over_step(self.difference(state, dt), history)
-        mass, t = system.diagonal_mass, state.t + 0.5 * dt
+        mass = system.diagonal_mass
+        t = state.t + 0.5 * dt
 
         def conserve(term: BoundTerm, acting: BoundTerm, record: object) -> BoundTerm:
             if acting.conserves or not term.has_energy:

@@ -153,7 +153,8 @@ class SymplecticEuler(Explicit):
 
 
 def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step:
-    begin, dt = opening.begin, opening.dt
+    begin = opening.begin
+    dt = opening.dt
     x, v = move(begin, a, dt, new_velocity)
     new = set_held(opening.system, State(begin.t + dt, x, v), opening.end)
     return Step(new, begin, None, opening.counts(), **ending(opening, new))
@@ -196,12 +197,15 @@ class CentralDifference(Explicit):
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
         """The step to the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
-        at, last = opening.at, opening.memory
+        at = opening.at
+        last = opening.memory
         assert last is not None
         v = opening.begin.v + 0.5 * opening.dt * (last.a + a)
         opening.system.constraints.set_held(v, opening.end.v)
-        new, forces = State(at.t, at.x, v), ((last.at, last.a), (at, a))
-        memory, counts = LastForce(a, at), opening.counts()
+        new = State(at.t, at.x, v)
+        forces = ((last.at, last.a), (at, a))
+        memory = LastForce(a, at)
+        counts = opening.counts()
         return Step(new, at, memory, counts, accelerations=forces, **ending(opening, new))
 
 

@@ -87,7 +87,8 @@ def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] |
     """Return the columns of a system, or None where a term's are not known from its force."""
     columns = []
     for name, term in zip(system.names, system.bound, strict=True):
-        by_power, supplies = has_power_column(term), term.supplies
+        by_power = has_power_column(term)
+        supplies = term.supplies
         if not (by_power or has_work_column(term)):
             continue
         air = term.steady_air if by_power and supplies else np.zeros(3)
@@ -101,7 +102,9 @@ def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] |
 @rounded_kernel
 def subtract_from(f: Array, base: Array, difference: Array) -> None:
     """difference (n, 3) = f − base."""
-    f, base, difference = f.reshape(-1), base.reshape(-1), difference.reshape(-1)
+    f = f.reshape(-1)
+    base = base.reshape(-1)
+    difference = difference.reshape(-1)
     for i in range(len(f)):
         difference[i] = f[i] - base[i]
 
@@ -112,7 +115,12 @@ def add_power(
 ) -> None:
     """Add the power of d = f − base in a step to the sums; last = d."""
     half = 0.5 * clock[0]
-    power1, power2, power3, path1, path2, path3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    power1 = 0.0
+    power2 = 0.0
+    power3 = 0.0
+    path1 = 0.0
+    path2 = 0.0
+    path3 = 0.0
     d1, d2, d3 = 0.0, 0.0, 0.0
     for i in range(len(f)):
         a, b, c = f[i, 0] - base[i, 0], f[i, 1] - base[i, 1], f[i, 2] - base[i, 2]
@@ -125,7 +133,9 @@ def add_power(
         d1 += a
         d2 += b
         d3 += c
-        last[i, 0], last[i, 1], last[i, 2] = a, b, c
+        last[i, 0] = a
+        last[i, 1] = b
+        last[i, 2] = c
     power = power1 + power2 + power3
     sums[POWER] += half * (sums[LAST] + power)
     sums[LAST] = power
@@ -140,7 +150,8 @@ def add_work(
     clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Array
 ) -> None:
     """Add the work of d in a step to the sums; last = d."""
-    path, work = 0.0, 0.0
+    path = 0.0
+    work = 0.0
     for i in range(len(d)):
         for k in range(3):
             both = d[i, k] + last[i, k]
@@ -157,7 +168,8 @@ def force_calls(
     """The calls that add all forces to f, and the calls that take out the columns' parts."""
     calls: list[AnyCall] = []
     of_term = {column.name: column for column in columns}
-    x, v = moves.x, moves.ahead
+    x = moves.x
+    v = moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):
         own = compiled_force(term, x, v, f)
         if own is None:
@@ -166,7 +178,10 @@ def force_calls(
         if column is None:
             calls += own
             continue
-        elastic = compiled_force(term, x, np.zeros_like(v), column.base) if term.has_energy else []
+        if term.has_energy:
+            elastic = compiled_force(term, x, np.zeros_like(v), column.base)
+        else:
+            elastic = []
         calls += [(copy, (f, column.base)), *(elastic or []), *own, column.at_force(f, moves)]
     return calls
 

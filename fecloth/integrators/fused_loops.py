@@ -79,8 +79,11 @@ def copy(a: Array, b: Array) -> None:
 @rounded_kernel
 def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> None:
     """As `explicit.move` with a share of ½, in place; f = 0."""
-    x, v, a = x.reshape(-1), v.reshape(-1), a.reshape(-1)
-    ahead, f = ahead.reshape(-1), f.reshape(-1)
+    x = x.reshape(-1)
+    v = v.reshape(-1)
+    a = a.reshape(-1)
+    ahead = ahead.reshape(-1)
+    f = f.reshape(-1)
     for i in range(len(x)):
         dv = dt * a[i]
         x[i] += dt * (v[i] + 0.5 * dv)
@@ -92,7 +95,9 @@ def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> No
 @rounded_kernel
 def turn(f: Array, inverse_mass: Array, dt: float, v: Array, a: Array) -> None:
     """As `explicit`, in place: a = f/m, v += dt/2 (a + the old a)."""
-    f, v, a = f.reshape(-1), v.reshape(-1), a.reshape(-1)
+    f = f.reshape(-1)
+    v = v.reshape(-1)
+    a = a.reshape(-1)
     for i in range(len(f)):
         b = f[i] * inverse_mass[i]
         v[i] += 0.5 * dt * (a[i] + b)
@@ -118,7 +123,8 @@ def pin_work(
     for n in range(len(at)):
         i = at[n]
         for k in range(3):
-            held_v, held_x = 0.0, 0.0
+            held_v = 0.0
+            held_x = 0.0
             for j in range(3):
                 out = (1.0 if j == k else 0.0) - P[n, k, j]
                 held_v += out * (0.5 * (v[i, j] + old[1, n, j]))
@@ -132,23 +138,31 @@ def pin_work(
 def take_steps(
     forces: int, sizes: Array, pauses: Pauses, held: Held, fields: Fields, member: Member
 ) -> int:
-    """Take the steps in place; return their number: fewer if a stretch is beyond its limits."""
-    # Each thread calls it with its own `forces`, and moves its own nodes. The first thread does
-    # what needs all nodes.
+    """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
+
+    Each thread calls it with its own `forces`, and moves its own nodes. The first thread does
+    what needs all nodes.
+    """
     x, v, a, ahead, f, mass, inverse_mass = fields
     at, P, path, speed, old, target, work = held
     begin, end = part_of(member, 0, len(x))
-    own, of_x = slice(begin, end), slice(3 * begin, 3 * end)
-    is_first, stretches, stop = member.thread == 0, pauses.stretches, pauses.stop
+    own = slice(begin, end)
+    of_x = slice(3 * begin, 3 * end)
+    is_first = member.thread == 0
+    stretches = pauses.stretches
+    stop = pauses.stop
     for s in range(len(sizes)):
-        dt, row = sizes[s], min(s, len(path) - 1)
+        dt = sizes[s]
+        row = min(s, len(path) - 1)
         if is_first and stop[0] == 0:
             pauses.clock[0] = dt
             call(pauses.before)
             for n in range(len(at)):
                 for k in range(3):
                     i = at[n]
-                    old[0, n, k], old[1, n, k], old[2, n, k] = x[i, k], v[i, k], a[i, k]
+                    old[0, n, k] = x[i, k]
+                    old[1, n, k] = v[i, k]
+                    old[2, n, k] = a[i, k]
                     target[n, k] = x[i, k] + path[row, n, k]
         wait(member)
         if stop[0] != 0:

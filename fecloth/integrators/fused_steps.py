@@ -72,17 +72,24 @@ class FusedSteps:
 
     @classmethod
     def bind(cls, system: System, ledger: bool = True, team: Team | None = None) -> Self | None:
-        """Return the fused steps of a system, or None where a term or a pin needs Python."""
-        # With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
-        # The threads are the threads of the system, unless a `team` is given.
+        """Return the fused steps of a system, or None where a term or a pin needs Python.
+
+        With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
+        The threads are the threads of the system, unless a `team` is given.
+        """
         if system.mass_kind != "lumped" or not MotionRows.can_evaluate(system.constraints):
             return None
-        shape, mass = (len(system.cloth.X), 3), system.nodal_mass
+        shape = (len(system.cloth.X), 3)
+        mass = system.nodal_mass
         x, v, a, ahead, f, old_x, old_v = np.zeros((7, *shape))
         x[:] = system.rest().x
-        moves, stretches = Moves(np.zeros(1), x, old_x, v, old_v, ahead), np.zeros(2)
+        moves = Moves(np.zeros(1), x, old_x, v, old_v, ahead)
+        stretches = np.zeros(2)
         columns = bind_columns(system, shape) if ledger else ()
-        forces = None if columns is None else force_calls(system, columns, moves, f)
+        if columns is None:
+            forces = None
+        else:
+            forces = force_calls(system, columns, moves, f)
         if columns is None or forces is None:
             return None
         copies: list[AnyCall] = [(copy, (x, old_x))] if columns else []
@@ -105,16 +112,21 @@ class FusedSteps:
         least: float = 0.0,
         largest: float = np.inf,
     ) -> Taken | None:
-        """Take steps of the given sizes, the last one so that its `Step` is known."""
-        # `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but
-        # for round-off. With `look` = (phase, period) the stretches are looked at after step s,
-        # from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond the
-        # stretches `least` and `largest` no further step is taken. The result is None if a value is
-        # not finite: then nothing is known of these steps.
+        """Take steps of the given sizes, the last one so that its `Step` is known.
+
+        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but
+        for round-off. With `look` = (phase, period) the stretches are looked at after step s,
+        from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond the
+        stretches `least` and `largest` no further step is taken. The result is None if a value is
+        not finite: then nothing is known of these steps.
+        """
         rows = MotionRows.evaluate(self.system.constraints, times, sizes)
-        held, dt, most = self._held(rows), float(sizes[0]), len(sizes) - 1
+        held = self._held(rows)
+        dt = float(sizes[0])
+        most = len(sizes) - 1
         self._begin_at(state, memory)
-        start, pauses = self._energy_of_kicks(dt), self._pauses(look, least, largest)
+        start = self._energy_of_kicks(dt)
+        pauses = self._pauses(look, least, largest)
         number = self._go(sizes[:most], held.over(slice(0, most)), pauses)
         before, left = self._left(rows, number)
         step = None
@@ -142,9 +154,13 @@ class FusedSteps:
     def _begin_at(self, state: State, memory: LastForce) -> None:
         """Take over a state, and the forces of the columns at it."""
         fields = self.fields
-        fields.x[:], fields.v[:], fields.a[:] = state.x, state.v, memory.a
+        fields.x[:] = state.x
+        fields.v[:] = state.v
+        fields.a[:] = memory.a
         if self.columns:
-            self.moves.old_x[:], fields.ahead[:], fields.f[:] = state.x, memory.at.v, 0.0
+            self.moves.old_x[:] = state.x
+            fields.ahead[:] = memory.at.v
+            fields.f[:] = 0.0
             self.forces()
         for column in self.columns:
             column.start()
@@ -152,7 +168,8 @@ class FusedSteps:
 
     def _held(self, rows: MotionRows) -> Held:
         """The nodes that are held, over all of the steps."""
-        nodes, projectors = self.system.constraints.nodes, self.system.constraints.projectors
+        nodes = self.system.constraints.nodes
+        projectors = self.system.constraints.projectors
         before = np.empty((4, len(nodes), 3))
         fixed = nodes, np.ascontiguousarray(projectors), rows.path, rows.speed
         return Held(*fixed, before[:3], before[3], np.zeros(1))
@@ -172,7 +189,8 @@ class FusedSteps:
         return done
 
     def _go_on(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        data, team = (sizes, pauses, held, self.fields), self._team
+        data = (sizes, pauses, held, self.fields)
+        team = self._team
 
         def alone() -> int:
             return take_steps(self.forces.address, *data, ONLY)
@@ -180,7 +198,8 @@ class FusedSteps:
         def together() -> int:
             shared = self.shared_forces
             shared.start()
-            addresses, members = [calls.address for calls in shared.calls], shared.members
+            addresses = [calls.address for calls in shared.calls]
+            members = shared.members
             return team.run(
                 lambda p: take_steps(addresses[p], *data, members[p]), members[0].meeting
             )
@@ -189,7 +208,9 @@ class FusedSteps:
 
     @property
     def _team(self) -> Team:
-        return self.team if self.team.shares(len(self.fields.mass)) else ALONE
+        if self.team.shares(len(self.fields.mass)):
+            return self.team
+        return ALONE
 
     @cached_property
     def shared_forces(self) -> SharedForces:
@@ -202,6 +223,7 @@ class FusedSteps:
 
     def _energy_of_kicks(self, dt: float) -> float:
         """dt²/8 a·M a of the free directions: M Δv · (Δx/dt − v̄) is its decrease in a step."""
-        a, mass = self.fields.a, self.fields.mass
+        a = self.fields.a
+        mass = self.fields.mass
         free = self.system.constraints.project(a.copy())
         return 0.125 * dt * dt * dot(a * mass[:, None], free)

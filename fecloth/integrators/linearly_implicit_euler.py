@@ -36,14 +36,17 @@ class LinearOpening:
     @property
     def inertial(self) -> np.ndarray:
         """(n, 3) Δv of the held directions that their inertia has: what the pins prescribe."""
-        dv, constraints = np.zeros_like(self.begin.v), self.over.constraints
+        dv = np.zeros_like(self.begin.v)
+        constraints = self.over.constraints
         dv[constraints.nodes] = constraints.held_part(self.end.v - self.begin.v)
         return dv
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv of the free directions (n, 3) [N]."""
-        system, begin = self.over, self.begin
-        v, a = begin.v + (q + self.held), (q + self.inertial) / self.dt
+        system = self.over
+        begin = self.begin
+        v = begin.v + (q + self.held)
+        a = (q + self.inertial) / self.dt
         J = BlockMatrix.zeros(system.pattern)
         system.assemble(J, begin, wx=self.dt, definite=self.definite)
         R = system.scalar_mass @ a - system.force(begin) + J @ v
@@ -55,7 +58,8 @@ class LinearOpening:
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
         """∂R/∂q = M/dt + D + dt K at the begin of the step, along the free directions."""
-        system, dt = self.over, self.dt
+        system = self.over
+        dt = self.dt
         at = self.begin, dt, 1.0, 1.0 / dt
         return system.project(system.assemble(J, *at, definite=self.definite))
 
@@ -82,14 +86,17 @@ class LinearlyImplicitEuler(OpensSteps):
     def _open(self, begin: Begin, solver: object) -> LinearOpening:
         """Its unknown q is Δv of the free directions."""
         system, state, dt, memory, history = begin
-        end, constraints = begin.end, system.constraints
+        end = begin.end
+        constraints = system.constraints
         held = np.zeros_like(state.v)
         held[constraints.nodes] = constraints.held_part((end.x - state.x) / dt - state.v)
         return LinearOpening(system, begin.over, state, end, dt, memory, history, held)
 
     def close(self, opening: LinearOpening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
-        begin, dt, dv = opening.begin, opening.dt, q + opening.held
+        begin = opening.begin
+        dt = opening.dt
+        dv = q + opening.held
         v = begin.v + dv
         new, ending = arrive(opening, begin.t + dt, begin.x + dt * v, v)
         at_stage = State(new.t, new.x, v)  # the velocity that moved x, also at the pins
@@ -115,14 +122,18 @@ class LinearlyImplicitEuler(OpensSteps):
 def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.ndarray, Counts]:
     """Δv of the free directions from the linearised step, and the counts."""
     began = time.perf_counter()
-    system, begin, dt, definite = opening.over, opening.begin, opening.dt, opening.definite
+    system = opening.over
+    begin = opening.begin
+    dt = opening.dt
+    definite = opening.definite
     linear, J = solver.matrix_solver()
     b = -opening.residual(np.zeros_like(begin.v))
     opening.tangent(b, J)
     seconds = {"assemble": time.perf_counter() - began}
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
-    project, rtol = system.constraints.project, solver.options.residual
+    project = system.constraints.project
+    rtol = solver.options.residual
     start = None if opening.guess is None else project(opening.guess.copy())
     updates = [(dt * c, project(u)) for c, u in system.dense(begin)]
     free, infos = solve_updated(linear, updates, b, rtol, start)

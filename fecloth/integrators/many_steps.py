@@ -79,7 +79,8 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
         taken = fused.take(state, memory, times, np.full(len(times) - 1, dt))
         if taken is None or taken.step is None:
             return None
-        state, memory = taken.step.state, taken.step.memory
+        state = taken.step.state
+        memory = taken.step.memory
     return state
 
 

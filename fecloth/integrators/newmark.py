@@ -68,25 +68,33 @@ class AccelerationMethod(WithMemory):
     def _open(
         self, begin: Begin, solver: SolverContext | None, over: System | None = None
     ) -> Opening:
-        """Open a step after the one that left this memory; q = a₁."""
-        # Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        # `over` is the system over the step, if the rates over it are not the rates of this method.
+        """Open a step after the one that left this memory; q = a₁.
+
+        Without a memory the first acceleration is solved for, by the `solver` or a direct one.
+        `over` is the system over the step, if the rates over it are not the rates of this method.
+        """
         system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
-        end, before = begin.end, system.with_history(history)
+        end = begin.end
+        before = system.with_history(history)
         memory = memory or Acceleration(starting_acceleration(before, state, end, dt, solver))
         stage = self.stage(state, dt, memory.a)
         if over is None:
             over = system.over_step(stage.difference(state, dt), history, rates=False)
         moved = self._moved(state, end, dt, memory.a)
-        at, a_m = blend(state, end, 1 - alpha_f), alpha_m * memory.a + (1 - alpha_m) * moved
+        at = blend(state, end, 1 - alpha_f)
+        a_m = alpha_m * memory.a + (1 - alpha_m) * moved
         stage = hold_stage(system, stage, at, a_m)
         return Opening(self, before, over, stage, state, end, dt, memory, memory.a, history)
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the acceleration q (n, 3) at its end."""
-        stage, begin, end, dt = opening.stage, opening.begin, opening.end, opening.dt
-        gamma, a = self.parameters[3], opening.memory.a
+        stage = opening.stage
+        begin = opening.begin
+        end = opening.end
+        dt = opening.dt
+        gamma = self.parameters[3]
+        a = opening.memory.a
         v = begin.v + dt * ((1 - gamma) * a) + dt * gamma * q
         new, ending = arrive(opening, end.t, stage.x_end + stage.w_end * q, v)
         a_new = opening.system.constraints.hold(q, self._moved(begin, end, dt, a))
@@ -146,7 +154,10 @@ class Newmark(AccelerationMethod):
         in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
         """
         second = self.gamma == 0.5
-        drift = (2, 0.5 * abs(self.beta - 1 / 12)) if second else (1, 0.5 * (self.gamma - 0.5))
+        if second:
+            drift = (2, 0.5 * abs(self.beta - 1 / 12))
+        else:
+            drift = (1, 0.5 * (self.gamma - 0.5))
         return MethodTraits(
             order=2 if second else 1,
             error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
@@ -162,7 +173,9 @@ class Newmark(AccelerationMethod):
         half = 0.5 * (0.5 - 2 * self.beta + self.gamma) / self.beta
         product = (0.5 + self.beta - self.gamma) / self.beta
         root = half**2 - product
-        return half + math.sqrt(root) if root > 0 else math.sqrt(product)
+        if root > 0:
+            return half + math.sqrt(root)
+        return math.sqrt(product)
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
@@ -178,7 +191,8 @@ def starting_acceleration(
     system: System, state: State, end: State, dt: float, solver: SolverContext | None
 ) -> np.ndarray:
     """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
-    project, hold = system.constraints.project, system.constraints.hold
+    project = system.constraints.project
+    hold = system.constraints.hold
     a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
     b = project(system.force(state) - system.scalar_mass @ a)
     if solver is None:

@@ -12,18 +12,20 @@ from fecloth.terms.protocol import BoundTerm
 
 
 def explicit_dissipation(system: System, old: State, step: Step, theta: float) -> float:
-    """Numerical dissipation [J] of a step of an explicit method; negative for a gain."""
-    # With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
-    # stages of the step,
-    #
-    #     M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
-    #
-    # where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
-    # old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
-    # as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
-    # energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
-    # It need not grow in every step. Where pins are moved it holds what the damping does between
-    # dt v and Δx.
+    """Numerical dissipation [J] of a step of an explicit method; negative for a gain.
+
+    With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
+    stages of the step,
+
+        M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
+
+    where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
+    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
+    as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
+    energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
+    It need not grow in every step. Where pins are moved it holds what the damping does between
+    dt v and Δx.
+    """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
         energy += (theta - 0.5) * stiffness_product(system, old, step)
@@ -31,14 +33,18 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
 
 
 def memory_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of a method that satisfies M a = f at one stage."""
-    # With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
-    #
-    #     M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
-    #
-    # The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
-    # stays in the ledger's remainder. Added is `work_beyond_dissipation`.
-    dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+    """Numerical dissipation [J] of a method that satisfies M a = f at one stage.
+
+    With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
+
+        M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
+
+    The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
+    stays in the ledger's remainder. Added is `work_beyond_dissipation`.
+    """
+    dt = step.state.t - old.t
+    dx = step.state.x - old.x
+    dv = step.state.v - old.v
     beyond = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
     unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + unbalanced
@@ -72,17 +78,21 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
 
 
 def barrier_dissipation(system: System, old: State, step: Step) -> float:
-    """Numerical dissipation [J] of some energies, beyond the part of quadratic energies."""
-    # −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles and of normals of clamps that move: a
-    # barrier of contact, and a term whose history yields, are far from quadratic over the way of a
-    # step. Without these it is 0.
-    new, total = step.state, 0.0
+    """Numerical dissipation [J] of some energies, beyond the part of quadratic energies.
+
+    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles and of normals of clamps that move: a
+    barrier of contact, and a term whose history yields, are far from quadratic over the way of a
+    step. Without these it is 0.
+    """
+    new = step.state
+    total = 0.0
     records = step.history or (None,) * len(system.bound)
     systems = step.over or system, *step.around(system)
     terms = zip(*(each.bound for each in systems), records, strict=True)
     for over, before, after, record in terms:
         if before.needs_end or (record is not None and before.has_energy):
-            f, still = np.zeros_like(old.x), np.zeros_like(old.v)
+            f = np.zeros_like(old.x)
+            still = np.zeros_like(old.v)
             for one, at in ((before, old), (after, new)):
                 one.add_force(at.x, still, at.t, f)
                 ends = (old.x, old.t), (new.x, new.t)
@@ -96,7 +106,9 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
 
 def _between_velocities(system: System, old: State, step: Step) -> float:
     """M Δv · (Δx/dt − v̄) of the free directions."""
-    dt, dx, dv = step.state.t - old.t, step.state.x - old.x, step.state.v - old.v
+    dt = step.state.t - old.t
+    dx = step.state.x - old.x
+    dv = step.state.v - old.v
     free = system.constraints.project(dx / dt - old.v - 0.5 * dv)
     return system.sums.dot(system.mass_times(dv), free)
 
@@ -104,7 +116,8 @@ def _between_velocities(system: System, old: State, step: Step) -> float:
 def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> float:
     """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
     acting = step.over or system  # what dissipates over the step is not booked by its power
-    dt, dx = step.state.t - old.t, step.state.x - old.x
+    dt = step.state.t - old.t
+    dx = step.state.x - old.x
     works = [0.0]
     if any(map(has_power_column, acting.bound)):
         works = [system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
@@ -115,9 +128,11 @@ def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> 
 
 
 def load_displacement(old: State, new: State, explicit: bool) -> np.ndarray:
-    """(n, 3) displacement [m] along which loads without an energy do their work in a step."""
-    # It is Δx. In a step of an explicit method, M Δv = dt f, it is dt v̄ with the mean v̄ of both
-    # velocities: then the work is the kinetic energy that the load gives.
+    """(n, 3) displacement [m] along which loads without an energy do their work in a step.
+
+    It is Δx. In a step of an explicit method, M Δv = dt f, it is dt v̄ with the mean v̄ of both
+    velocities: then the work is the kinetic energy that the load gives.
+    """
     moved: np.ndarray = new.x - old.x
     if explicit:
         moved = 0.5 * (new.t - old.t) * (old.v + new.v)
@@ -142,7 +157,8 @@ def has_work_column(term: BoundTerm) -> bool:
 
 def column_forces(system: System, state: State) -> np.ndarray:
     """(n, 3) forces [N] whose power the ledger sums."""
-    f, still = np.zeros_like(state.x), np.zeros_like(state.v)
+    f = np.zeros_like(state.x)
+    still = np.zeros_like(state.v)
     for term in filter(has_power_column, system.bound):
         term.add_force(state.x, state.v, state.t, f)
         if term.has_energy:

@@ -58,7 +58,9 @@ class StageMethod(OpensSteps):
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
         """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + dt a."""
-        stage, begin, dt = opening.stage, opening.begin, opening.dt
+        stage = opening.stage
+        begin = opening.begin
+        dt = opening.dt
         x, v, a = stage.at(q)
         at = begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a
         new, ending = arrive(opening, *at)
@@ -102,7 +104,8 @@ class BackwardEuler(StageMethod):
     )
 
     def stage(self, state: State, dt: float) -> Stage:
-        x, zero = state.x + dt * state.v, np.zeros_like(state.v)
+        x = state.x + dt * state.v
+        zero = np.zeros_like(state.v)
         return Stage(state.t + dt, x, state.v, zero, dt, 1.0, 1.0 / dt, x, dt)
 
     def difference(self, state: State, dt: float) -> StepDifference:
@@ -125,6 +128,7 @@ class ImplicitMidpoint(StageMethod):
     )
 
     def stage(self, state: State, dt: float) -> Stage:
-        x, zero = state.x + 0.5 * dt * state.v, np.zeros_like(state.v)
+        x = state.x + 0.5 * dt * state.v
+        zero = np.zeros_like(state.v)
         end = state.x + dt * state.v
         return Stage(state.t + 0.5 * dt, x, state.v, zero, 0.25 * dt, 0.5, 1.0 / dt, end, 0.5 * dt)

@@ -114,7 +114,9 @@ def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
     """Return (q, κ) of a method; without a `drift` (q, κ) of the error of its steps, if known."""
     if traits.drift is not None:
         return traits.drift
-    return None if traits.error_constant is None else (traits.order, traits.error_constant)
+    if traits.error_constant is None:
+        return None
+    return (traits.order, traits.error_constant)
 
 
 class Integrator(Protocol):
@@ -231,7 +233,10 @@ def check_method(method: object, where: str = "march") -> None:
     """Raise `InputError` for an object that is not a method, or that does not state its traits."""
     if not takes_steps(method):
         allowed = "must be a method such as BackwardEuler() or Auto()"
-        remedy = "The method comes before the state." if isinstance(method, State) else ""
+        if isinstance(method, State):
+            remedy = "The method comes before the state."
+        else:
+            remedy = ""
         raise InputError(f"method {brief(method)}", allowed, where, remedy)
     check_offers(method, ("traits",), where)
     traits = getattr(method, "traits", None)
@@ -301,9 +306,11 @@ def take_step(
 
 
 def refuse_crossed(system: System, state: State, old: State | None = None) -> None:
-    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact."""
-    # With the state `old` at the begin of the step also where the way through an obstacle is
-    # shorter.
+    """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact.
+
+    With the state `old` at the begin of the step also where the way through an obstacle is
+    shorter.
+    """
     for name, term in zip(system.names, system.bound, strict=True):
         reason = ""
         if not term.allows(state.x, state.t):
@@ -331,9 +338,11 @@ def check_history(system: System, method: Any, history: History | None) -> None:
 
 
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
-    """Raise `InputError` for a term that needs a difference over the step, if `method` has none."""
-    # Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
-    # method for them.
+    """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
+
+    Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
+    method for them.
+    """
     if method.traits.has_difference:
         return
     chosen = method_of(method)
@@ -341,7 +350,8 @@ def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) 
         if term.needs_end:
             if chooses_method(method):
                 return
-            what, allowed = f"{term.name} in {chosen!r}", "must be in BackwardEuler or BDF2"
+            what = f"{term.name} in {chosen!r}"
+            allowed = "must be in BackwardEuler or BDF2"
             remedy = 'Take BDF2(), in scenes method = "bdf2", or Auto(), which takes it.'
             raise InputError(what, f"{allowed}: {term.needs_end}", where, remedy)
     for term in system.bound:

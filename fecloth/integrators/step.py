@@ -117,7 +117,9 @@ class Step:
 
 def blend(old: State, new: State, theta: float) -> State:
     """old + θ (new − old)."""
-    dt, dx, dv = new.t - old.t, new.x - old.x, new.v - old.v
+    dt = new.t - old.t
+    dx = new.x - old.x
+    dv = new.v - old.v
     return State(old.t + theta * dt, old.x + theta * dx, old.v + theta * dv)
 
 
@@ -168,9 +170,11 @@ class Opening:
         return self.equation.residual(q, 1.0)[0]
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
-        """∂R/∂q = wa M + wv D + wx K along the free directions, in place of what J held."""
-        # What terms couple outside the pattern of J is in a matrix of its own, which is returned
-        # then. Without what `System.dense` gives.
+        """∂R/∂q = wa M + wv D + wx K along the free directions, in place of what J held.
+
+        What terms couple outside the pattern of J is in a matrix of its own, which is returned
+        then. Without what `System.dense` gives.
+        """
         exact = Remedy(0.0, False)
         self.equation.assemble(q, exact, J)
         return self.equation.couple(q, exact, J)

@@ -21,7 +21,8 @@ FULL = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # (3, 3) of a block's entries 11, 22, 
 @kernel
 def aggregate(indptr: Array, indices: Array) -> Array:
     """(n,) int32 number of each node's aggregate: a node and its neighbours in a pattern."""
-    n, count = len(indptr) - 1, 0
+    n = len(indptr) - 1
+    count = 0
     of_node = np.full(n, -1, np.int32)
     for i in range(n):  # a node whose neighbours are all free makes an aggregate with them
         row = indices[indptr[i] : indptr[i + 1]]
@@ -58,7 +59,8 @@ def coarse_pattern(pattern: BlockPattern, of_node: np.ndarray) -> BlockPattern:
 def rigid_motions(x: np.ndarray) -> np.ndarray:
     """(6, n, 3) displacements of nodes at x (n, 3): three translations, three rotations."""
     # The rotations are e × (x − centre) about the axes e through the mean position.
-    arm, axes = x - x.mean(axis=0), np.eye(3)[:, None]
+    arm = x - x.mean(axis=0)
+    axes = np.eye(3)[:, None]
     return np.concatenate([np.broadcast_to(axes, (3, *x.shape)), np.cross(axes, arm)])
 
 

@@ -36,7 +36,8 @@ class BlockPattern:
         E = sparse.csr_array((np.ones(len(nodes), bool), nodes, start), (len(start) - 1, n))
         product = (E.T @ E).tocsr()
         product.sort_indices()
-        indptr, indices = product.indptr, product.indices
+        indptr = product.indptr
+        indices = product.indices
         return cls(indptr.astype(np.int32, copy=False), indices.astype(np.int32, copy=False))
 
     def __len__(self) -> int:
@@ -140,7 +141,9 @@ def find_sorted(numbers: Array, begin: int, end: int, number: int) -> int:
             begin = middle + 1
         else:
             end = middle
-    return begin if begin < stop and numbers[begin] == number else -1
+    if begin < stop and numbers[begin] == number:
+        return begin
+    return -1
 
 
 @kernel

@@ -20,43 +20,52 @@ def conjugate_gradients(
     indptr: Array, indices: Array, values: Array, inverse: Array, x: Array, r: Array, z: Array,
     p: Array, q: Array, sums: Array, carry: Array, threshold: float, limit: int, member: Member,
 ) -> tuple[int, int]:  # fmt: skip
-    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations."""
-    # Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n,
-    # 6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A x,
-    # both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p, and A
-    # p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z, rᵀ r and β
-    # where an earlier call ended at its limit; or rᵀ z < 0.
-    #
-    # Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
+    """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
+
+    Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n,
+    6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A x,
+    both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p, and A
+    p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z, rᵀ r and β
+    where an earlier call ended at its limit; or rᵀ z < 0.
+
+    Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
+    """
     begin, end = part_of(member, 0, sums.shape[1])
-    rz, rr, beta = carry[0], carry[1], carry[2]
+    rz = carry[0]
+    rr = carry[1]
+    beta = carry[2]
     if rz < 0.0:
         beta = 0.0
         for block in range(begin, end):
             first, last = nodes_of(block, len(x))
             sums[1, block], sums[2, block] = _advance(first, last, 0.0, p, q, inverse, x, r, z)
         wait(member)
-        rz, rr = total(sums[1]), total(sums[2])
+        rz = total(sums[1])
+        rr = total(sums[2])
     status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     j = 0
     while j < limit and status == OUT_OF_ITERATIONS:
         pq = _search(begin, end, indptr, indices, values, z, beta, p, q, sums, member)
         status = _check(pq, rz)
         if status == OUT_OF_ITERATIONS:
-            old, alpha = rz, rz / pq
+            old = rz
+            alpha = rz / pq
             for block in range(begin, end):
                 first, last = nodes_of(block, len(x))
                 sums[1, block], sums[2, block] = _advance(
                     first, last, alpha, p, q, inverse, x, r, z
                 )
             wait(member)
-            rz, rr = total(sums[1]), total(sums[2])
+            rz = total(sums[1])
+            rr = total(sums[2])
             beta = rz / old
             j += 1
             status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     wait(member)  # all have read `carry`
     if member.thread == 0:
-        carry[0], carry[1], carry[2] = rz, rr, beta
+        carry[0] = rz
+        carry[1] = rr
+        carry[2] = beta
     return j, status
 
 
@@ -65,9 +74,11 @@ def step(
     indptr: Array, indices: Array, values: Array, x: Array, r: Array, z: Array, p: Array, q: Array,
     sums: Array, old: float, threshold: float, member: Member,
 ) -> tuple[float, int]:  # fmt: skip
-    """One iteration for z = M⁻¹ r with any M, on all threads."""
-    # Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
-    # Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    """One iteration for z = M⁻¹ r with any M, on all threads.
+
+    Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
+    Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    """
     begin, end = part_of(member, 0, sums.shape[1])
     for block in range(begin, end):
         first, last = nodes_of(block, len(x))
@@ -107,7 +118,9 @@ def _search(
 def _check(pq: float, rz: float) -> int:
     if not np.isfinite(pq) or not np.isfinite(rz):
         return NOT_FINITE
-    return INDEFINITE if pq <= 0.0 or rz <= 0.0 else OUT_OF_ITERATIONS
+    if pq <= 0.0 or rz <= 0.0:
+        return INDEFINITE
+    return OUT_OF_ITERATIONS
 
 
 @inner
@@ -144,7 +157,9 @@ def _multiply(
             q1 += values[s, 0, 0] * p1 + values[s, 0, 1] * p2 + values[s, 0, 2] * p3
             q2 += values[s, 1, 0] * p1 + values[s, 1, 1] * p2 + values[s, 1, 2] * p3
             q3 += values[s, 2, 0] * p1 + values[s, 2, 1] * p2 + values[s, 2, 2] * p3
-        q[i, 0], q[i, 1], q[i, 2] = q1, q2, q3
+        q[i, 0] = q1
+        q[i, 1] = q2
+        q[i, 2] = q3
         pq += p[i, 0] * q1 + p[i, 1] * q2 + p[i, 2] * q3
     return pq
 
@@ -173,7 +188,9 @@ def _advance(
         z1 = m[0] * r1 + m[5] * r2 + m[4] * r3
         z2 = m[5] * r1 + m[1] * r2 + m[3] * r3
         z3 = m[4] * r1 + m[3] * r2 + m[2] * r3
-        z[i, 0], z[i, 1], z[i, 2] = z1, z2, z3
+        z[i, 0] = z1
+        z[i, 1] = z2
+        z[i, 2] = z3
         rz += r1 * z1 + r2 * z2 + r3 * z3
     return rz, rr
 

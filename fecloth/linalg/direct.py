@@ -41,13 +41,18 @@ class Direct:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used."""
-        # x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
-        # the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
-        # a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used.
+
+        x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
+        the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
+        a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+        """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
-        x, r, step, reached = np.zeros_like(b), b.copy(), 0, float(bb > 0.0)
+        x = np.zeros_like(b)
+        r = b.copy()
+        step = 0
+        reached = float(bb > 0.0)
         while not reached <= rtol and step <= REFINEMENTS:
             x += self._apply(r)
             reached = relative_residual(A, b, bb, x, r)
@@ -57,7 +62,8 @@ class Direct:
             roundoff = 32 * EPS * np.linalg.norm(terms) / np.sqrt(bb)
             if not reached <= min(roundoff, 1e-6):
                 raise SolveFailed(f"{self.name}: A is singular or nearly singular", reached, rtol)
-        refinements, seconds = max(step - 1, 0), time.perf_counter() - begin
+        refinements = max(step - 1, 0)
+        seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, refinements, reached, self._seconds, seconds)
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
@@ -81,7 +87,8 @@ class Pardiso(Direct):
 
     def prepare(self, A: BlockMatrix) -> None:
         """Factorise A; the analysis is reused as long as the pattern is the same."""
-        begin, self._A = time.perf_counter(), None
+        begin = time.perf_counter()
+        self._A = None
         self.prepared += 1
         if not A.pattern.same_as(self._pattern):
             self._analyse(A.pattern)
@@ -135,7 +142,8 @@ class SuperLU(Direct):
         self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
-        begin, self._A = time.perf_counter(), None
+        begin = time.perf_counter()
+        self._A = None
         self.prepared += 1
         if self._rows is None or not A.pattern.same_as(self._rows.pattern):
             self._rows = ScalarRows(A.pattern, upper=False)

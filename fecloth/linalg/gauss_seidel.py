@@ -39,12 +39,14 @@ class SweepOrder:
     @classmethod
     def from_pattern(cls, pattern: BlockPattern) -> Self:
         """Colour the nodes greedily, each with the first colour that no neighbour has."""
-        n, colours = len(pattern), _colour(pattern.indptr, pattern.indices)
+        n = len(pattern)
+        colours = _colour(pattern.indptr, pattern.indices)
         nodes = np.argsort(colours, kind="stable").astype(np.int32)
         places = np.empty(n, np.int32)
         places[nodes] = np.arange(n, dtype=np.int32)
         starts = np.searchsorted(colours[nodes], np.arange(colours.max() + 2)).astype(np.int32)
-        row, later = places[pattern.rows], colours[pattern.indices] - colours[pattern.rows]
+        row = places[pattern.rows]
+        later = colours[pattern.indices] - colours[pattern.rows]
         beside = np.flatnonzero(later)  # all blocks but the diagonal ones
         row = row[beside] + n * (later[beside] > 0)
         slots = beside[np.argsort(row, kind="stable")].astype(np.int32)
@@ -92,7 +94,9 @@ def permute(at: Array, rows: Array, permuted: Array, member: Member) -> None:
     begin, end = part_of(member, 0, len(at))
     for q in range(begin, end):
         i = at[q]
-        permuted[q, 0], permuted[q, 1], permuted[q, 2] = rows[i, 0], rows[i, 1], rows[i, 2]
+        permuted[q, 0] = rows[i, 0]
+        permuted[q, 1] = rows[i, 1]
+        permuted[q, 2] = rows[i, 2]
 
 
 @inner
@@ -101,7 +105,9 @@ def permute_back(at: Array, permuted: Array, rows: Array, member: Member) -> Non
     begin, end = part_of(member, 0, len(at))
     for q in range(begin, end):
         i = at[q]
-        rows[i, 0], rows[i, 1], rows[i, 2] = permuted[q, 0], permuted[q, 1], permuted[q, 2]
+        rows[i, 0] = permuted[q, 0]
+        rows[i, 1] = permuted[q, 1]
+        rows[i, 2] = permuted[q, 2]
 
 
 @inner
@@ -132,7 +138,8 @@ def sweep_residual(
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])
         for q in range(begin, end):
-            first, last = indptr[n + q], indptr[n + q + 1]
+            first = indptr[n + q]
+            last = indptr[n + q + 1]
             r[q, 0], r[q, 1], r[q, 2] = _subtract(indices, values, first, last, 0.0, 0.0, 0.0, x)
     wait(member)
 
@@ -142,9 +149,11 @@ def sweep_backward(
     starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
     member: Member,
 ) -> None:  # fmt: skip
-    """x ← (D + U)⁻¹ (b − L x), in place."""
-    # The colours come from the last one. Ascending places in a colour are four times as fast as
-    # descending ones.
+    """x ← (D + U)⁻¹ (b − L x), in place.
+
+    The colours come from the last one. Ascending places in a colour are four times as fast as
+    descending ones.
+    """
     n = len(x)
     for colour in range(len(starts) - 2, -1, -1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])

@@ -40,10 +40,12 @@ class LowRankUpdate:
         return x.reshape(y.shape)
 
     def require_definite(self, updates: Updates) -> None:
-        """Raise `IndefiniteMatrix` if A + Σ c u uᵀ is not positive definite, where A is."""
-        # 1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so that
-        # the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c.
-        # Source: Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
+        """Raise `IndefiniteMatrix` if A + Σ c u uᵀ is not positive definite, where A is.
+
+        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so that
+        the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c.
+        Source: Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
+        """
         negative = sum(c < 0 for c, _ in updates)
         if (np.linalg.eigvalsh(0.5 * (self.small + self.small.T)) <= 0).sum() != negative:
             raise IndefiniteMatrix("a part of low rank makes A indefinite")
@@ -56,10 +58,12 @@ def solve_updated(
     rtol: float,
     guess: np.ndarray | None = None,
 ) -> tuple[np.ndarray, list[SolveInfo]]:
-    """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared."""
-    # `updates` has (c, u) with u (n, 3) of each update, `rtol` is the relative residual of each
-    # solve with A, and `guess` (n, 3) an initial y = A⁻¹ b. The result is x (n, 3), and the
-    # `SolveInfo` of each solve with A.
+    """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
+
+    `updates` has (c, u) with u (n, 3) of each update, `rtol` is the relative residual of each
+    solve with A, and `guess` (n, 3) an initial y = A⁻¹ b. The result is x (n, 3), and the
+    `SolveInfo` of each solve with A.
+    """
     y, info = solver.solve(b, rtol=rtol, guess=guess)
     if not updates:
         return y, [info]

@@ -73,9 +73,11 @@ class Level:
         cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, transposed: sparse.bsr_matrix
     ) -> Self:
         """The level of a matrix; its blocks have the precision of Pᵀ, whose columns are nodes."""
-        n, b = len(A.pattern), len(grid.order.slots)
+        n = len(A.pattern)
+        b = len(grid.order.slots)
         transposed.indices = grid.order.places[transposed.indices]
-        values, work = np.empty((b, 3, 3), transposed.dtype), np.zeros((5, n, 3))
+        values = np.empty((b, 3, 3), transposed.dtype)
+        work = np.zeros((5, n, 3))
         level = cls(grid, A, values, np.empty((n, 6)), transposed.T, transposed, work)
         level.refill(A, inverse)
         return level
@@ -98,10 +100,12 @@ def make_grids(pattern: BlockPattern) -> list[Grid]:
 def make_levels(
     grids: list[Grid], A: BlockMatrix, inverse: np.ndarray, motions: np.ndarray, kind: type
 ) -> list[Level]:
-    """Compute the prolongators and the coarse matrices of A."""
-    # `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the motions
-    # with little energy that all levels can represent, which are overwritten, and `kind` is the
-    # precision of the finest level.
+    """Compute the prolongators and the coarse matrices of A.
+
+    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the motions
+    with little energy that all levels can represent, which are overwritten, and `kind` is the
+    precision of the finest level.
+    """
     grid, *coarser = grids
     if not coarser:
         empty = sparse.bsr_matrix((0, 3 * len(A.pattern)), blocksize=(3, 3), dtype=kind)
@@ -129,7 +133,9 @@ class Multigrid(PCG):
     `max_iterations`.
     """
 
-    name, symmetric, keeps_state = "multigrid", True, True
+    name = "multigrid"
+    symmetric = True
+    keeps_state = True
 
     def __init__(self, max_iterations: int = 10_000):
         super().__init__(max_iterations)
@@ -151,13 +157,16 @@ class Multigrid(PCG):
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks of A, and make coarse matrices if there are none."""
         super().prepare(A)
-        begin, self._A = time.perf_counter(), None
+        begin = time.perf_counter()
+        self._A = None
         if not self._grids or not A.pattern.same_as(self._grids[0].pattern):
             self._levels, self._grids = [], make_grids(A.pattern)
         if self._levels and self._extra < NEW:
             self._levels[0].refill(A, self._inverse)
         else:
-            self._levels, self._rate, self._extra = [], 0.0, 0.0
+            self._levels = []
+            self._rate = 0.0
+            self._extra = 0.0
             x = np.zeros((len(A.pattern), 3)) if self._x is None else self._x
             motions = aggregation.rigid_motions(x)
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
@@ -178,7 +187,9 @@ class Multigrid(PCG):
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
         r, _, p, q = self._work
-        rz, status, j = self._carry[0], OUT_OF_ITERATIONS, 0
+        rz = self._carry[0]
+        status = OUT_OF_ITERATIONS
+        j = 0
         while j < limit and status == OUT_OF_ITERATIONS:
             z = cycle(self._levels, r, member)
             rz, status = step(*block_rows(A), x, r, z, p, q, self._sums, rz, threshold, member)
@@ -268,7 +279,9 @@ def subtract(
     begin, end = part_of(member, 0, len(x))
     subtract_product(begin, end, indptr, indices, values, b, y, b)
     for i in range(begin, end):
-        x[i, 0], x[i, 1], x[i, 2] = y[i, 0], y[i, 1], y[i, 2]
+        x[i, 0] = y[i, 0]
+        x[i, 1] = y[i, 1]
+        x[i, 2] = y[i, 2]
     wait(member)
 
 

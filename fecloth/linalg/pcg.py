@@ -24,7 +24,8 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
     node = invert_blocks(A.pattern.diagonal, A.values, inverse)
     if node < 0:
         return
-    block, where = A.values[A.pattern.diagonal[node]], f"the diagonal block of node {node}"
+    block = A.values[A.pattern.diagonal[node]]
+    where = f"the diagonal block of node {node}"
     if not np.isfinite(block).all():
         raise SolveFailed(f"{name}: A is not finite: {where} is {block.tolist()}")
     raise IndefiniteMatrix(
@@ -34,10 +35,12 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 
 @kernel
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
-    """Invert the symmetric diagonal blocks by their cofactors."""
-    # `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets the
-    # entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not positive
-    # definite (Sylvester's criterion), or −1.
+    """Invert the symmetric diagonal blocks by their cofactors.
+
+    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets the
+    entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not positive
+    definite (Sylvester's criterion), or −1.
+    """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]
         c11 = a[1, 1] * a[2, 2] - a[1, 2] * a[1, 2]
@@ -62,7 +65,9 @@ class PCG:
     A solve fails after `max_iterations`.
     """
 
-    name, symmetric, keeps_state = "pcg", True, False
+    name = "pcg"
+    symmetric = True
+    keeps_state = False
 
     def __init__(self, max_iterations: int = 10_000):
         self.max_iterations = max_iterations
@@ -72,7 +77,8 @@ class PCG:
 
     def prepare(self, A: BlockMatrix) -> None:
         """Invert the diagonal blocks of A; raise `IndefiniteMatrix` if one is not definite."""
-        begin, self._A = time.perf_counter(), None
+        begin = time.perf_counter()
+        self._A = None
         self.prepared += 1
         n = len(A.pattern)
         if len(self._inverse) != n:
@@ -87,7 +93,9 @@ class PCG:
         """Solve A x = b (n, 3), starting from `guess` (n, 3) or 0: x (n, 3) and `SolveInfo`."""
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
-        x, r, iterations = np.zeros_like(b), self._work[0], 0
+        x = np.zeros_like(b)
+        r = self._work[0]
+        iterations = 0
         if guess is None or bb == 0.0:
             r[:] = b
             reached = float(bb > 0.0)
@@ -99,7 +107,8 @@ class PCG:
             iterations += count
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.
-            before, reached = reached, relative_residual(A, b, bb, x, r)
+            before = reached
+            reached = relative_residual(A, b, bb, x, r)
             try:
                 self._check(status, iterations, before, reached, rtol)
             except IndefiniteMatrix as failure:
@@ -120,7 +129,8 @@ class PCG:
         """Iterate in portions, of which the team times each; also returns the status."""
         team = A.team if A.team.shares(len(x)) else ALONE
         self._carry[0] = -1.0
-        done, status = 0, OUT_OF_ITERATIONS
+        done = 0
+        status = OUT_OF_ITERATIONS
         while status == OUT_OF_ITERATIONS and done < limit:
             most = team.portion(self.name, limit - done)
             count, status = self._share(team, A, x, threshold, most)

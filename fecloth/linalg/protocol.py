@@ -122,6 +122,8 @@ def subtract_product(
             r1 -= values[s, 0, 0] * x1 + values[s, 0, 1] * x2 + values[s, 0, 2] * x3
             r2 -= values[s, 1, 0] * x1 + values[s, 1, 1] * x2 + values[s, 1, 2] * x3
             r3 -= values[s, 2, 0] * x1 + values[s, 2, 1] * x2 + values[s, 2, 2] * x3
-        r[i, 0], r[i, 1], r[i, 2] = r1, r2, r3
+        r[i, 0] = r1
+        r[i, 1] = r2
+        r[i, 2] = r3
         rr += r1 * r1 + r2 * r2 + r3 * r3
     return rr

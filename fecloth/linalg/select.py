@@ -50,7 +50,8 @@ class AutoSolver:
     _A: BlockMatrix | None
 
     def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU]):
-        self._nodes, self.prepared = len(pattern), 0
+        self._nodes = len(pattern)
+        self.prepared = 0
         self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
         self._make = {"pcg": PCG, "direct": direct}
         if self._nodes >= LARGE:
@@ -81,7 +82,8 @@ class AutoSolver:
             if mode != "pcg":
                 self._average[mode] = min(self._average[mode], self.guess(mode))
         self._mode, self._solver = mode, self._solvers[mode]
-        self.prepared, self._A = self.prepared + 1, None
+        self.prepared = self.prepared + 1
+        self._A = None
         if self._begun:
             self._solver.begin(*self._begun)
 
@@ -101,17 +103,23 @@ class AutoSolver:
 
     def _preparation(self, mode: str) -> float:
         """The work of a tangent and of the factor that it takes."""
-        factor = 1.1 * self._row * self._solution(mode, 0) if mode == "direct" else 0.0
+        if mode == "direct":
+            factor = 1.1 * self._row * self._solution(mode, 0)
+        else:
+            factor = 0.0
         return ASSEMBLY * self._row + factor
 
     def _solution(self, mode: str, iterations: int) -> float:
         if mode == "direct":
             slow = mode in self._solvers and self._solvers[mode].name == "superlu"
             return (1 + iterations) * math.cbrt(self._nodes) * (SUPERLU if slow else 1.0)
-        return CYCLE * (iterations + AGE) if mode == "multigrid" else float(iterations)
+        if mode == "multigrid":
+            return CYCLE * (iterations + AGE)
+        return float(iterations)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        self._begun, size = (wx, wa, x), wx / wa
+        self._begun = (wx, wa, x)
+        size = wx / wa
         if self._size and not 0.25 <= size / self._size <= 4:
             self._restart()
         self._size = self._size or size
@@ -127,7 +135,8 @@ class AutoSolver:
         self._prepare(A)
 
     def _prepare(self, A: BlockMatrix) -> None:
-        self.prepared, self._A = self.prepared + 1, None
+        self.prepared = self.prepared + 1
+        self._A = None
         self._work += self._preparation(self._mode)
         self._solver.prepare(A)
         self._A = A
@@ -185,7 +194,8 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
 
 def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
     """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU."""
-    what, where = f"solver {name!r}", "linalg.select.create"
+    what = f"solver {name!r}"
+    where = "linalg.select.create"
     known(what, name, NAMES, where)
     if name in ("pcg", "multigrid"):
         if not symmetric:
@@ -198,4 +208,6 @@ def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multi
         except (ImportError, OSError) as error:
             remedy = 'Install pypardiso (x86-64 only: "pip install pypardiso") or use "superlu".'
             raise InputError(what, f"cannot be loaded ({error})", where, remedy) from error
-    return SuperLU(symmetric) if name == "superlu" else direct(symmetric)
+    if name == "superlu":
+        return SuperLU(symmetric)
+    return direct(symmetric)

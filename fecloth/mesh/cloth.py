@@ -169,7 +169,8 @@ class Cloth:
         """
         mesh = join_meshes([piece._flat_mesh for piece in pieces], names)
         if len({piece.element for piece in pieces}) > 1:
-            what, remedy = "pieces of P1 and of P2", "Make all pieces with one element."
+            what = "pieces of P1 and of P2"
+            remedy = "Make all pieces with one element."
             raise InputError(what, "must have one element", "Cloth.join", remedy)
         numbers = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
         return cls._of(mesh, numbers, pieces[0].element)
@@ -190,7 +191,8 @@ class Cloth:
         cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets: Collection[str] = ()
     ) -> "Cloth":
         elements.find_element(element, "Cloth")
-        nodes, triangles = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
+        nodes = np.arange(len(mesh.X))
+        triangles = np.arange(len(mesh.triangles))
         if renumber:
             mesh, nodes, triangles = renumber_mesh(mesh)
         if element == "P2":
@@ -200,7 +202,8 @@ class Cloth:
 
     # --- nodes, regions and geometry ----------------------------------------------------------
 
-    nodes, region = selection.nodes, selection.region
+    nodes = selection.nodes
+    region = selection.region
 
     @property
     def area(self) -> float:
@@ -250,7 +253,10 @@ class Cloth:
     @cached_property
     def mesh(self) -> skfem.MeshTri:
         """The scikit-fem mesh of the corners; it sorts the vertices inside each triangle."""
-        corners = len(self.X) if self.element == "P1" else int(self.triangles.max()) + 1
+        if self.element == "P1":
+            corners = len(self.X)
+        else:
+            corners = int(self.triangles.max()) + 1
         return elements.skfem_mesh(self.X[:corners], self.triangles)
 
     @cached_property
@@ -297,7 +303,9 @@ class Cloth:
     @property
     def usual_mass(self) -> str:
         """The default kind of mass: "lumped" for P1, "consistent" for P2."""
-        return "lumped" if self.element == "P1" else "consistent"
+        if self.element == "P1":
+            return "lumped"
+        return "consistent"
 
     @property
     def least_mass(self) -> float:
@@ -307,12 +315,17 @@ class Cloth:
     # --- fields on the cloth ------------------------------------------------------------------
 
     # A method is the function of the same name, whose first argument is the cloth.
-    interpolator, interpolate = norms.interpolator, norms.interpolate
-    load, weighted_load = norms.load, norms.weighted_load
-    mass, diagonal_mass = norms.mass, norms.diagonal_mass
+    interpolator = norms.interpolator
+    interpolate = norms.interpolate
+    load = norms.load
+    weighted_load = norms.weighted_load
+    mass = norms.mass
+    diagonal_mass = norms.diagonal_mass
     l2_norm = norms.l2_norm
-    l2_difference, h1_difference = norms.l2_difference, norms.h1_difference
-    l2_error, h1_error = norms.l2_error, norms.h1_error
+    l2_difference = norms.l2_difference
+    h1_difference = norms.h1_difference
+    l2_error = norms.l2_error
+    h1_error = norms.h1_error
 
     def __repr__(self) -> str:
         kind = f"{len(self.X)} nodes, {amount(len(self.triangles), f'{self.element} triangle')}"

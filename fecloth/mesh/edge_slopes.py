@@ -39,11 +39,14 @@ class EdgeSlopes:
 
     @cached_property
     def patches(self) -> sparse.csr_matrix:
-        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge."""
-        # They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
-        # the four nodes take part; where the angles hardly tell one of the curvatures, all
-        # triangles at the two nodes of the edge.
-        plate, edges = self._plain, self.edges
+        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
+
+        They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
+        the four nodes take part; where the angles hardly tell one of the curvatures, all
+        triangles at the two nodes of the edge.
+        """
+        plate = self._plain
+        edges = self.edges
         patches = plate.in_triangle.T.tocsr()
         patch = (patches @ plate.in_triangle).tocsr()
         *_, gram = _gram(plate, patch)
@@ -68,14 +71,18 @@ class EdgeSlopes:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple."""
-        # They are the same for any plate on this mesh. On regular meshes many weights are zero. The
-        # weights of the edges in `_changing` are not zero in every plate: they have all hinges of
-        # their patches.
-        m, h = len(self.edges.triangles), len(self.edges.of_hinge)
+        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
+
+        They are the same for any plate on this mesh. On regular meshes many weights are zero. The
+        weights of the edges in `_changing` are not zero in every plate: they have all hinges of
+        their patches.
+        """
+        m = len(self.edges.triangles)
+        h = len(self.edges.of_hinge)
         if not h:  # a triangle alone, whose clamps have angles to its corners
             return np.sort(self.edges.triangles)[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
-        nodes, changing = self.edges.hinges.nodes, sparse.diags(self._changing.astype(float))
+        nodes = self.edges.hinges.nodes
+        changing = sparse.diags(self._changing.astype(float))
         patch = changing @ self.patches @ self._plain.in_triangle
         slopes = abs(self.plain) + abs(self._sides) @ patch
         slopes.data[:] = 1.0
@@ -92,9 +99,11 @@ class EdgeSlopes:
 
     @property
     def _changing(self) -> np.ndarray:
-        """(h,) whether the weights of an edge depend on seams and clamps."""
-        # They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
-        # a clamp: one between two regions, or on the boundary.
+        """(h,) whether the weights of an edge depend on seams and clamps.
+
+        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
+        a clamp: one between two regions, or on the boundary.
+        """
         sides = self.edges.hinges.sides
         seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
         ends = np.zeros(len(self.edges.triangles), bool)
@@ -106,11 +115,13 @@ class EdgeSlopes:
     def of_plate(
         self, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
     ) -> tuple[sparse.csr_matrix, np.ndarray]:
-        """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free."""
-        # The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
-        # `material` (m,) is equal where two triangles have the same D; across a seam between two
-        # materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
-        # whose slope is held, are the hinges h … h + c − 1.
+        """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
+
+        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
+        `material` (m,) is equal where two triangles have the same D; across a seam between two
+        materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
+        whose slope is held, are the hinges h … h + c − 1.
+        """
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():
             return self.plain, plate.hinge
@@ -123,8 +134,11 @@ class EdgeSlopes:
         return _Plate(self.edges, np.empty(0, int), one, np.zeros(m, int))
 
     def _slopes(self, plate: "_Plate", weights: sparse.csr_matrix) -> sparse.csr_matrix:
-        h, c, size = len(self.edges.of_hinge), len(plate.clamped), len(plate.hinge)
-        half_edges, hinges = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
+        h = len(self.edges.of_hinge)
+        c = len(plate.clamped)
+        size = len(plate.hinge)
+        half_edges = np.concatenate(self.edges.of_hinge.T)
+        hinges = np.tile(np.arange(h), 2)
         rows = np.concatenate([half_edges, plate.clamped])
         columns = np.concatenate([hinges, h + np.arange(c)])
         parts = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
@@ -134,7 +148,8 @@ class EdgeSlopes:
     @property
     def _sides(self) -> sparse.csr_matrix:
         """(3m, h) 1 for the left and −1 for the right half-edge of each interior edge."""
-        h, size = len(self.edges.of_hinge), 3 * len(self.edges.triangles)
+        h = len(self.edges.of_hinge)
+        size = 3 * len(self.edges.triangles)
         place = np.concatenate(self.edges.of_hinge.T), np.tile(np.arange(h), 2)
         return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
@@ -143,7 +158,8 @@ class EdgeSlopes:
         # With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
         patch = (self.patches @ plate.in_triangle).tocsr()
         row, angle, gram = _gram(plate, patch)
-        hinges, slope = np.arange(patch.shape[0]), self.edges.slopes_of_curvature
+        hinges = np.arange(patch.shape[0])
+        slope = self.edges.slopes_of_curvature
         left, right = self.edges.of_hinge.T
         phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
         phi /= self.edges.hinges.length[:, None]
@@ -180,10 +196,11 @@ class _Plate:
 
     def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
         """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ belongs to the left side of `centre`."""
-        h, slope = len(self.edges.of_hinge), self.edges.slopes_of_curvature
+        h = len(self.edges.of_hinge)
+        slope = self.edges.slopes_of_curvature
         left = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])[hinge]
         rows = self.across(centre, hinge, left // 3, slope[left])
-        interior = slice(None) if not len(self.clamped) else np.flatnonzero(hinge < h)
+        interior = np.flatnonzero(hinge < h)
         right = self.edges.of_hinge[hinge[interior], 1]
         rows[interior] += self.across(centre[interior], hinge[interior], right // 3, slope[right])
         return rows
@@ -208,7 +225,10 @@ def _gram(plate: _Plate, patch: sparse.csr_matrix):
     row = np.repeat(np.arange(patch.shape[0]), np.diff(patch.indptr))
     angle = plate.angles(row, patch.indices) / plate.edges.hinges.length[row, None]
     products = (angle[:, :, None] * angle[:, None, :]).reshape(-1, 9)
-    gram = np.add.reduceat(products, patch.indptr[:-1], axis=0) if len(row) else products
+    if len(row):
+        gram = np.add.reduceat(products, patch.indptr[:-1], axis=0)
+    else:
+        gram = products
     return row, angle, gram.reshape(-1, 3, 3)
 
 
@@ -232,11 +252,14 @@ def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
 
 
 def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂)."""
-    # With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
-    # through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
+    """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂).
+
+    With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
+    through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
+    """
     normal = np.arctan2(-seam[:, 0], seam[:, 1])
-    there, back = turn_curvature(normal), turn_curvature(-normal)
+    there = turn_curvature(normal)
+    back = turn_curvature(-normal)
     moment_a, moment_b = (
         np.einsum("pki,pkl,plj->pij", back, D, back, optimize=True)[:, 0] for D in (a, b)
     )
@@ -249,7 +272,8 @@ def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.nda
 
 def turn_curvature(angle: np.ndarray) -> np.ndarray:
     """(p, 3, 3) R with R κ the curvature (κ₁₁, κ₂₂, 2κ₁₂) along axes turned by `angle` (p,)."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     rows = np.array(
         [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
     )

@@ -64,7 +64,8 @@ class Element:
     @cached_property
     def slopes(self) -> np.ndarray:
         """(q, 2, k) derivatives of N_a by ξ and η, at the points of the unit triangle."""
-        k, points = len(self.reference_mass), self.rule[0]
+        k = len(self.reference_mass)
+        points = self.rule[0]
         slopes = [self.shapes.lbasis(points, a)[1] for a in range(k)]
         return np.stack([s + 0 * points for s in slopes], axis=-1).swapaxes(0, 1)
 
@@ -77,7 +78,8 @@ class Element:
         dofs = skfem.Dofs(mesh, self.shapes)
         nodes = np.ascontiguousarray(dofs.element_dofs.T, dtype=np.int32)
         (m, k), q = nodes.shape, len(self.rule[1])
-        gradients, weights = np.empty((m, q, k, 2)), np.empty((m, q))
+        gradients = np.empty((m, q, k, 2))
+        weights = np.empty((m, q))
         for part in blocks(m):
             of = {"elements": np.arange(part.start, part.stop), "quadrature": self.rule}
             mapping = skfem.MappingAffine(mesh, of["elements"])  # the mesh would keep its own
@@ -116,11 +118,14 @@ def skfem_mesh(X: np.ndarray, triangles: np.ndarray) -> skfem.MeshTri:
 
 
 def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh:
-    """The mesh with one more node at the midpoint of each edge; these follow the corners."""
-    # Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
-    # edges of the region of that name, else of the edges with both ends in the set. The sets named
-    # in `corner_sets` get none.
-    n, edges = len(mesh.X), skfem_mesh(mesh.X, mesh.triangles).facets.T
+    """The mesh with one more node at the midpoint of each edge; these follow the corners.
+
+    Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
+    edges of the region of that name, else of the edges with both ends in the set. The sets named
+    in `corner_sets` get none.
+    """
+    n = len(mesh.X)
+    edges = skfem_mesh(mesh.X, mesh.triangles).facets.T
     X = np.concatenate([mesh.X, mesh.X[edges].mean(axis=1)])
 
     def with_midpoints(name, nodes):

@@ -37,25 +37,28 @@ class FlatMesh:
         triangle_ids=None,
         triangle_sets=None,
     ) -> Self:
-        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise."""
-        # Errors in the arrays are reported and not repaired. Exception: if all triangles are
-        # clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
-        # triangle) are added unless sets of this name exist. An edge set without a node set of the
-        # same name gets one.
-        #
-        # Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
-        # range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
-        # triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
-        # sets with pairs that are no edge.
-        #
-        # Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz
-        # those two coordinates are used. Any other plane gets an orthonormal frame, whose first
-        # axis is the projection of the global x axis, or of the y axis if the plane is normal to x.
-        # Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name
-        # the file or function `where`, and the numbers `node_ids` and `triangle_ids` in place of
-        # the indices.
+        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise.
+
+        Errors in the arrays are reported and not repaired. Exception: if all triangles are
+        clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
+        triangle) are added unless sets of this name exist. An edge set without a node set of the
+        same name gets one.
+
+        Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
+        range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
+        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
+        sets with pairs that are no edge.
+
+        Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz
+        those two coordinates are used. Any other plane gets an orthonormal frame, whose first
+        axis is the projection of the global x axis, or of the y axis if the plane is normal to x.
+        Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name
+        the file or function `where`, and the numbers `node_ids` and `triangle_ids` in place of
+        the indices.
+        """
         X, triangles = _arrays(X, triangles, where)
-        n, m = len(X), len(triangles)
+        n = len(X)
+        m = len(triangles)
         source = _Source(
             where,
             np.arange(n) if node_ids is None else np.asarray(node_ids),
@@ -170,7 +173,8 @@ def _check_nodes(X, t, source):
 def _areas_and_lengths(X, t):
     """Signed areas (m,) and squared edge lengths (3, m)."""
     a, b, c = X[t[:, 0]], X[t[:, 1]], X[t[:, 2]]
-    e, f = b - a, c - a
+    e = b - a
+    f = c - a
     area = 0.5 * (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
     return area, np.array([(v * v).sum(axis=1) for v in (e, f, f - e)])
 
@@ -201,10 +205,12 @@ def _check_duplicates(t, source):
 
 def _check_edges(t, n, source):
     """Return the sorted keys low * n + high of all edges, and the node pairs of the boundary."""
-    start, end = t.ravel().astype(np.int64), np.roll(t, -1, axis=1).ravel()
+    start = t.ravel().astype(np.int64)
+    end = np.roll(t, -1, axis=1).ravel()
     key = np.minimum(start, end) * n + np.maximum(start, end)
     order = np.argsort(key, kind="stable")  # half-edge h belongs to triangle h // 3
-    key, forward = key[order], (start < end)[order]
+    key = key[order]
+    forward = (start < end)[order]
     first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
     count = np.diff(np.append(first, len(key)))
     keys = key[first]
@@ -275,9 +281,11 @@ def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
 
 
 def _frame(normal: np.ndarray) -> np.ndarray:
-    """Two orthonormal axes (2, 3) in the plane."""
-    # The sign of the normal is chosen so that the axes vary continuously from the axes of the
-    # coordinate planes xy, xz and yz.
+    """Two orthonormal axes (2, 3) in the plane.
+
+    The sign of the normal is chosen so that the axes vary continuously from the axes of the
+    coordinate planes xy, xz and yz.
+    """
     signed = normal * (1.0, -1.0, 1.0)
     normal = normal * np.sign(signed[next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)])
     first = np.eye(3)[1 if np.linalg.norm(normal[1:]) < 1e-6 else 0]

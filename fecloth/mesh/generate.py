@@ -25,14 +25,16 @@ def rectangle(
     pattern: str = "unstructured",
     grading: Sequence[Grading] = (),
 ) -> FlatMesh:
-    """Mesh the rectangle [0, width] × [0, height]."""
-    # The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
-    # cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
-    # length near that of equilateral triangles, so that both divide the sides: the angles are 60°
-    # only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
-    #
-    # `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
-    # ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
+    """Mesh the rectangle [0, width] × [0, height].
+
+    The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
+    cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
+    length near that of equilateral triangles, so that both divide the sides: the angles are 60°
+    only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
+
+    `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
+    ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
+    """
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
     validation.mesh_size(h, max(width, height), width * height, "rectangle")
@@ -43,7 +45,10 @@ def rectangle(
         raise InputError(f"pattern = {pattern!r}", "has one edge length", "rectangle", remedy)
     if pattern == "equilateral":
         _refuse_another_size(float(height), float(h))
-    mesh = _PATTERNS[pattern] if not grading else partial(_mesh_unstructured, grading=grading)
+    if not grading:
+        mesh = _PATTERNS[pattern]
+    else:
+        mesh = partial(_mesh_unstructured, grading=grading)
     X, triangles = mesh(float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
@@ -62,7 +67,8 @@ def _mesh_drawing(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3)."""
     # Many triangles, and any beside a session of the user, in a process of their own.
-    draw, sizes = DRAWINGS[name], (*map(float, sizes), float(h))
+    draw = DRAWINGS[name]
+    sizes = (*map(float, sizes), float(h))
     if area / h**2 < AT_ONCE and not gmsh_session.is_open():
         raw = gmsh_plane(lambda geo: draw(geo, *sizes), float(h), name, grading)
     else:
@@ -117,7 +123,8 @@ def _equilateral(width, height, h):
     x = [odd if j % 2 else even for j in range(ny + 1)]
     lengths = [len(row) for row in x]
     X = np.column_stack((np.concatenate(x), np.repeat(np.linspace(0, height, ny + 1), lengths)))
-    j, start = np.arange(ny), np.cumsum([0, *lengths])
+    j = np.arange(ny)
+    start = np.cumsum([0, *lengths])
     p, q = np.arange(nx + 1), np.arange(nx + 2)  # node numbers within an even and an odd row
     with_even_base = np.stack((p[:-1], p[1:], q[1:-1]), axis=1)
     with_odd_base = np.stack((p, q[1:], q[:-1]), axis=1)  # half triangles at both ends

@@ -69,10 +69,12 @@ class Token(NamedTuple):
 
 
 def check_geo(text: str, where: str) -> str:
-    """Return a .geo file without its comments, if it holds known commands only."""
-    # Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
-    # without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. The process
-    # that reads the file has limits of time and memory, which end a loop without end.
+    """Return a .geo file without its comments, if it holds known commands only.
+
+    Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
+    without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. The process
+    that reads the file has limits of time and memory, which end a loop without end.
+    """
     tokens = list(_tokens(text, where))
     _Checker(tokens, where).check()
     lines: list[list[str]] = [[] for _ in range(tokens[-1].line if tokens else 0)]
@@ -93,19 +95,22 @@ def _tokens(text: str, where: str) -> Iterator[Token]:
     if match := _CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise _refused(f"the control character {match[0][0]!r}", line, where)
-    place, line = 0, 1
+    place = 0
+    line = 1
     while place < len(text):
         match = _TOKEN.match(text, place)
         if not match:
             raise _refused(f"the character {text[place]!r}", line, where)
-        kind, word = str(match.lastgroup), match[0]
+        kind = str(match.lastgroup)
+        word = match[0]
         if kind == "text":
             if len(word) > LONGEST_TEXT or _LOOP_WORDS.search(word):
                 raise _refused(f"the text {word[:40]}", line, where)
             word = f'"{word[1:-1]}"'
         if kind != "space":
             yield Token(kind, word, line)
-        place, line = match.end(), line + match[0].count("\n")
+        place = match.end()
+        line = line + match[0].count("\n")
 
 
 @dataclass
@@ -139,7 +144,8 @@ class _Checker:
 
     def _point(self, i: int, before: str) -> None:
         """Check Mesh.Algorithm, Geometry.Tolerance or Field[1].SizeMin; the threads are not set."""
-        group, name = before.rpartition(" ")[2], self._join(i + 1, i + 2)
+        group = before.rpartition(" ")[2]
+        name = self._join(i + 1, i + 2)
         is_field = group == "]" and "Field" in self.seen
         if not is_field and (group not in ("Mesh", "Geometry") or "Threads" in name):
             raise self._error(f"{group}.{name}", i)

@@ -30,12 +30,14 @@ _ERRORS = {"InputError": InputError, "MeshError": MeshError}
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Mesh or read a file in a child process, which ends with this function, however it ends."""
-    # The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
-    # path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes":
-    # its arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`.
-    # Unless `confined` is false, the process writes no file. It is killed after `time_limit`
-    # seconds; `where` is the file, for messages.
+    """Mesh or read a file in a child process, which ends with this function, however it ends.
+
+    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
+    path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes":
+    its arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`.
+    Unless `confined` is false, the process writes no file. It is killed after `time_limit`
+    seconds; `where` is the file, for messages.
+    """
     validation.positive("time_limit", time_limit, "s", where)
     package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported
     path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
@@ -45,7 +47,8 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     try:
         done = subprocess.run(command, input=request, timeout=time_limit, **options)
     except subprocess.TimeoutExpired:
-        what, allowed = "meshing or reading takes longer", f"must end within {time_limit:g} s"
+        what = "meshing or reading takes longer"
+        allowed = f"must end within {time_limit:g} s"
         remedy = "Take a larger h, or raise the limit: --mesh-time SECONDS, time_limit in Python."
         raise MeshError(what, allowed, where, remedy) from None
     if done.returncode:
@@ -74,7 +77,8 @@ def _packed(result: dict) -> bytes:
         arrays.append(array)
         return {"array": len(arrays)}
 
-    header, stream = json.dumps(result, default=place).encode(), io.BytesIO()
+    header = json.dumps(result, default=place).encode()
+    stream = io.BytesIO()
     np.savez(stream, np.frombuffer(header, np.uint8), *arrays)
     return stream.getvalue()
 
@@ -84,7 +88,9 @@ def _unpacked(data: bytes) -> dict:
 
         def find(item: dict) -> Any:
             is_place = item.keys() == {"array"} and isinstance(item["array"], int)
-            return file[f"arr_{item['array']}"] if is_place else item
+            if is_place:
+                return file[f"arr_{item['array']}"]
+            return item
 
         return json.loads(file["arr_0"].tobytes(), object_hook=find)
 
@@ -144,8 +150,10 @@ def _limit(seconds: float, confined: bool) -> None:
 def surface_from_meshio(path: Path, where: str) -> RawMesh:
     """The nodes and triangles of a file, which may hold other cells."""
     mesh = _meshio_mesh(path, where)
-    xyz, triangles = mesh.points, _triangles(mesh)
-    n, m = len(xyz), len(triangles)
+    xyz = mesh.points
+    triangles = _triangles(mesh)
+    n = len(xyz)
+    m = len(triangles)
     return RawMesh(xyz, triangles, {}, {}, np.arange(n), np.arange(m), np.zeros(n, dtype=bool))
 
 
@@ -156,7 +164,8 @@ def from_meshio(path: Path, where: str) -> RawMesh:
     check_cells({b.type: len(b) for b in mesh.cells if b.type not in known}, where)
     triangles = _triangles(mesh)
     nodes, edges = _meshio_sets(mesh, where)
-    n, m = len(mesh.points), len(triangles)
+    n = len(mesh.points)
+    m = len(triangles)
     geometric = np.zeros(n, dtype=bool)
     for block in mesh.cells:
         if block.type != "triangle":
@@ -167,13 +176,16 @@ def from_meshio(path: Path, where: str) -> RawMesh:
 
 def _triangles(mesh: Any) -> np.ndarray:
     blocks = [block.data for block in mesh.cells if block.type == "triangle"]
-    return np.concatenate(blocks) if blocks else np.empty((0, 3), dtype=int)
+    if blocks:
+        return np.concatenate(blocks)
+    return np.empty((0, 3), dtype=int)
 
 
 def _meshio_mesh(path: Path, where: str) -> Any:
     import meshio
 
-    suffix, suffixes = path.suffix.lower(), meshio.extension_to_filetypes
+    suffix = path.suffix.lower()
+    suffixes = meshio.extension_to_filetypes
     if suffix not in suffixes:
         allowed = f"must be one of {sorted(suffixes)}"
         remedy = "Convert the file, for instance to .vtu by meshio."
@@ -184,7 +196,8 @@ def _meshio_mesh(path: Path, where: str) -> Any:
             mesh = meshio.read(path)
         mesh.points = np.asarray(mesh.points, dtype=float)
     except MemoryError as error:
-        what, remedy = "the file takes too much memory", "Is it damaged? Take a coarser mesh."
+        what = "the file takes too much memory"
+        remedy = "Is it damaged? Take a coarser mesh."
         raise MeshError(what, "must fit in half of the machine's memory", where, remedy) from error
     except (Exception, SystemExit) as error:  # meshio exits on a file that it cannot read
         reason = " ".join(output.getvalue().split()) or error

@@ -41,7 +41,8 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
             gmsh.model.mesh.generate(2)
         _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
     used, triangles = np.unique(triangles, return_inverse=True)  # removes the centres of circles
-    nodes, cells = np.arange(len(used)), np.arange(len(triangles) // 3)
+    nodes = np.arange(len(used))
+    cells = np.arange(len(triangles) // 3)
     is_unused = np.zeros(len(used), dtype=bool)
     return RawMesh(xyz[used], triangles.reshape(-1, 3), {}, {}, nodes, cells, is_unused)
 
@@ -142,7 +143,8 @@ def _gmsh_arrays(gmsh, where: str):
     check_cells(counts, where)
     tags, xyz, _ = mesh.getNodes(returnParametricCoord=False)
     order = np.argsort(tags)
-    ids, xyz = tags[order].astype(np.int64), xyz.reshape(-1, 3)[order]
+    ids = tags[order].astype(np.int64)
+    xyz = xyz.reshape(-1, 3)[order]
     triangle_ids, vertices = mesh.getElementsByType(2)
     triangles = np.searchsorted(ids, vertices.astype(np.int64)).reshape(-1, 3)
     return ids, xyz, triangles, triangle_ids.astype(np.int64)
@@ -152,7 +154,8 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
     ids, xyz, triangles, triangle_ids = _gmsh_arrays(gmsh, where)
     if any(len(gmsh.model.getPhysicalGroupsForEntity(*s)) > 1 for s in gmsh.model.getEntities(2)):
         first = np.sort(np.unique(triangles, axis=0, return_index=True)[1])
-        triangles, triangle_ids = triangles[first], triangle_ids[first]
+        triangles = triangles[first]
+        triangle_ids = triangle_ids[first]
     nodes, edges = _gmsh_sets(gmsh, ids, where)
     regions = _gmsh_regions(gmsh, triangles, ids)
     geometric = np.ones(len(ids), dtype=bool)
@@ -160,9 +163,11 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
 
 
 def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
-    """Triangle indices of each physical surface, by its name."""
-    # Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
-    # each group.
+    """Triangle indices of each physical surface, by its name.
+
+    Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
+    each group.
+    """
     order = np.lexsort(triangles.T[::-1])
     weights = [len(ids) ** 2, len(ids), 1]
     keys = np.ascontiguousarray(triangles[order].astype(np.int64)) @ weights
@@ -179,7 +184,8 @@ def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
 
 def _gmsh_sets(gmsh, ids, where):
     """Lists of node indices and of node pairs of each physical group, by its name."""
-    nodes, edges = {}, {}
+    nodes = {}
+    edges = {}
     groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] < 3]
     _check_no_empty_groups(gmsh, groups, where)
     for dim, tag in groups:

@@ -59,10 +59,12 @@ class Hinges:
 
     @cached_property
     def flat_gradient(self) -> np.ndarray:
-        """(h, 4) g with θ = Σ g_a z_a to first order in the deflections z of the nodes [1/m]."""
-        # A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height of
-        # the triangle above the edge. The entries of the edge's nodes follow from the lever rule.
-        # Σ g_a X_a = 0: an affine deflection does not bend the cloth.
+        """(h, 4) g with θ = Σ g_a z_a to first order in the deflections z of the nodes [1/m].
+
+        A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height of
+        the triangle above the edge. The entries of the edge's nodes follow from the lever rule.
+        Σ g_a X_a = 0: an affine deflection does not bend the cloth.
+        """
         g2, g3 = (0.5 * self.length[:, None] / self.areas).T
         s2, s3 = self.feet.T
         return np.stack([-(1 - s2) * g2 - (1 - s3) * g3, -s2 * g2 - s3 * g3, g2, g3], axis=1)
@@ -84,7 +86,8 @@ class HalfEdges:
     @cached_property
     def of_hinge(self) -> np.ndarray:
         """(h, 2) half-edges of each interior edge: in the left and in the right triangle."""
-        nodes, sides = self.hinges.nodes, self.hinges.sides
+        nodes = self.hinges.nodes
+        sides = self.hinges.sides
         at = [np.argmax(self.triangles[sides[:, s]] == nodes[:, s, None], axis=1) for s in (0, 1)]
         return 3 * sides + np.stack(at, axis=1)
 
@@ -104,7 +107,8 @@ class HalfEdges:
     @cached_property
     def area(self) -> np.ndarray:
         """(m,) reference areas [m²]."""
-        e, f = self.vector[:, 0], self.vector[:, 1]
+        e = self.vector[:, 0]
+        f = self.vector[:, 1]
         return 0.5 * (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
 
     @cached_property

@@ -23,10 +23,12 @@ def nodal_values(cloth, values) -> np.ndarray:
 
 
 def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
-    """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m]."""
-    # At a point outside the mesh by less than an edge length, as between two polygons of one disk,
-    # the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
-    # outside.
+    """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
+
+    At a point outside the mesh by less than an edge length, as between two polygons of one disk,
+    the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
+    outside.
+    """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     return _evaluators(cloth, points, locate(cloth.X, cloth.triangles, points))[0]
 
@@ -49,9 +51,11 @@ def interpolate(cloth, values: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle."""
-    # scikit-fem's finder is not used because it rejects points outside a polygonal border. The
-    # `NEAREST` triangles, by the distance of their centroids, are searched first.
+    """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
+
+    scikit-fem's finder is not used because it rejects points outside a polygonal border. The
+    `NEAREST` triangles, by the distance of their centroids, are searched first.
+    """
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
         what = f"material points[{bad}] = {points[bad].tolist()}"
@@ -61,7 +65,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)
     candidates = candidates.reshape(len(points), nearest)
     depth = _depth(corners[candidates], points[:, None])
-    cells, depth = candidates[np.arange(len(points)), np.argmax(depth, axis=1)], depth.max(axis=1)
+    cells = candidates[np.arange(len(points)), np.argmax(depth, axis=1)]
+    depth = depth.max(axis=1)
     # Search all triangles for points outside the mesh, and on graded meshes.
     for p in np.flatnonzero(depth < -1e-12):
         all_depths = _depth(corners, points[p])
@@ -81,7 +86,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
 def _depth(corners, points):
     """Smallest signed distance [m] of points from the three edge lines, positive inside."""
     # `corners` (..., 3, 2) are counter-clockwise.
-    tail, head = corners, np.roll(corners, -1, axis=-2)
+    tail = corners
+    head = np.roll(corners, -1, axis=-2)
     edge = head - tail
     offset = points[..., None, :] - tail
     cross = edge[..., 0] * offset[..., 1] - edge[..., 1] * offset[..., 0]
@@ -103,9 +109,11 @@ def l2_norm(cloth, values: np.ndarray) -> float:
 
 
 def l2_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
-    """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`."""
-    # The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if
-    # every edge of the coarser mesh is made of edges of the finer mesh.
+    """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
+
+    The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if
+    every edge of the coarser mesh is made of edges of the finer mesh.
+    """
     weights, (value_a, *_), (value_b, *_) = _on_common_points(cloth, a, other, b)
     return float(np.sqrt(np.sum(weights[:, None] * (value_a - value_b) ** 2)))
 
@@ -142,10 +150,13 @@ def _value_and_gradient(cloth, values, points, is_own_points):
 
 
 def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> float:
-    """√∫ |u − exact|² dA of a nodal field (n,) or (n, d)."""
-    # `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
-    # the polynomial degree to which the square of the difference is integrated exactly.
-    basis, values = cloth.basis(order), nodal_values(cloth, values)
+    """√∫ |u − exact|² dA of a nodal field (n,) or (n, d).
+
+    `exact` is a function of material points (p, 2) [m] that returns (p,) or (p, d). `order` is
+    the polynomial degree to which the square of the difference is integrated exactly.
+    """
+    basis = cloth.basis(order)
+    values = nodal_values(cloth, values)
     u = np.stack([np.asarray(basis.interpolate(c)) for c in _columns(values)], axis=-1)
     reference = at_points(exact, basis, values.shape[1:], "l2_error")
     return float(np.sqrt(np.sum(basis.dx[..., None] * (u - reference.reshape(u.shape)) ** 2)))
@@ -154,7 +165,8 @@ def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> floa
 def h1_error(cloth, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
     """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d)."""
     # `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or (p, d, 2).
-    basis, values = cloth.basis(order), nodal_values(cloth, values)
+    basis = cloth.basis(order)
+    values = nodal_values(cloth, values)
     slopes = [basis.interpolate(c).grad.transpose(1, 2, 0) for c in _columns(values)]
     u = np.stack(slopes, axis=-2)  # (m, q, d, 2)
     reference = at_points(exact_gradient, basis, (*values.shape[1:], 2), "h1_error")

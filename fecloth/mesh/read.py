@@ -114,9 +114,11 @@ def _from_msh(path: Path, time_limit: float) -> RawMesh:
 
 def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
     """Remove nodes that only define the geometry, and validate the mesh and its sets."""
-    n, t = len(raw.xyz), raw.triangles
+    n = len(raw.xyz)
+    t = raw.triangles
     if len(t) > validation.MOST_TRIANGLES:
-        allowed, remedy = f"must be at most {validation.MOST_TRIANGLES}", "Take a coarser mesh."
+        allowed = f"must be at most {validation.MOST_TRIANGLES}"
+        remedy = "Take a coarser mesh."
         raise MeshError(amount(len(t), "triangle"), allowed, where, remedy)
     nodes = {k: np.concatenate(v) if v else np.empty(0, int) for k, v in raw.node_sets.items()}
     edges = {k: np.concatenate(v) for k, v in raw.edge_sets.items()}
@@ -132,10 +134,12 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
                 what += f": {', '.join(map(str, outside[:5]))}"
                 raise MeshError(what, where=where, remedy="Embed them in the surface.")
             nodes[name] = new[members]
-        t, edges = new[t], {name: new[pairs] for name, pairs in edges.items()}
+        t = new[t]
+        edges = {name: new[pairs] for name, pairs in edges.items()}
     else:
         in_mesh[:] = True
-    ids, xyz = raw.node_ids[in_mesh], raw.xyz[in_mesh]
+    ids = raw.node_ids[in_mesh]
+    xyz = raw.xyz[in_mesh]
     regions = raw.triangle_sets
     return FlatMesh.from_arrays(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
 

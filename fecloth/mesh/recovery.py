@@ -46,18 +46,22 @@ QUADRATIC = Samples(2, SIX, SIX, 2 * _SIX[1], np.eye(6))
 def recovery_gap(
     X: np.ndarray, triangles: np.ndarray, group: np.ndarray, values: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle."""
-    # X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given
-    # field at the points of `samples`. The `group` (m,) is equal where the field is smooth across
-    # edges; a fit takes triangles of one group.
-    # the node of each pair of a node and a group (s,), and the pair of each corner (m, 3)
+    """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle.
+
+    X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given
+    field at the points of `samples`. The `group` (m,) is equal where the field is smooth across
+    edges; a fit takes triangles of one group.
+    the node of each pair of a node and a group (s,), and the pair of each corner (m, 3)
+    """
     groups = int(group.max()) + 1
     pairs, corner = np.unique(triangles * np.int64(groups) + group[:, None], return_inverse=True)
-    node, corner = pairs // groups, corner.reshape(-1, 3)
+    node = pairs // groups
+    corner = corner.reshape(-1, 3)
     size, fit = _fit_all(X, triangles, node, corner, values, samples)
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
     for part in blocks(len(triangles), AT_ONCE):
-        at, around = samples.rule @ X[triangles[part]], corner[part]
+        at = samples.rule @ X[triangles[part]]
+        around = corner[part]
         for i in range(3):  # the three polynomials, by the barycentric coordinates
             s = around[:, i]
             terms = _monomials((at - X[node[s], None]) / size[s, None, None], samples.degree)
@@ -67,11 +71,14 @@ def recovery_gap(
 
 def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, np.ndarray]:
     """Length (s,) [m] and coefficients (s, d, c) around pairs; patches too small are widened."""
-    m, s = len(triangles), len(node)
+    m = len(triangles)
+    s = len(node)
     rows = corner.ravel(), np.repeat(np.arange(m), 3)
     around = sparse.csr_matrix((np.ones(3 * m), rows), shape=(s, m))
-    size, fit = np.zeros(s), np.zeros((s, TERMS[samples.degree], values.shape[2]))
-    left, patch = np.arange(s), around
+    size = np.zeros(s)
+    fit = np.zeros((s, TERMS[samples.degree], values.shape[2]))
+    left = np.arange(s)
+    patch = around
     for ring in range(3):
         poor = np.zeros(len(left), bool)
         for part in blocks(len(left), AT_ONCE):
@@ -93,10 +100,14 @@ def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _fit(centre, corners, values, samples, patch):
-    """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2)."""
-    # Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether there
-    # are too few points (k,).
-    starts, entries, count = patch.indptr[:-1], patch.indices, np.diff(patch.indptr)
+    """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2).
+
+    Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether there
+    are too few points (k,).
+    """
+    starts = patch.indptr[:-1]
+    entries = patch.indices
+    count = np.diff(patch.indptr)
     row = np.repeat(np.arange(len(centre)), count)
     arms = corners[entries] - centre[row, None]
     length = np.sqrt(np.add.reduceat((arms**2).sum(axis=(1, 2)), starts) / (3 * count))
@@ -111,7 +122,8 @@ def _fit(centre, corners, values, samples, patch):
 def _solve(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least pivots (k,) of A (k, d, d + c), and A₁⁻¹ A₂ (k, d, c) of its two parts."""
     # By Gauss and Jordan. The coefficient of a pivot below `SINGULAR` is zero.
-    least, d = np.full(len(A), np.inf), A.shape[1]
+    least = np.full(len(A), np.inf)
+    d = A.shape[1]
     for i in range(d):
         pivot = A[:, i, i].copy()
         least = np.minimum(least, pivot)

@@ -11,10 +11,12 @@ Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
 
 def nodes(cloth, where: Where) -> np.ndarray:
-    """Indices of the nodes in a named set, where a predicate on X holds, or of a list."""
-    # Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
-    # named curve or region of P2 triangles includes the midpoints of its edges. Raises `InputError`
-    # if the set is unknown, an index is out of range, or no node is selected.
+    """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
+
+    Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
+    named curve or region of P2 triangles includes the midpoints of its edges. Raises `InputError`
+    if the set is unknown, an index is out of range, or no node is selected.
+    """
     if isinstance(where, str):
         known(f"node set {where!r}", where, sorted(cloth.node_sets), "Cloth.nodes")
         return cloth.node_sets[where]
@@ -38,9 +40,11 @@ def nodes(cloth, where: Where) -> np.ndarray:
 
 
 def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Indices of the triangles in a named region, or where a predicate on centroids holds."""
-    # The predicate takes the centroids (m, 2) [m] and returns (m,) booleans. Raises `InputError` if
-    # the region is unknown or contains no triangle.
+    """Indices of the triangles in a named region, or where a predicate on centroids holds.
+
+    The predicate takes the centroids (m, 2) [m] and returns (m,) booleans. Raises `InputError` if
+    the region is unknown or contains no triangle.
+    """
     if callable(where):
         selected = np.flatnonzero(where(cloth.X[cloth.triangles].mean(axis=1)))
     else:

@@ -12,7 +12,8 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import ELEMENTS
 
 ROUND_OFF = 1e-14  # of the coordinates: the rounding error of their differences
-MOST_NEIGHBOURS, SAMPLE = 500, 500
+MOST_NEIGHBOURS = 500
+SAMPLE = 500
 
 
 def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
@@ -22,14 +23,16 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
 
 
 def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
-    """Find the pairs (p, 2) of triangles that pass through each other."""
-    # A pair intersects if an edge of one crosses the inside of the other: five volumes of
-    # tetrahedra must exceed the round-off of the coordinates, so triangles that touch, or overlap
-    # in a plane, do not count, nor do pairs with a common node. The time is proportional to the
-    # triangles (s, 3).
-    #
-    # Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
-    # it on the average, as in a cloth that has collapsed.
+    """Find the pairs (p, 2) of triangles that pass through each other.
+
+    A pair intersects if an edge of one crosses the inside of the other: five volumes of
+    tetrahedra must exceed the round-off of the coordinates, so triangles that touch, or overlap
+    in a plane, do not count, nor do pairs with a common node. The time is proportional to the
+    triangles (s, 3).
+
+    Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
+    it on the average, as in a cloth that has collapsed.
+    """
     x = np.ascontiguousarray(x, dtype=float)
     corners = x[triangles]
     if not np.isfinite(corners).all():
@@ -73,13 +76,16 @@ def _overlapping(
     triangles: np.ndarray, corners: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs without a common node whose boxes overlap, not only touch."""
-    low, high = corners.min(axis=1).T, corners.max(axis=1).T
+    low = corners.min(axis=1).T
+    high = corners.max(axis=1).T
     for a, b in zip(low, high, strict=True):
         near = (a[first] < b[second]) & (a[second] < b[first])
-        first, second = first[near], second[near]
+        first = first[near]
+        second = second[near]
     for i, j in np.ndindex(3, 3):
         other = triangles[first, i] != triangles[second, j]
-        first, second = first[other], second[other]
+        first = first[other]
+        second = second[other]
     return first, second
 
 
@@ -88,7 +94,10 @@ def _crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     error = ROUND_OFF * np.maximum(abs(a).max(axis=(1, 2)), abs(b).max(axis=(1, 2)))
     below = _side(b[:, :1], b[:, 1:2], b[:, 2:], a, error[:, None])
     pair, edge = np.nonzero(below * np.roll(below, -1, axis=1) < 0)
-    p, q, b, error = a[pair, edge], a[pair, (edge + 1) % 3], b[pair], error[pair]
+    p = a[pair, edge]
+    q = a[pair, (edge + 1) % 3]
+    b = b[pair]
+    error = error[pair]
     turns = [_side(p, q, b[:, i], b[:, (i + 1) % 3], error) for i in range(3)]
     result = np.zeros(len(a), bool)
     result[pair[np.abs(sum(turns)) == 3]] = True
@@ -99,7 +108,9 @@ def _side(
     a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, error: np.ndarray
 ) -> np.ndarray:
     """Signs of (b − a) × (c − a) · (d − a), 0 within the round-off of the positions (…, 3)."""
-    u, v, w = b - a, c - a, d - a
+    u = b - a
+    v = c - a
+    w = d - a
     volume = (np.cross(u, v) * w).sum(axis=-1)
     u, v, w = (abs(side).max(axis=-1) for side in (u, v, w))
     return np.where(abs(volume) <= 4.0 * error * (u * v + v * w + w * u), 0.0, np.sign(volume))
@@ -126,9 +137,11 @@ class Surface:
         return np.bincount(self.triangles.ravel(), np.repeat(third, 3), len(X))
 
     def count_inverted(self, x: np.ndarray) -> int:
-        """Count the triangles that are turned over against all their neighbours, at least two."""
-        # x (n, 3) are positions [m]. At a fold one neighbour lies on the other side; a triangle
-        # with all of them there has been pushed through the cloth.
+        """Count the triangles that are turned over against all their neighbours, at least two.
+
+        x (n, 3) are positions [m]. At a fold one neighbour lies on the other side; a triangle
+        with all of them there has been pushed through the cloth.
+        """
         a, b, c = x[self.triangles].transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         first, second = self.sides.T
@@ -162,7 +175,8 @@ class Enclosure:
     def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Self:
         """Find the rims of triangles (m, 3), or P2 (m, 6), over so many nodes."""
         cells = triangles.astype(np.int64)
-        corners, midpoints = cells[:, :3], cells[:, 3:].reshape(3 * len(cells), -1)
+        corners = cells[:, :3]
+        midpoints = cells[:, 3:].reshape(3 * len(cells), -1)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
         rim = np.hstack([edges, midpoints])[~np.isin(edges @ (nodes, 1), edges @ (1, nodes))]
         graph = sparse.csr_matrix((np.ones(len(rim)), rim[:, :2].T), shape=(nodes, nodes))
@@ -175,11 +189,14 @@ class Enclosure:
         return cls(cells, rim, share @ centre, part)
 
     def volume(self, x: np.ndarray) -> float:
-        """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³]."""
-        # V is positive where the oriented normals point out of it. Triangles and edges of P2 are
-        # curved; the rule of its energy is exact for V.
+        """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³].
+
+        V is positive where the oriented normals point out of it. Triangles and edges of P2 are
+        curved; the rule of its energy is exact for V.
+        """
         kind = ELEMENTS["P1" if self.triangles.shape[1] == 3 else "P2"]
-        places, total = x[self.triangles], 0.0
+        places = x[self.triangles]
+        total = 0.0
         for N, slopes, weight in zip(kind.values, kind.slopes, kind.rule[1], strict=True):
             at, *sides = (np.einsum("k,eki->ei", c, places) for c in (N, *slopes))
             total += weight / 3 * np.vdot(at, np.cross(*sides))

@@ -45,7 +45,8 @@ class FactorReuse:
 
     def record_factor(self, key: tuple, linear) -> None:
         """Record a new factor; solvers without a price have none to reuse."""
-        self.key, self.number = (key if linear.name in PRICES else None), linear.prepared
+        self.key = key if linear.name in PRICES else None
+        self.number = linear.prepared
         self.steps = self.solves = 0
         self.wait = max(0, self.wait - 1)
 

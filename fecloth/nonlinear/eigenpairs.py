@@ -37,24 +37,27 @@ class Eigenpairs:
 
 
 def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) -> Eigenpairs:
-    """The `count` least eigenvalues of K u = λ M u at `state`, for v = 0, by Lanczos iteration."""
-    # K is the sum of all terms' exact tangents, also tangents of low rank, and u is in the
-    # directions that pins and slides allow. The iteration is on (K + s M)⁻¹ M with s > 0, whose
-    # largest eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times the
-    # ratio of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below every
-    # λ, and a free body or an unstable state has a factor too. Of an eigenvalue with several
-    # vectors the iteration may find one only; so it is repeated without the vectors found, until it
-    # finds no eigenvalue that is less than the last of them.
-    #
-    # With `unit_mass` M is the identity, and λ are the eigenvalues of K [N/m], else ω² [1/s²].
-    # `count` must be less than the number of free degrees of freedom.
-    #
-    # Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method, for the shift;
-    # the iteration is ARPACK's, by SciPy's `eigsh`.
+    """The `count` least eigenvalues of K u = λ M u at `state`, for v = 0, by Lanczos iteration.
+
+    K is the sum of all terms' exact tangents, also tangents of low rank, and u is in the
+    directions that pins and slides allow. The iteration is on (K + s M)⁻¹ M with s > 0, whose
+    largest eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times the
+    ratio of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below every
+    λ, and a free body or an unstable state has a factor too. Of an eigenvalue with several
+    vectors the iteration may find one only; so it is repeated without the vectors found, until it
+    finds no eigenvalue that is less than the last of them.
+
+    With `unit_mass` M is the identity, and λ are the eigenvalues of K [N/m], else ω² [1/s²].
+    `count` must be less than the number of free degrees of freedom.
+
+    Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method, for the shift;
+    the iteration is ARPACK's, by SciPy's `eigsh`.
+    """
     still = State(state.t, state.x, np.zeros_like(state.x))
     pencil = _Pencil.at(system, still, unit_mass)
     inverse, shift = pencil.invert()
-    Z, M = system.admissible, pencil.mass
+    Z = system.admissible
+    M = pencil.mass
     values, vectors = find_all(inverse, M, shift, count)
     whole = (Z @ vectors).T
     largest = np.take_along_axis(whole, abs(whole).argmax(axis=1)[:, None], axis=1)
@@ -78,10 +81,14 @@ class _Pencil:
     def at(cls, system: System, state: State, unit_mass: bool) -> Self:
         K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
         asymmetry = 0.0 if system.symmetric else _symmetrise(system, K)
-        project, Z = system.constraints.project, system.admissible
+        project = system.constraints.project
+        Z = system.admissible
         updates = [(c, project(u)) for c, u in system.dense(state)]
         n = len(state.x)
-        nodal = sparse.identity(n, format="csr") if unit_mass else system.scalar_mass
+        if unit_mass:
+            nodal = sparse.identity(n, format="csr")
+        else:
+            nodal = system.scalar_mass
         mass = (Z.T @ sparse.kron(nodal, sparse.identity(3), format="csr") @ Z).tocsr()
         if (part := system.coupling(state, wx=1.0)) is not None:
             K = K.plus(part)
@@ -100,14 +107,18 @@ class _Pencil:
         raise last
 
     def _inverse(self, shift: float) -> LinearOperator:
-        pattern, Z = self.stiffness.pattern, self.system.admissible
+        pattern = self.stiffness.pattern
+        Z = self.system.admissible
         J = BlockMatrix(pattern, self.stiffness.values.copy())
         mass = (shift * self.nodal).tocoo()
         slots = pattern.slots(np.column_stack([mass.row, mass.col]).astype(np.int32))[:, 0, 1]
         J.values[slots] += mass.data[:, None, None] * np.eye(3)
         solver = select.direct()
         solver.prepare(self.system.project(J))
-        update = LowRankUpdate.prepare(solver, self.updates, RTOL) if self.updates else None
+        if self.updates:
+            update = LowRankUpdate.prepare(solver, self.updates, RTOL)
+        else:
+            update = None
         if update:
             update.require_definite(self.updates)
 
@@ -139,7 +150,8 @@ def find_all(
     """Return the least eigenvalues and their vectors (f, count), with all of equal eigenvalues."""
     random = np.random.default_rng(0)  # the same numbers in every run
     size = M.shape[0]
-    values, vectors = np.zeros(0), np.zeros((size, 0))
+    values = np.zeros(0)
+    vectors = np.zeros((size, 0))
     while True:
         scaled = vectors / (values + shift)
 
@@ -151,14 +163,17 @@ def find_all(
         more, others = _iterate(operator, M, shift, wanted, random.standard_normal(size))
         if len(values) == count and more[0] + shift >= (1 - ANOTHER) * (values[-1] + shift):
             return values, vectors
-        values, vectors = np.append(values, more), np.column_stack([vectors, others])
+        values = np.append(values, more)
+        vectors = np.column_stack([vectors, others])
         order = np.argsort(values)[:count]
-        values, vectors = values[order], vectors[:, order]
+        values = values[order]
+        vectors = vectors[:, order]
 
 
 def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
     """Return the eigenvalues and vectors that Lanczos' iteration finds, at least one."""
-    most, size = len(start), min(len(start), 2 * wanted + 20)
+    most = len(start)
+    size = min(len(start), 2 * wanted + 20)
     try:  # with `OPinv` the first argument gives the size only
         search = {"v0": start, "ncv": size, "maxiter": RESTARTS, "tol": TOLERANCE}
         return eigsh(operator, min(wanted, most - 1), M, -shift, OPinv=operator, **search)

@@ -20,7 +20,9 @@ class Unsolved(FeclothError):
     what = ""  # begins the message
 
     def __init__(self, reason: str, residual: float, remedy: str):
-        self.reason, self.residual, self.remedy = reason, residual, remedy
+        self.reason = reason
+        self.residual = residual
+        self.remedy = remedy
         super().__init__(reason, residual, remedy)
 
     def __str__(self) -> str:
@@ -104,10 +106,13 @@ class Equation(Protocol):
 
 
 def measure_round_off(force: Callable[[State], np.ndarray], state: State) -> np.ndarray:
-    """Change of the force (n, 3) [N] when x and v change in their last digits, at random."""
-    # The random numbers are the same in every call. This holds for all terms; a bound from the
-    # stiffness holds only for forces that are differences of positions.
-    random, eps = np.random.default_rng(0), float(np.finfo(float).eps)
+    """Change of the force (n, 3) [N] when x and v change in their last digits, at random.
+
+    The random numbers are the same in every call. This holds for all terms; a bound from the
+    stiffness holds only for forces that are differences of positions.
+    """
+    random = np.random.default_rng(0)
+    eps = float(np.finfo(float).eps)
     x, v = (y * (1 + eps * random.uniform(-1, 1, y.shape)) for y in (state.x, state.v))
     return force(State(state.t, x, v)) - force(state)
 
@@ -127,7 +132,9 @@ def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> floa
     if any(term.couples_nodes for term in system.bound):
         return min(limit(x, s, t) for limit in limits)
     far = REACH * min(limit(x, REACH * s, t) for limit in limits)
-    return far if far >= 1.0 else min(limit(x, s, t) for limit in limits)
+    if far >= 1.0:
+        return far
+    return min(limit(x, s, t) for limit in limits)
 
 
 def has_limits(system: System) -> bool:
@@ -138,4 +145,6 @@ def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
     """Positions near x (n, 3) at the end of a step that all contacts allow; None without any."""
     ways = [way for term in system.bound if (way := term.way(t)) is not None]
     project = system.constraints.project
-    return find_guess(ways, x, lambda there: x + project(there - x)) if ways else x
+    if ways:
+        return find_guess(ways, x, lambda there: x + project(there - x))
+    return x

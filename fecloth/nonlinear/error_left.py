@@ -60,7 +60,8 @@ class ErrorLeft:
 
     def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:
         """Record a correction (n, 3); `whole` is whether Newton's step was taken as it is."""
-        before, self.error = self.length, math.inf
+        before = self.length
+        self.error = math.inf
         self.length = self.measure(system, correction)
         if whole and self.length < before:
             contraction = self.length / before
@@ -72,7 +73,9 @@ class ErrorLeft:
 
     def to_go(self, error: float) -> float:
         """Return the allowed error over this one [m]; at least 1 means that it is reached."""
-        return SHARE * self.in_time / error if error else 1.0
+        if error:
+            return SHARE * self.in_time / error
+        return 1.0
 
     @property
     def is_small(self) -> bool:
@@ -82,7 +85,10 @@ class ErrorLeft:
         """Record the unknown (n, 3), its residual and the sum of all forces [N]."""
         if self.push and math.isfinite(self.error):
             push = self.push(y)
-            self.error = math.inf if push and norm > BALANCED * push else self.error
+            if push and norm > BALANCED * push:
+                self.error = math.inf
+            else:
+                self.error = self.error
 
     @property
     def is_needed(self) -> bool:
@@ -115,7 +121,8 @@ class ErrorInPlace(ErrorLeft):
         """Record a correction (n, 3); the error is known after two that shrank in a row."""
         # One alone may be short by chance where a stiff sheet turns.
         shrank = self.whole and self.length < SHRINKS * self.before < math.inf
-        self.before, self.whole = self.length or math.inf, whole
+        self.before = self.length or math.inf
+        self.whole = whole
         super().correct(system, correction, whole)
         if not shrank:
             self.error = math.inf
@@ -124,7 +131,8 @@ class ErrorInPlace(ErrorLeft):
         return longest(correction)
 
     def move(self, y: np.ndarray, norm: float, scale: float) -> None:
-        self.moved, self.residual = longest(y - self.start), norm / scale if scale else 0.0
+        self.moved = longest(y - self.start)
+        self.residual = norm / scale if scale else 0.0
 
     @property
     def is_small(self) -> bool:
@@ -145,4 +153,6 @@ class ErrorInPlace(ErrorLeft):
         if self.stands:
             return max(self.length, self.before)
         rounded = float(np.finfo(float).eps) * longest(self.start)
-        return max(self.error, rounded) if math.isfinite(self.error) else math.nan
+        if math.isfinite(self.error):
+            return max(self.error, rounded)
+        return math.nan

@@ -80,12 +80,15 @@ def derive_increment(
         return float(np.linalg.norm(dx)) or 1.0
 
     floor = ROUND_OFF * float(np.linalg.norm(x)) / sides.size
-    solvers, first = {"exact": lambda: tangent.solve}, np.zeros_like(x)
+    solvers = {"exact": lambda: tangent.solve}
+    first = np.zeros_like(x)
     corrected = correct(residual, first, solvers, tangent.known, size_of, tolerance, floor)
     dx = corrected.y
     for name, contraction in corrected.contractions.items():
         tangent.known[name] = max(tangent.known.get(name, 0.0), contraction)
-    states, overs, histories = [], [], []
+    states = []
+    overs = []
+    histories = []
     for side, size in zip(ends, (sides.size, -sides.size), strict=True):
         at = side.place(x + size * dx)
         over = side.equation(at).system

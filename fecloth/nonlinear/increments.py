@@ -114,9 +114,12 @@ class LoadIncrement:
     @cached_property
     def carried(self) -> np.ndarray:
         """(n, 3) where the pins carry the cloth [m]."""
-        x, size = self.start.x, self.end - self.begin
+        x = self.start.x
+        size = self.end - self.begin
         target, _ = self.system.constraints.target(self.begin, size, x)
-        return x if target is x else carry(self.system, x, target)
+        if target is x:
+            return x
+        return carry(self.system, x, target)
 
     def equation(self, place: np.ndarray | None = None) -> StaticEquation:
         """The equation of its end; friction has the normal forces of a `place` (n, 3) there."""
@@ -170,16 +173,20 @@ def increase_loads(
     report: Report = lambda iteration: None,
     at: float | None = None,
 ) -> Increase:
-    """Increase the factor on the loads from the first to the second of `loads`."""
-    # The factor is also the time of what moves, unless all stands still `at` a time.
-    # `start` is the state at the first factor: in equilibrium, or the start of all where the factor
-    # is 0. No increment of the factor is larger than `largest`, but where none of these is solved
-    # and the path does not count: a small load may hold a cloth less than the whole. `rate` is
-    # ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known,
-    # and `history` what the terms remember there. They remember each increment that is solved; an
-    # increment that is repeated in smaller ones begins with what they remembered before it.
+    """Increase the factor on the loads from the first to the second of `loads`.
+
+    The factor is also the time of what moves, unless all stands still `at` a time.
+    `start` is the state at the first factor: in equilibrium, or the start of all where the factor
+    is 0. No increment of the factor is larger than `largest`, but where none of these is solved
+    and the path does not count: a small load may hold a cloth less than the whole. `rate` is
+    ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known,
+    and `history` what the terms remember there. They remember each increment that is solved; an
+    increment that is repeated in smaller ones begins with what they remembered before it.
+    """
     x, (reached, end), size, total = start.x, loads, largest, Counts()
-    over, path, tries_all = system, list[SolvedIncrement](), False
+    over = system
+    path = list[SolvedIncrement]()
+    tries_all = False
     may_try_all = largest < end - reached and not any(term.needs_path for term in system.bound)
     while reached < end:
         to = reached + size
@@ -193,7 +200,8 @@ def increase_loads(
             size /= 2
             if size < SMALLEST * largest or tries_all:
                 if may_try_all and reached == loads[0] and not tries_all:
-                    tries_all, size = True, end - reached
+                    tries_all = True
+                    size = end - reached
                     continue
                 reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
                 args = failure.residual, here, failure.remedy, reached
@@ -201,7 +209,9 @@ def increase_loads(
             continue
         rate = (solved.x - increment.carried) / increment.size
         path.append(SolvedIncrement(increment, solved.x))
-        x, reached, total = solved.x, load, total.plus(solved.counts)
+        x = solved.x
+        reached = load
+        total = total.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
         if solved.counts.newton <= QUICK:
             size = min(2 * size, largest)
@@ -209,17 +219,24 @@ def increase_loads(
 
 
 def shake(increase: Increase, context: SolverContext, report: Report = lambda iteration: None):
-    """Let the friction inside the fabric sink to zero in ten increments, under the whole loads."""
-    # What is left is an equilibrium without it, the one beside the way there. Returns the
-    # `Increase` with these increments.
-    before, path, total = increase.path[-1].increment, list(increase.path), increase.solved.counts
-    over, history, x = increase.over, increase.history, increase.solved.x
+    """Let the friction inside the fabric sink to zero in ten increments, under the whole loads.
+
+    What is left is an equilibrium without it, the one beside the way there. Returns the
+    `Increase` with these increments.
+    """
+    before = increase.path[-1].increment
+    path = list(increase.path)
+    total = increase.solved.counts
+    over = increase.over
+    history = increase.history
+    x = increase.solved.x
     for left in SHAKEN:
         here = replace(before.start, x=x)
         increment = replace(before, start=here, size=1 / len(SHAKEN), begin=before.end)
         increment = replace(increment, history=history, friction=left)
         solved, over = solve_increment(increment, 0.0, context, report)
-        x, total = solved.x, total.plus(solved.counts)
+        x = solved.x
+        total = total.plus(solved.counts)
         history = over.commit(replace(here, x=x), history)
         path.append(SolvedIncrement(increment, x))
     solved = solved._replace(counts=total)
@@ -232,17 +249,22 @@ def solve_increment(
     context: SolverContext,
     report: Report = lambda iteration: None,
 ) -> tuple[Solved, System]:
-    """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads."""
-    # Also return the system over the increment. Friction has a potential while its normal forces
-    # stay as they are. So the increment is solved with the normal forces at its begin, then with
-    # those at this solution, and so on, until the forces with those at the solution itself balance
-    # to LAGGED, or to the tolerance that was given. The first normal forces may be far off, as
-    # where nothing touches at the begin, so the first passes are short.
+    """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads.
+
+    Also return the system over the increment. Friction has a potential while its normal forces
+    stay as they are. So the increment is solved with the normal forces at its begin, then with
+    those at this solution, and so on, until the forces with those at the solution itself balance
+    to LAGGED, or to the tolerance that was given. The first normal forces may be far off, as
+    where nothing touches at the begin, so the first passes are short.
+    """
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)
     if not any(term.lags for term in equation.system.bound):
         return solve_static(equation, x, context, report), equation.system
-    options, total, solved, residual = context.options, Counts(), None, math.inf
+    options = context.options
+    total = Counts()
+    solved = None
+    residual = math.inf
     allowed = LAGGED if options.tolerance == "auto" else options.tolerance
     for number in range(PASSES):
         most = min(FIRST_PASS * 2**number, options.max_iterations)
@@ -250,16 +272,21 @@ def solve_increment(
         taken: list[Iteration] = []
         try:
             solved = solve_static(equation, before := x, short, taken.append)
-            x, counts = solved.x, solved.counts
+            x = solved.x
+            counts = solved.counts
         except EquilibriumFailed as failure:
             if len(taken) < most:
                 raise
-            x, solved, counts = failure.state.x, None, Counts(newton=len(taken))
+            x = failure.state.x
+            solved = None
+            counts = Counts(newton=len(taken))
         for each in taken:
             report(replace(each, number=each.number + total.newton))
-        total, equation = total.plus(counts), increment.equation(x)
+        total = total.plus(counts)
+        equation = increment.equation(x)
         R, scale = equation.residual(x, 0.0)
-        earlier, residual = residual, equation.system.sums.norm(R) / scale if scale else 0.0
+        earlier = residual
+        residual = equation.system.sums.norm(R) / scale if scale else 0.0
         if solved and residual <= allowed:
             part = residual / earlier if residual < 0.5 * earlier else 1.0  # of the last change
             change = part * float(np.linalg.norm(x - before, axis=1).max())
@@ -278,7 +305,8 @@ def _first_guess(
     increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | float
 ) -> np.ndarray:
     """Positions (n, 3): the nodes go along with the pins, and on at their rate."""
-    x, project = increment.carried, increment.system.constraints.project
+    x = increment.carried
+    project = increment.system.constraints.project
     way = project(np.broadcast_to(increment.size * rate, x.shape).copy())
     if not has_limits(increment.system):
         return x + way
@@ -296,17 +324,22 @@ def solve_static(
     report: Report = lambda iteration: None,
 ) -> Solved:
     """Return x in equilibrium with the loads of the equation, the counts and the error left."""
-    is_definite, guess = False, x
+    is_definite = False
+    guess = x
 
     def tell(progress: Progress):
         nonlocal is_definite
-        point, shift = progress.point, progress.remedy.shift
+        point = progress.point
+        shift = progress.remedy.shift
         is_definite = equation.system.symmetric and not shift
         relative = point.norm / point.scale if point.scale else 0.0
         report(Iteration(progress.number, relative, shift, progress.length, equation.load))
         _check_travel(equation, guess, point, relative)
 
-    left = ErrorInPlace(start=equation.start.x) if context.options.tolerance == "auto" else None
+    if context.options.tolerance == "auto":
+        left = ErrorInPlace(start=equation.start.x)
+    else:
+        left = None
     x, counts = iterate(equation, context, x, report=tell, left=left)
     is_definite = is_definite and not equation.updates(x)
     if left:
@@ -331,8 +364,14 @@ def _check_travel(
     if distance > FAR * equation.longest:
         towards = ", ".join(f"{c:.2g}" for c in way / distance)
         has_friction = any(term.lags for term in equation.system.bound)
-        what = "neither pins nor friction hold" if has_friction else "nothing holds"
+        if has_friction:
+            what = "neither pins nor friction hold"
+        else:
+            what = "nothing holds"
         reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
         kinds = {traits_of(term).kind for term in equation.system.terms}
-        remedy = "Pin it, or take the load away." if kinds & {"membrane", ""} else NO_MEMBRANE
+        if kinds & {"membrane", ""}:
+            remedy = "Pin it, or take the load away."
+        else:
+            remedy = NO_MEMBRANE
         raise equation.failure(reason, point, residual, remedy)

@@ -48,29 +48,33 @@ def iterate(
     instead: np.ndarray | None = None,
     left: ErrorLeft | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times."""
-    # With `left` the iteration ends also where the error left is small against the error in time.
-    #
-    # If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
-    # or takes too long, the error is `Equation.failure`.
-    #
-    # Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
-    # or s is no improvement of any length (`line_search.find_step`), with the first remedy for
-    # which it is. With a potential the iteration always ends: the steps that are taken for their
-    # residual alone halve the least one so far, so they are few, and all others lower the
-    # potential.
-    #
-    # The iteration also ends where the residual is round-off. That is measured at the start if no
-    # iteration is asked for, after an iteration that hardly moved the cloth and left more than a
-    # quarter of the residual, and before a failure. Then `Counts.limited` is 1, unless the forces
-    # are below a million times their round-off, as in a cloth at rest, and the last iteration moved
-    # no node by 1e-7 of the extent of the cloth. If no force exceeds its round-off, the residual
-    # counts as 0.
-    work, most = _Work(equation, context, left), context.options.max_iterations
+    """Iterate from y until ‖R‖ ≤ tolerance × scale, and at least `least` times.
+
+    With `left` the iteration ends also where the error left is small against the error in time.
+
+    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
+    or takes too long, the error is `Equation.failure`.
+
+    Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
+    or s is no improvement of any length (`line_search.find_step`), with the first remedy for
+    which it is. With a potential the iteration always ends: the steps that are taken for their
+    residual alone halve the least one so far, so they are few, and all others lower the
+    potential.
+
+    The iteration also ends where the residual is round-off. That is measured at the start if no
+    iteration is asked for, after an iteration that hardly moved the cloth and left more than a
+    quarter of the residual, and before a failure. Then `Counts.limited` is 1, unless the forces
+    are below a million times their round-off, as in a cloth at rest, and the last iteration moved
+    no node by 1e-7 of the extent of the cloth. If no force exceeds its round-off, the residual
+    counts as 0.
+    """
+    work = _Work(equation, context, left)
+    most = context.options.max_iterations
     point = work.at(y, 0.0)
     if instead is not None and not np.isfinite(point.norm):
         point = work.at(instead, 0.0)
-    least_norm, remedies = point.norm, work.remedies
+    least_norm = point.norm
+    remedies = work.remedies
     ask, length = least == 0, 1.0  # whether to compare with round-off; α of the last step
     for number in range(most + 1):
         if number >= least and point.norm <= work.goal(point) and not work.left.is_needed:
@@ -104,15 +108,20 @@ class RemedySearch:
         self.clamps = 0  # iterations that took the remedy `clamped`
 
     def to_try(self) -> Iterator[tuple[int, Remedy]]:
-        """Numbers and remedies in order."""
-        # After the first remedy, and after one that clamps, the first is tried again, then in the
-        # first CLAMPED such iterations `clamped`, and then the remedies from `next` on. After any
-        # other, the remedies from the next weaker one on are tried.
+        """Numbers and remedies in order.
+
+        After the first remedy, and after one that clamps, the first is tried again, then in the
+        first CLAMPED such iterations `clamped`, and then the remedies from `next` on. After any
+        other, the remedies from the next weaker one on are tried.
+        """
         numbers = list(range(len(self.order)))
         if self.last and not self.order[self.last].definite:
             tried = numbers[self.last - 1 :]
         else:
-            second = [self.clamped] if self.clamped and self.clamps < CLAMPED else []
+            if self.clamped and self.clamps < CLAMPED:
+                second = [self.clamped]
+            else:
+                second = []
             tried = [0, *second, *numbers[self.next :]]
         return ((number, self.order[number]) for number in tried)
 
@@ -129,7 +138,9 @@ class _Work:
     """The matrix, the solver and the counters of one call of `iterate`."""
 
     def __init__(self, equation: Equation, context: SolverContext, left: ErrorLeft | None = None):
-        self.equation, self.context, self.system = equation, context, equation.system
+        self.equation = equation
+        self.context = context
+        self.system = equation.system
         self.linear_solver, self.J = context.matrix_solver()
         self.extent = float(np.ptp(self.system.cloth.X, axis=0).max())
         self.linear = self.modified = self.factorisations = self.reused_solves = 0
@@ -148,7 +159,9 @@ class _Work:
         return Point(y, R, self.system.sums.norm(R), scale)
 
     def relative(self, point: Point) -> float:
-        return float(point.norm / point.scale) if point.scale else 0.0
+        if point.scale:
+            return float(point.norm / point.scale)
+        return 0.0
 
     def goal(self, point: Point) -> float:
         return (self.left.goal or self.context.options.residual) * point.scale
@@ -164,7 +177,10 @@ class _Work:
         self.longest = way * (LONGER if length >= 1.0 else 1.0)
         may = bool(self.equation.explores and self.equation.potential)
         slow = self.remedies.order[last].shift > 0.0 and point.norm > SLOW * before.norm
-        self.slow_steps = self.slow_steps + 1 if may and slow and length >= 1.0 else 0
+        if may and slow and length >= 1.0:
+            self.slow_steps = self.slow_steps + 1
+        else:
+            self.slow_steps = 0
         self.left.correct(self.system, point.y - before.y, whole)
         self.left.move(point.y, point.norm, point.scale)
 
@@ -178,7 +194,8 @@ class _Work:
     def counts(self, iterations: int, point: Point, floor: float = 0.0) -> Counts:
         """The counts at the end; `floor` is the round-off of the residual where it governs."""
         self.context.factor_reuse.end_step(self.reused_solves, self.linear_solver)
-        left, met = self.left, self.goal(point) >= point.norm
+        left = self.left
+        met = self.goal(point) >= point.norm
         by_estimate = left.is_small and not met
         # Round-off does no harm where the forces are little more, and moved no node.
         harmless = floor >= point.scale or (floor >= NO_FORCE * point.scale and not self.moves)
@@ -200,7 +217,8 @@ class _Work:
         if not np.isfinite(point.norm):
             self.reason = "the forces are not finite"
             return point, 0.0
-        remedies, weaker = self.remedies, max(self.remedies.last - 1, 0)
+        remedies = self.remedies
+        weaker = max(self.remedies.last - 1, 0)
         if there := self.advance_with_old_factor(point, remedies.order[weaker]):
             remedies.take(weaker)
             return there, 1.0
@@ -212,7 +230,9 @@ class _Work:
                 continue
             if improved := self.search(point, step, least_norm):
                 remedies.take(number)
-                return self.explore(point, step, improved) if number == 0 else improved
+                if number == 0:
+                    return self.explore(point, step, improved)
+                return improved
             self.reason = "no step along Newton's direction is an improvement"
         return point, 0.0
 
@@ -220,17 +240,21 @@ class _Work:
         """Return the `Point` of an improvement along the step, and α; None without one."""
         way = self.equation.wx * float(abs(step).max()) or 1.0
         longest = min(self.equation.longest / way, self.equation.largest_step(point.y, step))
-        at, enough = partial(self.at, scale=point.scale), max(self.goal(point), 0.5 * least_norm)
+        at = partial(self.at, scale=point.scale)
+        enough = max(self.goal(point), 0.5 * least_norm)
         rules = enough, self.equation.potential, longest, TINY * self.extent / way
         return find_step(self.system.sums, at, point, step, *rules)
 
     def explore(self, point: Point, step: np.ndarray, searched: tuple[Point, float]):
-        """Return the end of a few whole Newton steps where that is lower than `searched`."""
-        # A sheet that is stiff in its plane stretches where a step turns it, so that a line search
-        # allows only short steps. The next steps take this stretch back (the watchdog technique of
-        # Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
-        # alone goes on for 1, 2, 4, … iterations.
-        potential, alpha = self.equation.potential, searched[1]
+        """Return the end of a few whole Newton steps where that is lower than `searched`.
+
+        A sheet that is stiff in its plane stretches where a step turns it, so that a line search
+        allows only short steps. The next steps take this stretch back (the watchdog technique of
+        Chamberlain et al. 1982, Math. Programming Study 16). After steps in vain the search
+        alone goes on for 1, 2, 4, … iterations.
+        """
+        potential = self.equation.potential
+        alpha = searched[1]
         if alpha >= 1.0 or not potential or not self.equation.explores:
             return searched
         if self.pause > 0:
@@ -265,7 +289,8 @@ class _Work:
         except SolveFailed:  # a factor too poor for refinement
             reuse.drop()
             return None
-        self.reused_solves, self.cut_short = self.reused_solves + 1, False
+        self.reused_solves = self.reused_solves + 1
+        self.cut_short = False
         if self.equation.largest_step(point.y, step) < 1.0:  # it leads into an obstacle
             return None
         there = self.at(point.y + step, point.scale)
@@ -289,7 +314,8 @@ class _Work:
         than s (Nocedal and Wright 2006, algorithm 7.1). The first CLAMPED such iterations of a step
         take clamped tangents instead: these lead farther there.
         """
-        begin, reuse = time.perf_counter(), self.context.factor_reuse
+        begin = time.perf_counter()
+        reuse = self.context.factor_reuse
         reuse.key = None  # from here on the matrix is another one, also if this fails
         self.equation.assemble(point.y, remedy, self.J)
         self.modified += remedy.definite or remedy.shift > 0
@@ -307,25 +333,36 @@ class _Work:
             self.cut_short = True
             return self.shorten(self.system.constraints.project(failure.so_far))
         reuse.record_factor(self.equation.key(remedy), self.linear_solver)
-        return self.refine(point, step) if remedy.shift and self.slow_steps >= PATIENCE else step
+        if remedy.shift and self.slow_steps >= PATIENCE:
+            return self.refine(point, step)
+        return step
 
     def refine(self, point: Point, step: np.ndarray) -> np.ndarray:
-        """The step of the exact matrix, by conjugate gradients with the factor that made `step`."""
-        # A direction without positive curvature ends them and is the result (Nocedal and Wright
-        # 2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
-        first, equation = self.remedies.order[0], self.equation
+        """The step of the exact matrix, by conjugate gradients with the factor that made `step`.
+
+        A direction without positive curvature ends them and is the result (Nocedal and Wright
+        2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
+        """
+        first = self.remedies.order[0]
+        equation = self.equation
         K = BlockMatrix.zeros(self.J.pattern, self.system.team)
         equation.assemble(point.y, first, K)
-        K, updates = equation.couple(point.y, first, K), equation.updates(point.y)
-        dot, project = self.system.sums.dot, self.system.constraints.project
-        s, r, z, p = np.zeros_like(step), -point.R, step, step
+        K = equation.couple(point.y, first, K)
+        updates = equation.updates(point.y)
+        dot = self.system.sums.dot
+        project = self.system.constraints.project
+        s = np.zeros_like(step)
+        r = -point.R
+        z = step
+        p = step
         rz = dot(r, z)
         for _ in range(REFINED):
             q = project(K @ p + sum(c * dot(u, p) * u for c, u in updates))
             pq = dot(p, q)
             if pq <= 0:
                 return p
-            s, r = s + rz / pq * p, r - rz / pq * q
+            s = s + rz / pq * p
+            r = r - rz / pq * q
             if self.system.sums.norm(r) <= ROUGH * point.norm:
                 break
             before, (solved, _) = rz, solve_updated(self.linear_solver, updates, r, ROUGH)
@@ -337,7 +374,9 @@ class _Work:
     def shorten(self, step: np.ndarray) -> np.ndarray:
         """The step, or the part of it that moves no node farther than `longest`."""
         way = self.equation.wx * float(abs(step).max())
-        return step * min(1.0, self.longest / way) if self.longest and way else step
+        if self.longest and way:
+            return step * min(1.0, self.longest / way)
+        return step
 
     def solve_linear(self, point: Point, least: float = 0.0, new: bool = False) -> np.ndarray:
         """−J⁻¹ R for the prepared J, to the option `forcing` or to `least`, if that is more."""

@@ -52,30 +52,42 @@ def correct(
     tolerance: float,
     floor: float,
 ) -> Corrected:
-    """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y)."""
-    # `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken where
-    # corrections do not shrink by half, and after all GMRES with the last. `known` is by what
-    # factor corrections of each shrink, as far as it is known. The error is relative to
-    # `size_of(y)`, and round-off makes corrections of the size `floor`. Raises `NoDerivative` if no
-    # matrix has a factor, or GMRES does not end.
-    solve, contractions = None, dict[str, float]()
+    """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
+
+    `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken where
+    corrections do not shrink by half, and after all GMRES with the last. `known` is by what
+    factor corrections of each shrink, as far as it is known. The error is relative to
+    `size_of(y)`, and round-off makes corrections of the size `floor`. Raises `NoDerivative` if no
+    matrix has a factor, or GMRES does not end.
+    """
+    solve = None
+    contractions = dict[str, float]()
     for name, prepare in solvers.items():
         try:
-            solve, last, fastest = prepare(), math.inf, SLOW
+            solve = prepare()
+            last = math.inf
+            fastest = SLOW
             for _ in range(SWEEPS):
                 step = solve(residual(y))
                 y = y - step
                 size = float(np.linalg.norm(step))
                 measured = math.isfinite(last)
-                contraction = size / last if measured else known.get(name, FIRST)
+                if measured:
+                    contraction = size / last
+                else:
+                    contraction = known.get(name, FIRST)
                 if measured and contraction < 1:
                     contractions.setdefault(name, contraction)
-                left = size * contraction / (1 - contraction) if contraction < 1 else math.inf
+                if contraction < 1:
+                    left = size * contraction / (1 - contraction)
+                else:
+                    left = math.inf
                 if size <= floor or left <= tolerance * size_of(y):
                     return Corrected(y, contractions)
                 if contraction > SLOW and measured:
                     break
-                last, fastest = size, min(fastest, contraction)
+                last = size
+                fastest = min(fastest, contraction)
             if fastest < FAST or size <= CLOSE * size_of(y):  # what is left is round-off
                 return Corrected(y, contractions)
         except SolveFailed:

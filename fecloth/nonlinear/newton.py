@@ -55,9 +55,11 @@ class StageEquation:
 
     @property
     def remedies(self) -> Remedies:
-        """The remedies of the option `definiteness`; their shift σ is a multiple of wa."""
-        # With a potential, tangents are clamped before mass is added. Without one nothing would
-        # keep the iteration from a valley in which it then creeps.
+        """The remedies of the option `definiteness`; their shift σ is a multiple of wa.
+
+        With a potential, tangents are clamped before mass is added. Without one nothing would
+        keep the iteration from a valley in which it then creeps.
+        """
         clamps = self.definiteness == "on_failure" and self.potential
         return Remedies(REMEDIES[self.definiteness], clamped=len(MULTIPLES) if clamps else None)
 
@@ -71,7 +73,9 @@ class StageEquation:
         """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, where each force has a U or is −C v."""
         terms = [term for term in self.system.bound if not term.damps_linearly]
         has_one = all(term.has_energy and not term.velocity_dependent for term in terms)
-        return self.incremental_potential if has_one else None
+        if has_one:
+            return self.incremental_potential
+        return None
 
     def incremental_potential(self, q: np.ndarray) -> float:
         stage, (x, v, _), terms = self.stage, self.stage.at(q), self.system.bound
@@ -95,7 +99,8 @@ class StageEquation:
         if scale:
             R = inertia - system.force(State(self.stage.t, x, v))
             return system.constraints.project(R), scale
-        R, scale = inertia.copy(), system.force_size(inertia)
+        R = inertia.copy()
+        scale = system.force_size(inertia)
         for term in system.bound:
             f = np.zeros_like(x)
             term.add_force(x, v, self.stage.t, f)
@@ -110,7 +115,9 @@ class StageEquation:
             if term.limits_direction:
                 term.add_force(x, v, self.stage.t, f)
         forces = f, system.scalar_mass @ a
-        return max(map(system.sums.norm, forces)) if f.any() else 0.0
+        if f.any():
+            return max(map(system.sums.norm, forces))
+        return 0.0
 
     def round_off(self, q: np.ndarray) -> float:
         """The round-off of the forces; the inertia, linear in q, has little."""
@@ -128,7 +135,8 @@ class StageEquation:
 
     def updates(self, q: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """(wx c, u) of the dense parts of K."""
-        project, dense = self.system.constraints.project, self.system.dense(self.state(q))
+        project = self.system.constraints.project
+        dense = self.system.dense(self.state(q))
         return [(self.stage.wx * c, project(u)) for c, u in dense]
 
     def key(self, remedy: Remedy) -> tuple:
@@ -151,15 +159,17 @@ def solve(
     guess: np.ndarray | None = None,
     dt: float | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Return the unknown q (n, 3) of a stage, and the `Counts`."""
-    # It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    # or where the forces there are not finite. With contact both begin where `find_guess` leads.
-    # With `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in
-    # time of the step; without it, by the residual. If the solver holds a factor for the same
-    # weights, its direction is tried first. The full step is taken if the residual falls, with a
-    # potential if it halves; otherwise a new factor is computed. `iteration.iterate` says how the
-    # length of a step is chosen, and what happens where the matrix is not definite. The residual
-    # alone would not do for that: good steps that turn a cloth stretch it, and so increase it.
+    """Return the unknown q (n, 3) of a stage, and the `Counts`.
+
+    It starts from the `guess`, or from zero where the potential is less there, without a guess,
+    or where the forces there are not finite. With contact both begin where `find_guess` leads.
+    With `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in
+    time of the step; without it, by the residual. If the solver holds a factor for the same
+    weights, its direction is tried first. The full step is taken if the residual falls, with a
+    potential if it halves; otherwise a new factor is computed. `iteration.iterate` says how the
+    length of a step is chosen, and what happens where the matrix is not definite. The residual
+    alone would not do for that: good steps that turn a cloth stretch it, and so increase it.
+    """
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
@@ -185,8 +195,9 @@ def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
     for each in (q, zero):
         x = stage.at(each)[0]
         if (there := admit(system, x, stage.t)) is not None:
-            change = 0.0 if there is x else system.constraints.project((there - x) / stage.wx)
-            guesses.append(each + change)
+            if there is not x:
+                each = each + system.constraints.project((there - x) / stage.wx)
+            guesses.append(each)
     if not guesses:
         reason = "no positions were found for the start of its iteration that all contacts allow"
         raise NewtonFailed(reason, math.nan, "Take a smaller dt.")

@@ -80,4 +80,6 @@ class Newton:
     @property
     def residual(self) -> float:
         """The relative residual at which the iteration ends in any case."""
-        return RESIDUAL if self.tolerance == "auto" else self.tolerance
+        if self.tolerance == "auto":
+            return RESIDUAL
+        return self.tolerance

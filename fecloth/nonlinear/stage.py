@@ -48,19 +48,24 @@ class Stage:
 def hold_stage(system: System, stage: Stage, at: State, a: np.ndarray) -> Stage:
     """Return the stage with its held directions at x and v of `at` and at the acceleration a."""
     hold = system.constraints.hold
-    x, v, a = hold(stage.x, at.x), hold(stage.v, at.v), hold(stage.a, a)
+    x = hold(stage.x, at.x)
+    v = hold(stage.v, at.v)
+    a = hold(stage.a, a)
     return replace(stage, x=x, v=v, a=a)
 
 
 def prescribed(system: System, stage: Stage, state: State, dt: float, end: State) -> Stage:
-    """Return the stage with its held directions at the prescribed `end` of the step."""
-    # There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held
-    # acceleration is the change of the prescribed velocity over the step.
+    """Return the stage with its held directions at the prescribed `end` of the step.
+
+    There q̂ = (end.x − x_end)/w_end is known; it moves into x̃, ṽ and x_end. The held
+    acceleration is the change of the prescribed velocity over the step.
+    """
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:
             raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
-    held, at = system.constraints.held_part, system.constraints.nodes
+    held = system.constraints.held_part
+    at = system.constraints.nodes
     if not len(at):
         return stage
     q, a = np.zeros((2, *stage.x.shape))

@@ -27,7 +27,8 @@ class EquilibriumFailed(equation.Unsolved):
     what = "equilibrium: "
 
     def __init__(self, reason: str, residual: float, state: State, remedy: str, load=1.0):
-        self.state, self.load = state, load
+        self.state = state
+        self.load = load
         super().__init__(reason, residual, remedy)
 
 
@@ -78,7 +79,8 @@ class StaticEquation:
 
     def forces(self, state: State) -> tuple[np.ndarray, float]:
         """f of the free directions (n, 3), and Σ ‖f_term‖ of all directions, as the pins hold."""
-        total, scale = np.zeros_like(state.x), 0.0
+        total = np.zeros_like(state.x)
+        scale = 0.0
         for term, factor, t in self.terms():
             f = np.zeros_like(state.x)
             term.add_force(state.x, state.v, t, f)

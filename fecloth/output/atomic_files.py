@@ -34,10 +34,13 @@ class DiskFull(WriteError):
 
 
 def ending_of(error: Exception) -> tuple[int, str]:
-    """Exit status of a command that ends with this error, and the line that it prints."""
-    # `error` is a `FeclothError`, an OSError or a MemoryError. A full disk is no mistake of the
-    # user.
-    words, status = str(error), FAILED
+    """Exit status of a command that ends with this error, and the line that it prints.
+
+    `error` is a `FeclothError`, an OSError or a MemoryError. A full disk is no mistake of the
+    user.
+    """
+    words = str(error)
+    status = FAILED
     if isinstance(error, OSError):  # of the system, as where Numba keeps machine code
         status = FAILED if error.errno in _REMEDIES else BAD_INPUT
         words += f". {_REMEDIES[error.errno]}" if error.errno in _REMEDIES else ""
@@ -55,9 +58,11 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 def append_in_place(path: Path, data: bytes, tail: int) -> None:
-    """Write `data` in the place of the last `tail` bytes of a file, in one write."""
-    # A killed process leaves the file as it was or with all the new bytes. The cost does not depend
-    # on the size of the file.
+    """Write `data` in the place of the last `tail` bytes of a file, in one write.
+
+    A killed process leaves the file as it was or with all the new bytes. The cost does not depend
+    on the size of the file.
+    """
     with writing(path), path.open("r+b", buffering=0) as stream:
         place = stream.seek(-tail, os.SEEK_END)
         end = stream.read(tail)

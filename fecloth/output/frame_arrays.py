@@ -25,7 +25,8 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     Stress resultants and energy density are summed over the membrane terms; a system without one
     has neither. With `error_density` the cells have the error density of `space_error`.
     """
-    cloth, G = system.cloth, system.panel.gradients
+    cloth = system.cloth
+    G = system.panel.gradients
     membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
     for term in membranes:
@@ -57,7 +58,10 @@ def _points(cloth: Cloth, state: State) -> Arrays:
 
 def _contact(system: System, state: State) -> Arrays:
     """Pressure and slip of a system with contact; no arrays of one without."""
-    x, v, t, arrays = state.x, state.v, state.t, {}
+    x = state.x
+    v = state.v
+    t = state.t
+    arrays = {}
     pushes = [term.push(x, t) for term in system.bound]
     if pushes := [push for push in pushes if push is not None]:
         areas = Surface.from_cloth(system.cloth).node_areas(system.cloth.X)
@@ -70,7 +74,8 @@ def _contact(system: System, state: State) -> Arrays:
 
 def _in_blocks(cloth: Cloth, arrays_of: Callable[[slice], Arrays]) -> Arrays:
     """Join what `arrays_of(part)` returns for parts of the triangles, to save memory."""
-    m, joined = len(cloth.triangles), {}
+    m = len(cloth.triangles)
+    joined = {}
     for part in blocks(m):
         for name, values in arrays_of(part).items():
             if name not in joined:
@@ -97,7 +102,9 @@ def _cells(
         "weft": _single(mean[..., 1]),
         "strain_tensor": _turned(R, E),
     }
-    return cells if stress is None else cells | _stresses(R, U, stress[part])
+    if stress is None:
+        return cells
+    return cells | _stresses(R, U, stress[part])
 
 
 def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
@@ -108,7 +115,8 @@ def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         T = U @ S @ U / np.linalg.det(U)[:, None, None]
     T[~np.isfinite(T)] = 0.0  # a triangle without area
-    mean, half = (T[:, 0, 0] + T[:, 1, 1]) / 2, (T[:, 0, 0] - T[:, 1, 1]) / 2
+    mean = (T[:, 0, 0] + T[:, 1, 1]) / 2
+    half = (T[:, 0, 0] - T[:, 1, 1]) / 2
     radius = np.hypot(half, T[:, 0, 1])
     return {
         "S11": S11,

@@ -106,7 +106,8 @@ class Series:
     @classmethod
     def open(cls, folder: str | Path) -> Self:
         given = folder = Path(folder)
-        listed, single = folder / "run.vtu.series", folder / "run.vtkhdf"
+        listed = folder / "run.vtu.series"
+        single = folder / "run.vtkhdf"
         if not (listed.is_file() or single.is_file()):  # what `write_vtk` was given, or returned
             folder, listed = folder.parent, Path(f"{folder}.vtu.series".replace(".pvd.", "."))
         if listed.is_file():
@@ -181,13 +182,15 @@ def _read_times(file: Path) -> tuple[float, ...]:
 def _read_hdf(file: Path, i: int) -> Frame:
     with _hdf(file) as root:
         steps = root["Steps"]
-        n, m = int(root["NumberOfPoints"][0]), int(root["NumberOfCells"][0])
+        n = int(root["NumberOfPoints"][0])
+        m = int(root["NumberOfCells"][0])
 
         def arrays(kind, rows):
             begins = {name: int(steps[f"{kind}Offsets/{name}"][i]) for name in root[kind]}
             return {name: root[kind][name][b : b + rows] for name, b in begins.items()}
 
         begin = int(steps["PointOffsets"][i])
-        points, cells = root["Points"][begin : begin + n], root["Connectivity"][:].reshape(m, -1)
+        points = root["Points"][begin : begin + n]
+        cells = root["Connectivity"][:].reshape(m, -1)
         t = float(steps["Values"][i])
         return Frame(t, points, cells, arrays("PointData", n), arrays("CellData", m))

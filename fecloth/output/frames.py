@@ -96,7 +96,9 @@ class Frames:
         if state.x.shape != shape or state.v.shape != shape:
             what = f"a state with x {state.x.shape} and v {state.v.shape}"
             raise InputError(what, f"must be of shape {shape} on this cloth", str(self.path))
-        return kinematics(self.cloth, state) if self.system is None else fields(self.system, state)
+        if self.system is None:
+            return kinematics(self.cloth, state)
+        return fields(self.system, state)
 
     def _list(self, suffix: str) -> Path:
         return self.path.with_name(self.path.name + suffix)
@@ -149,7 +151,8 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     time.
     """
     validation.instance("cloth", cloth, Cloth, "system.cloth", "read_frame")
-    mesh, where = read_vtu(path), str(path)
+    mesh = read_vtu(path)
+    where = str(path)
     cells = mesh.cells_dict.get(MESHIO[cloth.element], np.empty((0, cloth.cells.shape[1]), int))
     for what, found, known in (
         ("nodes", len(mesh.points), len(cloth.X)),
@@ -177,7 +180,8 @@ def write_mesh(path: Path, cloth: Cloth) -> None:
     inside = {f"set {name}": np.zeros(len(points)) for name in cloth.node_sets}
     for name, nodes in cloth.node_sets.items():
         inside[f"set {name}"][nodes] = 1.0
-    cells, quality = {MESHIO[cloth.element]: cloth.cells}, {"quality": [cloth.quality]}
+    cells = {MESHIO[cloth.element]: cloth.cells}
+    quality = {"quality": [cloth.quality]}
     mesh = meshio.Mesh(points, cells, point_data=inside, cell_data=quality)
     try:
         with writing(path):

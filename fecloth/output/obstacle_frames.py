@@ -28,7 +28,8 @@ class Obstacles(NamedTuple):
 
 def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
     """The surfaces of all obstacles at the time t around positions (n, 3); None without one."""
-    place, reach = (x.min(axis=0) + x.max(axis=0)) / 2, system.cloth.extent
+    place = (x.min(axis=0) + x.max(axis=0)) / 2
+    reach = system.cloth.extent
     shown = [term.surface(t, place, reach) for term in system.bound]
     surfaces = [surface for surface in shown if surface is not None]
     if not surfaces:

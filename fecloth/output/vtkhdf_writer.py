@@ -33,7 +33,8 @@ COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 def gather(series: Series, target: Path) -> Path:
     """Write all frames of a series into one file, which is there whole or not at all."""
     with replacing(target) as part, h5py().File(part, "w") as file:
-        root, first = file.create_group("VTKHDF"), series.read(0)
+        root = file.create_group("VTKHDF")
+        first = series.read(0)
         _write_triangles(root, first)
         _write_steps(root, _arrays(first), series.times)
         for i in range(len(series.times)):
@@ -67,7 +68,8 @@ def _write_triangles(root, frame: Frame) -> None:
 
 def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
     """Write times and offsets, and make datasets for all frames, compressed without loss."""
-    count, steps = len(times), root.create_group("Steps")
+    count = len(times)
+    steps = root.create_group("Steps")
     steps.attrs["NSteps"] = count
     steps["Values"], steps["NumberOfParts"] = np.array(times), np.ones(count, np.int64)
     steps["PartOffsets"] = np.zeros(count, np.int64)

@@ -34,10 +34,12 @@ def by_new_names(owner: str, named: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checks_arguments(target: Target) -> Target:
-    """Let a class or function take texts with units, and refuse arguments that do not fit it."""
-    # A number may be a text with a unit where the type has a dimension, as
-    # ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
-    # `InputError` that has all arguments.
+    """Let a class or function take texts with units, and refuse arguments that do not fit it.
+
+    A number may be a text with a unit where the type has a dimension, as
+    ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
+    `InputError` that has all arguments.
+    """
     create: Any = vars(target)["__init__"] if isinstance(target, type) else target
 
     @functools.wraps(create)
@@ -46,7 +48,8 @@ def checks_arguments(target: Target) -> Target:
         if any(map(_has_text, (*positional, *named.values()))):
             given = _bind(target, create, positional, named)
             given.arguments.update(_read(target, given.arguments))
-            positional, named = given.args, given.kwargs
+            positional = given.args
+            named = given.kwargs
         try:
             return create(*positional, **named)
         except TypeError:

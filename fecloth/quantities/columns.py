@@ -34,7 +34,9 @@ def factor_to_si(name: str, unit: str | None, si: str) -> float:
     if not unit:
         raise InputError(f"column {name!r}", f"has no unit; write it as {name} [{dimension.si}]")
     try:
-        return 1.0 if unit == si else units.quantity(name, f"1 {unit}", dimension)
+        if unit == si:
+            return 1.0
+        return units.quantity(name, f"1 {unit}", dimension)
     except InputError:
         allowed = f"its unit must be one of {', '.join(dimension.units)}"
         raise InputError(f"column {name} [{unit}]", allowed) from None
@@ -63,7 +65,10 @@ class DataTable:
             raise InputError(f"column {name!r}", allowed, self.where, remedy)
         unit, cells = self.cells[name]
         with errors_of(self.where):
-            factor = 1.0 if si is None or (plain and not unit) else factor_to_si(name, unit, si)
+            if si is None or (plain and not unit):
+                factor = 1.0
+            else:
+                factor = factor_to_si(name, unit, si)
         values = [
             self._number(name, cell, line) for cell, line in zip(cells, self.lines, strict=True)
         ]

@@ -80,13 +80,18 @@ class Formula:
         return number
 
     def derivative(self, variable: str) -> "Formula":
-        """The exact derivative by a variable, to be called as the formula itself."""
-        # On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value
-        # that is not finite is refused.
+        """The exact derivative by a variable, to be called as the formula itself.
+
+        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value
+        that is not finite is refused.
+        """
         return replace(self, by=(*self.by, variable))
 
     def _refuse(self, value: float, numbers: Sequence[float]) -> NoReturn:
-        what = f"the derivative by {' and '.join(self.by)} of " if self.by else ""
+        if self.by:
+            what = f"the derivative by {' and '.join(self.by)} of "
+        else:
+            what = ""
         pairs = zip(self.variables, numbers, strict=True)
         at = ", ".join(f"{name} = {number:g}" for name, number in pairs)
         what += f"formula {self.text!r} is {value:g}" + (f" at {at}" if at else "")

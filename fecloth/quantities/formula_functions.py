@@ -77,9 +77,11 @@ Closure = Callable[[Sequence[Any]], Any]
 
 
 def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = False) -> Closure:
-    """The closure of a checked syntax tree; one that is `derived` takes a `Dual`, too."""
-    # It is called with NumPy's errors ignored. All is in doubles, so that no power grows without
-    # limit.
+    """The closure of a checked syntax tree; one that is `derived` takes a `Dual`, too.
+
+    It is called with NumPy's errors ignored. All is in doubles, so that no power grows without
+    limit.
+    """
 
     def inner(part: ast.AST) -> Closure:
         return compile_tree(part, variables, derived)
@@ -172,10 +174,12 @@ class Dual(NamedTuple):
 
 
 def derivative(closure: Closure, place: int, level: int) -> Closure:
-    """The derivative by the variable at a place; the level is the number of derivatives before."""
-    # At a kink or a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the
-    # derivative of the second argument for min and max, and the derivative of the chosen part for
-    # where. For mod(a, b) it is the derivative between the jumps.
+    """The derivative by the variable at a place; the level is the number of derivatives before.
+
+    At a kink or a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the
+    derivative of the second argument for min and max, and the derivative of the chosen part for
+    where. For mod(a, b) it is the derivative between the jumps.
+    """
 
     def slope(v: Sequence[Any]) -> Any:
         dual = Dual(v[place], np.float64(1.0), level)
@@ -189,7 +193,9 @@ def _is_dual(value: Any, level: int) -> bool:
 
 
 def _slope_of(value: Any, level: int) -> Any:
-    return value.slope if _is_dual(value, level) else np.float64(0.0)
+    if _is_dual(value, level):
+        return value.slope
+    return np.float64(0.0)
 
 
 def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -208,12 +214,15 @@ def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]
             if _is_dual(each, level):
                 term = _multiply(rule(values), each.slope)
                 slope = term if slope is None else _add(slope, term)
-        return apply(*values) if slope is None else Dual(apply(*values), slope, level)
+        if slope is None:
+            return apply(*values)
+        return Dual(apply(*values), slope, level)
 
     return apply
 
 
-_add, _multiply = _with_duals(ast.Add, operator.add), _with_duals(ast.Mult, operator.mul)
+_add = _with_duals(ast.Add, operator.add)
+_multiply = _with_duals(ast.Mult, operator.mul)
 
 
 def _rule(text: str, variables: str) -> Closure:

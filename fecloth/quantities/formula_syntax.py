@@ -33,14 +33,21 @@ class _Reader:
     """Walk a syntax tree and refuse every node that is not on the list."""
 
     def __init__(self, text: str, variables: tuple[str, ...]):
-        self.text, self.variables = text.strip(), variables
+        self.text = text.strip()
+        self.variables = variables
         names = ", ".join((*variables, *CONSTANTS))
         self.allowed = f"allowed are numbers, {names}, + - * / **, {', '.join(FUNCTIONS)}"
 
     def refuse(self, problem: str, node: ast.AST | None = None, remedy: str = "") -> NoReturn:
-        piece = ast.get_source_segment(self.text, node) if node is not None else None
+        if node is not None:
+            piece = ast.get_source_segment(self.text, node)
+        else:
+            piece = None
         shown = self.text if len(self.text) <= 80 else self.text[:77] + "..."
-        problem = f"{problem}: {piece!r}" if piece and piece != self.text else problem
+        if piece and piece != self.text:
+            problem = f"{problem}: {piece!r}"
+        else:
+            problem = problem
         raise InputError(f"formula {shown!r}, {problem}", self.allowed, "Formula", remedy)
 
     def parse(self) -> ast.expr:

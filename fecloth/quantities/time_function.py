@@ -31,7 +31,10 @@ class TimeFunction:
     where: str
 
     def __call__(self, t: float) -> np.ndarray:
-        given = self.parts(t) if callable(self.parts) else [_at(part, t) for part in self.parts]
+        if callable(self.parts):
+            given = self.parts(t)
+        else:
+            given = [_at(part, t) for part in self.parts]
         value = np.asarray(given, dtype=float)
         value = value if callable(self.parts) else value.reshape(self.shape)
         if value.shape != self.shape or not np.isfinite(value).all():
@@ -60,11 +63,17 @@ class TimeFunction:
 def difference_quotient(
     function: Callable[[float], Any], t: float, since: float = -math.inf
 ) -> np.ndarray:
-    """The derivative of a function of time by differences of second order, over 2e-5 s."""
-    # It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
-    # t − h is before `since`.
-    u, h = function, DIFFERENCE_STEP
-    difference = u(t + h) - u(t - h) if t - h >= since else 4 * u(t + h) - 3 * u(t) - u(t + 2 * h)
+    """The derivative of a function of time by differences of second order, over 2e-5 s.
+
+    It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
+    t − h is before `since`.
+    """
+    u = function
+    h = DIFFERENCE_STEP
+    if t - h >= since:
+        difference = u(t + h) - u(t - h)
+    else:
+        difference = 4 * u(t + h) - 3 * u(t) - u(t + 2 * h)
     rate: np.ndarray = difference / (2 * h)
     return rate
 
@@ -95,4 +104,6 @@ def _part(value: object, name: str, where: str) -> float | Formula:
 
 
 def _at(part: float | Formula, t: float) -> float:
-    return part if isinstance(part, float) else part.at(float(t))
+    if isinstance(part, float):
+        return part
+    return part.at(float(t))

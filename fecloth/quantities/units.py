@@ -93,10 +93,12 @@ def is_quantity(text: str) -> bool:
 
 
 def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
-    """The value in SI of a number with one of the units of the dimension."""
-    # ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
-    # means ``*``. Error messages have the `name` of the quantity, and what `other` text is allowed,
-    # such as ", or a formula".
+    """The value in SI of a number with one of the units of the dimension.
+
+    ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
+    means ``*``. Error messages have the `name` of the quantity, and what `other` text is allowed,
+    such as ", or a formula".
+    """
     units = dimension.units
     allowed = f"must be a number with one of the units {', '.join(units)}{other}"
     match = _QUANTITY.fullmatch(text.strip())
@@ -144,7 +146,8 @@ def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse: bool) 
         return type(value)(_value(key, item, items[0], dimension, refuse) for item in value)
     if not isinstance(value, str) or float not in kinds:
         return value
-    formula, word = str in kinds, any(get_origin(kind) is Literal for kind in kinds)
+    formula = str in kinds
+    word = any(get_origin(kind) is Literal for kind in kinds)
     if (formula or word or not refuse) and not is_quantity(value):
         return value
     return quantity(key, value, dimension, ", or a formula" if formula else "")
@@ -155,4 +158,6 @@ def _kinds(hint: Any) -> list[Any]:
     if get_origin(hint) is Annotated:
         return _kinds(get_args(hint)[0])
     union = get_origin(hint) in (Union, types.UnionType)
-    return [kind for arg in get_args(hint) for kind in _kinds(arg)] if union else [hint]
+    if union:
+        return [kind for arg in get_args(hint) for kind in _kinds(arg)]
+    return [hint]

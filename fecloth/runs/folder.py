@@ -26,7 +26,8 @@ class Table:
 
     def __init__(self, path: Path, size: int | None = None):
         """Open a new table, or an earlier one truncated to `size` bytes."""
-        self.path, self.size = path, size or 0
+        self.path = path
+        self.size = size or 0
         self._header: tuple[str, ...] = ()
         with writing(path):
             if size:
@@ -109,9 +110,11 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: str | Path, overwrite: bool = False) -> "RunFolder":
-        """Make an empty folder, or with `overwrite` clear an earlier run's files out of one."""
-        # Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
-        # tables, summary, resolved scene and log.
+        """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
+
+        Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
+        tables, summary, resolved scene and log.
+        """
         path = Path(path)
         cls.refuse(path, overwrite)
         with writing(path):
@@ -219,4 +222,6 @@ def _plain(value):
         return [_plain(item) for item in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return str(value)

@@ -8,9 +8,11 @@ from contextlib import contextmanager
 
 
 def set_handler(handler: Callable | signal.Handlers) -> dict[int, Callable | int | None]:
-    """Handle Ctrl-C, SIGTERM and, unless it is ignored (nohup), the end of the terminal."""
-    # Returns the earlier handlers by signal; empty outside the main thread, where Python allows
-    # none.
+    """Handle Ctrl-C, SIGTERM and, unless it is ignored (nohup), the end of the terminal.
+
+    Returns the earlier handlers by signal; empty outside the main thread, where Python allows
+    none.
+    """
     if threading.current_thread() is not threading.main_thread():
         return {}
     numbers = [signal.SIGINT, signal.SIGTERM]

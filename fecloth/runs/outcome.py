@@ -11,7 +11,9 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.run import Result
 from fecloth.system.system import System
 
-DONE, FAILED, INTERRUPTED = "done", "failed", "interrupted"
+DONE = "done"
+FAILED = "failed"
+INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -31,7 +33,8 @@ class SceneResult(Result):
         return self.accounts[Ledger]
 
     def __repr__(self) -> str:
-        steps, unit = amount(self.summary["steps"], "step"), self.summary["unit"]
+        steps = amount(self.summary["steps"], "step")
+        unit = self.summary["unit"]
         at = place_in_words(self.state.t, unit)
         return f"<SceneResult: {self.status} after {steps} at {at}, in {self.folder}>"
 
@@ -46,12 +49,15 @@ def count_sizes(system: System) -> dict:
 
 def place_in_words(t: float, unit: str) -> str:
     """Return how far a run is: "t = 0.5 s", or "0.5 of the loads"."""
-    return f"t = {t:g}{unit}" if unit == " s" else f"{t:g}{unit}"
+    if unit == " s":
+        return f"t = {t:g}{unit}"
+    return f"{t:g}{unit}"
 
 
 def finished_message(outcome: SceneResult) -> str:
     """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
-    counts, seconds = outcome.summary, outcome.summary["seconds"]
+    counts = outcome.summary
+    seconds = outcome.summary["seconds"]
     threads = counts.get("threads", 1)
     errors = "".join(f"{words}\n" for words in outcome.accounts.words())
     return (
@@ -84,7 +90,9 @@ def warning_count(outcome: SceneResult) -> str:
 
 def failure_message(outcome: SceneResult) -> str:
     """Return why a run ended early, what is readable, and from where it can go on."""
-    folder, t, unit = outcome.folder, outcome.summary["t"], outcome.summary["unit"]
+    folder = outcome.folder
+    t = outcome.summary["t"]
+    unit = outcome.summary["unit"]
     readable = f"{folder} is readable up to {place_in_words(t, unit)}"
     again = f"--resume {folder} goes on from"
     if isinstance(outcome.error, FolderMoved):

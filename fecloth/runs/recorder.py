@@ -58,8 +58,12 @@ class Recorder:
         found: Restart | None = None,
         foreseen: Sequence[str] = (),
     ):
-        self.folder, self.problem, self.watch, self.solver = folder, problem, watch, solver
-        self.scene, self.start = scene, start
+        self.folder = folder
+        self.problem = problem
+        self.watch = watch
+        self.solver = solver
+        self.scene = scene
+        self.start = start
         self.foreseen = foreseen  # warnings before the first step
         self.run = Run(problem.system, problem.method, problem.observer.start, 0, MOST_GROWTH)
         self.files = RunFiles(folder, problem)
@@ -73,7 +77,8 @@ class Recorder:
                     self.restart(regular=True)
 
     def _begin(self) -> Progress:
-        problem, memory = self.problem, Memory(0, self.problem.start.t, None)
+        problem = self.problem
+        memory = Memory(0, self.problem.start.t, None)
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
         accounts = self._frame(problem.start, memory, accounts)
@@ -83,14 +88,18 @@ class Recorder:
         return self._progress(problem.start, memory, accounts)
 
     def _progress(self, state, memory, accounts: Accounts, warnings=(), wanted=None) -> Progress:
-        frames, sizes = len(self.files.frames.times), self.files.sizes
+        frames = len(self.files.frames.times)
+        sizes = self.files.sizes
         return Progress(state, memory, accounts, warnings, wanted, frames, sizes)
 
     def _resume(self, found: Restart) -> None:
         """Remove what an earlier run wrote after its restart file."""
         self.files.keep()
         restarts.drop_later(self.folder.path, found)
-        exactly = "" if found.exact else ", exact to the solver's tolerance only: a factor was lost"
+        if found.exact:
+            exactly = ""
+        else:
+            exactly = ", exact to the solver's tolerance only: a factor was lost"
         at = place_in_words(self.progress.state.t, self.problem.unit)
         self.folder.log(f"goes on from step {self.progress.memory.step} at {at}{exactly}")
         if changed := restarts.differences(found):
@@ -131,7 +140,8 @@ class Recorder:
         return None
 
     def _march_to_end(self, report, warn, interrupted: threading.Event) -> None:
-        problem, before = self.problem, self.progress
+        problem = self.problem
+        before = self.progress
         if before.state.t >= problem.t_end:  # it was killed while it closed
             return
         steps = problem.march(self.solver, before.state, before.memory, before.wanted)
@@ -139,7 +149,8 @@ class Recorder:
         for record in record_steps(steps, *given):
             info = record.info
             if info.step > MOST_STEPS:
-                allowed, remedy = f"must be at most {MOST_STEPS}", "Raise rtol, or lower t_end."
+                allowed = f"must be at most {MOST_STEPS}"
+                remedy = "Raise rtol, or lower t_end."
                 raise InputError(f"step {info.step}", allowed, remedy=remedy)
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
@@ -156,7 +167,8 @@ class Recorder:
 
     def _take(self, record: Record) -> None:
         """Write a step to all files, or to none if that fails or is interrupted."""
-        info, before = record.info, self.progress
+        info = record.info
+        before = self.progress
         self.watch.seconds.setdefault("to_first_step", self.watch.total)
         self.watch.add(info.counts.seconds)
         accounts = record.accounts.with_record(before.accounts[Shapes])
@@ -183,7 +195,8 @@ class Recorder:
     ) -> Accounts:
         """Write a frame with its row of strains.csv, and return the accounts after it."""
         cells = self.files.add_frame(state, memory)
-        shape, step = accounts[Shapes], accounts[Solves].steps
+        shape = accounts[Shapes]
+        step = accounts[Solves].steps
         apart = APART[self.problem.method.traits.explicit]
         counts = self.problem.output.intersections and (ended or step - shape.counted >= apart)
         shape, row = shape.at_frame(self.run, state, cells, step, counts)
@@ -209,7 +222,8 @@ class Recorder:
         return due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
-        every, ended = self.problem.frame_steps, info.t >= self.problem.t_end
+        every = self.problem.frame_steps
+        ended = info.t >= self.problem.t_end
         return (info.t in self.problem.stops if every is None else not info.step % every) or ended
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
@@ -218,13 +232,15 @@ class Recorder:
         try:
             with self.watch.phase("output"):
                 if state.t > self.files.frames.times[-1] and not isinstance(error, WriteError):
-                    memory, accounts = self.progress.memory, self.progress.accounts
+                    memory = self.progress.memory
+                    accounts = self.progress.accounts
                     accounts = self._frame(state, memory, accounts, ended=True)
                     self.progress = replace(self.progress, accounts=accounts)
                 if status == DONE:
                     self.files.gather()
         except InputError as full:
-            status, error = FAILED, error or full
+            status = FAILED
+            error = error or full
         self.files.close()
         steps = self.progress.accounts[Solves].steps
         end = End(state, steps, is_whole=state.t >= self.problem.t_end)
@@ -246,7 +262,8 @@ class Recorder:
             self.folder.summary(summary)  # `--resume` writes all of this if it is missing
             self.files.remove_gathered()
         except InputError as full:
-            status, error = FAILED, error or full
+            status = FAILED
+            error = error or full
         return self._result(status, summary, accounts, error, resumes)
 
     @property

@@ -31,7 +31,8 @@ from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
 FORMAT = 10
-FOLDER, PATTERN = "restart", "restart_*.npz"
+FOLDER = "restart"
+PATTERN = "restart_*.npz"
 KEPT = 2  # files
 FREE = ("title", "expect", "interest", "uncertain", "measured")  # keys that do not change a run
 
@@ -102,7 +103,8 @@ def read(path: Path) -> Restart:
         found = _unpack(header["run"], arrays)
         _check(found, arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        what, remedy = f"cannot be read ({error})", "Remove this file to resume from another one."
+        what = f"cannot be read ({error})"
+        remedy = "Remove this file to resume from another one."
         raise InputError(what, where=str(path), remedy=remedy) from error
     return found
 
@@ -112,7 +114,8 @@ def _check(found, arrays) -> None:
     # All arrays but the history of terms must have the shape (n, 3) of the positions.
     if not isinstance(found, Restart):
         raise ValueError("it is no restart of a run")
-    state, memory = found.progress.state, found.progress.memory
+    state = found.progress.state
+    memory = found.progress.memory
     for name, t in (("t", state.t), ("the first t", memory.start)):
         if not is_number(t):
             raise ValueError(f"{name} = {t!r} is not finite")
@@ -168,7 +171,8 @@ def _unpack(value, arrays: list):
 
 def find(folder: Path) -> Restart:
     """Return the newest readable restart of a run, an exact one if there is any."""
-    found, broken = [], None
+    found = []
+    broken = None
     for path in files(folder):
         try:
             found.append(read(path))
@@ -202,9 +206,11 @@ def drop_later(folder: Path, restart: Restart) -> None:
 
 
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
-    """Raise `InputError` with the differences if a restart belongs to another scene."""
-    # `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
-    # must not be complete: it must have steps left, or its last summary.json still to write.
+    """Raise `InputError` with the differences if a restart belongs to another scene.
+
+    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
+    must not be complete: it must have steps left, or its last summary.json still to write.
+    """
     then, now = (flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
     keys = [key for key in keys if key.split(".")[0] not in FREE and key != "time.t_end"]
@@ -251,6 +257,7 @@ def machine() -> dict[str, str]:
 
 def differences(restart: Restart) -> str:
     """Return in words what has changed since, or ""."""
-    then, now = restart.made_on, machine()
+    then = restart.made_on
+    now = machine()
     keys = [key for key in then.keys() & now.keys() if "None" != then[key] != now[key] != "None"]
     return "; ".join(f"{key} was {then[key]}, is {now[key]}" for key in sorted(keys))

@@ -31,7 +31,8 @@ class RunFiles:
     """The open tables and frames of a run."""
 
     def __init__(self, folder: RunFolder, problem: Problem):
-        self.folder, self.problem = folder, problem
+        self.folder = folder
+        self.problem = problem
         self.frames = Frames(folder.path / "run", problem.cloth, problem.system)
         self.opens = self.frames.opens  # the file for ParaView
         self.obstacles = ObstacleFrames(folder.path, problem.system, problem.start.x)
@@ -67,7 +68,8 @@ class RunFiles:
         self.folder.check_in_place()
         if len(self.frames.times) >= MOST_FRAMES:
             raise InputError("one frame more", f"must be at most {MOST_FRAMES}", remedy=_FEWER)
-        problem, system = self.problem, self.problem.system
+        problem = self.problem
+        system = self.problem.system
         history = memory.term_history if memory else None
         known = system.with_history(history or system.start_history(state))
         points, cells = fields(known, state, problem.output.error_density)
@@ -129,7 +131,8 @@ def count_frames(problem: Problem) -> int:
 
 def check_space(folder: Path, problem: Problem, size: int) -> None:
     """Raise `InputError` for too many frames of `size` bytes, or for the space in `folder`."""
-    count, free = count_frames(problem), shutil.disk_usage(folder).free
+    count = count_frames(problem)
+    free = shutil.disk_usage(folder).free
     if count > MOST_FRAMES:
         raise InputError(f"{count} frames", f"must be at most {MOST_FRAMES}", "output", _FEWER)
     if count * size > free:

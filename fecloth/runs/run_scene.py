@@ -79,7 +79,8 @@ def run_scene(
 def _run_scene(
     scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack, make_system
 ) -> SceneResult:
-    watch, existed = Watch(), path.is_dir()
+    watch = Watch()
+    existed = path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
     found = restarts.find(path) if resume else None
@@ -108,7 +109,8 @@ def _run_scene(
         with nullcontext() if found else remove_on_failure(path, is_new=not existed):
             folder.text("scene.resolved.toml", scene.to_toml())
             folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-            sizes, terms = count_sizes(problem.system), ", ".join(problem.system.names)
+            sizes = count_sizes(problem.system)
+            terms = ", ".join(problem.system.names)
             counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
             folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
@@ -116,7 +118,10 @@ def _run_scene(
             given = scene.to_toml(), start, found, warnings
             recorder = Recorder(folder, problem, watch, solver, *given)
         error = recorder.march(report, warn, interrupted)
-        stopped = INTERRUPTED if recorder.progress.state.t < problem.t_end else DONE
+        if recorder.progress.state.t < problem.t_end:
+            stopped = INTERRUPTED
+        else:
+            stopped = DONE
         outcome = recorder.close(FAILED if error else stopped, why, error, warn)
         closed()
         return outcome
@@ -134,9 +139,12 @@ def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
 def compile_kernels(problem: Setup) -> None:
     """Compile what the run will call, on two triangles, before the first step."""
     # Compiled code is cached on disk; later runs load it.
-    whole, halves = problem.system, {"lower": [0], "upper": [1]}
-    corners, triangles = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)]
-    sets, element = {"left": [0, 3]}, whole.cloth.element
+    whole = problem.system
+    halves = {"lower": [0], "upper": [1]}
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    triangles = [(0, 1, 2), (0, 2, 3)]
+    sets = {"left": [0, 3]}
+    element = whole.cloth.element
     cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
     # two triangles may have no equilibrium, and nothing new is compiled in a long search for it
     steps = problem.steps

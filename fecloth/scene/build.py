@@ -74,7 +74,10 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
 
 def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
-    fabric = scene.fabric.make() if scene.fabric else _each(scene.fabrics, lambda t: t.make())
+    if scene.fabric:
+        fabric = scene.fabric.make()
+    else:
+        fabric = _each(scene.fabrics, lambda t: t.make())
     grain = _each(scene.grain_degrees, math.radians)
     terms = [term.make() for term in scene.terms]
     threads = scene.solver.threads
@@ -114,7 +117,8 @@ def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Clo
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
-        start, end = time.t_start, time.t_end
+        start = time.t_start
+        end = time.t_end
         dt = (end - start) / 1000 if time.dt == "auto" else time.dt
         times = np.append(start, step_times(start, dt, end))
         if pin.motion.by_place:  # at some of them, to limit the work
@@ -130,13 +134,22 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
         with at("start.frame"):
             return replace(read_frame(start.frame, cloth), t=scene.schedule.t_start)
     with at("start.position"):
-        x = scene.cloth.x(cloth) if isinstance(scene.cloth, Pieces) else start.x(cloth.X)
+        if isinstance(scene.cloth, Pieces):
+            x = scene.cloth.x(cloth)
+        else:
+            x = start.x(cloth.X)
         if np.abs(x).max() > FARTHEST:
-            key = "shift" if start.shift and max(map(abs, start.shift)) > FARTHEST else "position"
+            if start.shift and max(map(abs, start.shift)) > FARTHEST:
+                key = "shift"
+            else:
+                key = "position"
             what = f"start.{key}: a node {np.abs(x).max():g} m away"
             raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
     with at("start.velocity"):
-        v = scene.cloth.v(cloth) if isinstance(scene.cloth, Pieces) else start.v(cloth.X)
+        if isinstance(scene.cloth, Pieces):
+            v = scene.cloth.v(cloth)
+        else:
+            v = start.v(cloth.X)
         if np.abs(v).max() > FASTEST:
             what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
             raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)
@@ -188,7 +201,8 @@ def _check_method(
 
 def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
-    x, still = state.x, np.zeros_like(state.x)
+    x = state.x
+    still = np.zeros_like(state.x)
     x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
     for name, term in system.named:
         if term.limits_direction or has_own(term, "work_of_clamps"):

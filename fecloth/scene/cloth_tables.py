@@ -134,7 +134,10 @@ class Pieces(Table):
             try:
                 meshed.append(piece.cloth(*reading))
             except InputError as error:
-                place = f"pieces.{name}: {error.where}: " if piece.shape == "file" else ""
+                if piece.shape == "file":
+                    place = f"pieces.{name}: {error.where}: "
+                else:
+                    place = ""
                 what = place or f"pieces.{name}."
                 raise InputError(what + error.what, error.allowed, "", error.remedy) from error
         return Cloth.join(meshed, list(self.pieces))

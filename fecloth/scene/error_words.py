@@ -35,10 +35,14 @@ def place(key: str, data: Any, text: str = "") -> str:
     """Return which table of a list a key is in, in words, or ""."""
     if not (match := _ITEM.match(key)):
         return ""
-    name, number = match[1], int(match[2])
+    name = match[1]
+    number = int(match[2])
     tables = data.get(name, ()) if isinstance(data, dict) else ()
     table = tables[number] if number < len(tables) else None
-    words = [str(table.get("type", ""))] if isinstance(table, dict) and "type" in table else []
+    if isinstance(table, dict) and "type" in table:
+        words = [str(table.get("type", ""))]
+    else:
+        words = []
     lines = (line.split("#")[0].replace(" ", "").strip() for line in text.splitlines())
     headers = [i for i, line in enumerate(lines, 1) if line == f"[[{name}]]"]
     if len(headers) == len(tables) > 0:  # all are written so, and none comes from an override
@@ -49,7 +53,8 @@ def place(key: str, data: Any, text: str = "") -> str:
 
 def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
     """Return what, allowed and remedy of each mistake; `written` is the file's value at `key`."""
-    value, cause = item["input"], item.get("ctx", {}).get("error")
+    value = item["input"]
+    cause = item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         each = (cause, *cause.also)
         return [(with_key(key, error, value), error.allowed, error.remedy) for error in each]
@@ -78,7 +83,8 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
         return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
         return f"{key}.{name} is missing", allowed, MESH_FILE if name == "shape" else ""
-    own, remedy = value[name], did_you_mean(value[name], kinds.split(", "))
+    own = value[name]
+    remedy = did_you_mean(value[name], kinds.split(", "))
     is_name = isinstance(own, str) and own.isidentifier()
     if is_name and key.startswith("terms") and not key.endswith(".shape"):
         how = f'For a term of your own: fc.load_scene("….toml", terms={{"{own}": {own}}}).'

@@ -16,13 +16,18 @@ def formula_text(*variables: str, condition: bool = False) -> Any:
         try:
             Formula(text, variables, condition)
         except InputError as error:
-            remedy = "A formula is in SI and has no units." if is_quantity(text) else error.remedy
+            if is_quantity(text):
+                remedy = "A formula is in SI and has no units."
+            else:
+                remedy = error.remedy
             raise InputError(error.what, error.allowed, error.where, remedy) from None
         return text
 
     def text(value: Any) -> Any:
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        return repr(value) if number and not condition else value
+        if number and not condition:
+            return repr(value)
+        return value
 
     schema = WithJsonSchema({"type": "string" if condition else ["number", "string"]})
     return Annotated[str, BeforeValidator(text), AfterValidator(check), schema]

@@ -40,7 +40,8 @@ def json_schema() -> str:
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     """Allow names of methods and fabrics, shorthands of [fabric], one expectation, [cloths]."""
-    scene, fabric = schema["properties"], tables["FabricTable"]
+    scene = schema["properties"]
+    fabric = tables["FabricTable"]
     method = tables["Time"]["properties"]["method"]
     method["anyOf"] = [{"enum": list(METHOD_TABLES)}, *method.pop("oneOf")]
     published = {"enum": list(presets.names())}

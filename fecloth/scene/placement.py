@@ -82,7 +82,9 @@ class Start(Table):
 
     def v(self, X: np.ndarray) -> np.ndarray:
         """Return velocities (n, 3) [m/s]."""
-        return _at(self.velocity, X) if self.velocity else np.zeros((len(X), 3))
+        if self.velocity:
+            return _at(self.velocity, X)
+        return np.zeros((len(X), 3))
 
 
 def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:

@@ -21,7 +21,8 @@ MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak
 
 def plan(problem: Problem, why: str) -> list[str]:
     """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
-    system, n = problem.system, len(problem.system.cloth.X)
+    system = problem.system
+    n = len(problem.system.cloth.X)
     name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangle"
     lines = [
         f"{n} nodes, {amount(len(system.cloth.triangles), name)}, "
@@ -52,15 +53,24 @@ def _pins(system: System) -> str:
     ]
     turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
     words = ", ".join(counts) or "none"
-    return f"{words}, on a line, about which the cloth is free to turn" if turns else words
+    if turns:
+        return f"{words}, on a line, about which the cloth is free to turn"
+    return words
 
 
 def _course(problem: Problem) -> str:
     if problem.is_static:
         return str(problem.method)
-    steps, dt = problem.steps, problem.dt
-    by = f"rtol = {steps.rtol:g}" if isinstance(steps, Adaptive | Auto) else "stability"
-    words = f"dt = {dt:g} s" if dt else f'steps chosen by {by}, as dt is left out or "auto",'
+    steps = problem.steps
+    dt = problem.dt
+    if isinstance(steps, Adaptive | Auto):
+        by = f"rtol = {steps.rtol:g}"
+    else:
+        by = "stability"
+    if dt:
+        words = f"dt = {dt:g} s"
+    else:
+        words = f'steps chosen by {by}, as dt is left out or "auto",'
     return f"{problem.method}, {words} to t = {problem.t_end:g} s"
 
 
@@ -81,7 +91,10 @@ def _length_lines(system: System) -> Iterator[str]:
     if number := dimensionless.weight_over_stiffness(system):
         length = dimensionless.unsupported_length(system)
         is_around = dimensionless.is_surrounded_by_pins(system)
-        reach = "twice the reach from the pins around" if is_around else "the reach from the pins"
+        if is_around:
+            reach = "twice the reach from the pins around"
+        else:
+            reach = "the reach from the pins"
         words = f"ρ g L³/B = {number:.3g} with L = {length:.3g} m, {reach}"
         yield f"weight over bending stiffness: {words}"
     if wave := dimensionless.wrinkle_length(system):
@@ -90,11 +103,13 @@ def _length_lines(system: System) -> Iterator[str]:
 
 
 def estimate_memory(system: System, solver: str = "direct") -> float:
-    """Estimate the peak memory of a run [MB]."""
-    # A constant for the program, and bytes in proportion to the n nodes, to the entries of the
-    # gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
-    # of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    # plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
+    """Estimate the peak memory of a run [MB].
+
+    A constant for the program, and bytes in proportion to the n nodes, to the entries of the
+    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
+    of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
+    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
+    """
     n = len(system.cloth.X)
     blocks = 0 if solver == "explicit" else len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
@@ -116,5 +131,6 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
 def memory_of_each(system: System, count: int) -> float:
     """Estimate the peak memory [MB] of the first of `count` processes that share a system."""
     # Within 10 % of StVK with hinges, 200,000 and 2,000,000 triangles on two processes.
-    blocks, triangles = len(system.pattern.indices), len(system.cloth.triangles)
+    blocks = len(system.pattern.indices)
+    triangles = len(system.cloth.triangles)
     return 220 + (SHARED * blocks / count + WHOLE * triangles) / 1e6

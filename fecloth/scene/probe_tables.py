@@ -183,9 +183,11 @@ def check(
     energies: Mapping[str, np.ndarray],
     unit: str = " s",
 ) -> list[Verdict]:
-    """Compare the columns of a run, as in `Result`, with the expected values."""
-    # Values are interpolated linearly between steps. A time outside the run and a value that is not
-    # a number fail.
+    """Compare the columns of a run, as in `Result`, with the expected values.
+
+    Values are interpolated linearly between steps. A time outside the run and a value that is not
+    a number fail.
+    """
     columns = {**energies, **observed}
     verdicts = []
     for name, each in ((name, each) for name, several in expect.items() for each in several):

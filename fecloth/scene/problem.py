@@ -34,10 +34,12 @@ class Problem(Setup):
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""
         row = rows_at_least(self.output.rows, self.start.t, self.t_end)(info)
-        step, t = row.step, row.t
+        step = row.step
+        t = row.t
         if self.frame_steps:
             step = min(step, info.step + self.frame_steps - info.step % self.frame_steps)
-        start, every = self.start.t, self.output.restarts
+        start = self.start.t
+        every = self.output.restarts
         if isinstance(every, int):
             step = min(step, info.step + every - info.step % every)
         elif every:

@@ -95,8 +95,8 @@ class Scene(Table):
             raise InputError("time and equilibrium are given", allowed, "", "Leave out the other.")
         if isinstance(cloth := data.get("cloth"), dict):
             pieces = cloth.get("pieces")
-            one = next(iter(pieces.values()), {}) if isinstance(pieces, dict) else cloth
-            is_quadratic = isinstance(one, dict) and one.get("element") == "P2"
+            table = next(iter(pieces.values()), {}) if isinstance(pieces, dict) else cloth
+            is_quadratic = isinstance(table, dict) and table.get("element") == "P2"
             data.setdefault("mass", "consistent" if is_quadratic else "lumped")
         return data
 
@@ -141,7 +141,8 @@ class Scene(Table):
         fabrics = [self.fabric] if self.fabric else (self.fabrics or {}).values()
         has_friction = any(term.type == "BendingFriction" for term in self.terms)
         if static.friction != "laid" and not has_friction:
-            what, allowed = f'equilibrium.friction = "{static.friction}"', "needs BendingFriction"
+            what = f'equilibrium.friction = "{static.friction}"'
+            allowed = "needs BendingFriction"
             raise InputError(what, allowed, "", 'Add { type = "BendingFriction" } to terms.')
         if has_friction and any(any(each.make().hysteresis or ()) for each in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
@@ -232,10 +233,12 @@ def load_scene(
     mesh_time
         Seconds after which reading or meshing that file is stopped.
     """
-    path, overrides = Path(path), tuple(overrides)
+    path = Path(path)
+    overrides = tuple(overrides)
     data = override(toml_text.read(path), overrides)
     source = f"{path} with {', '.join(overrides)}" if overrides else str(path)
-    kind, text = Scene, toml_text.text(path)
+    kind = Scene
+    text = toml_text.text(path)
     if terms:  # a class of scenes that may also have these
         term: Any = tables.terms_with(terms)[1]
         kind = create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))
@@ -256,5 +259,7 @@ def _check(
         scene = kind.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise scene_error(error, data, source, text) from None
-    scene._source, scene._text, scene._reading = source or "the scene", text, reading
+    scene._source = source or "the scene"
+    scene._text = text
+    scene._reading = reading
     return scene

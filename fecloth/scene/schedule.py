@@ -87,7 +87,8 @@ class Time(Table):
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"
-            allowed, remedy = f"must be at most {MOST_STEPS:.0e}", "A bare number is in seconds."
+            allowed = f"must be at most {MOST_STEPS:.0e}"
+            remedy = "A bare number is in seconds."
             raise InputError(what, allowed, "", remedy)
         return self
 

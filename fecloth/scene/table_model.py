@@ -70,7 +70,10 @@ class Table(BaseModel):
             if ours or holds_tables(field.annotation):
                 raise
             words = options(field.annotation)
-            remedy = did_you_mean(value, words) if isinstance(value, str) else ""
+            if isinstance(value, str):
+                remedy = did_you_mean(value, words)
+            else:
+                remedy = ""
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
@@ -112,7 +115,9 @@ class Made(Table):
     @model_validator(mode="before")
     @classmethod
     def _read_old_names(cls, data: Any) -> Any:
-        return by_new_names(cls.makes.__name__, data) if isinstance(data, dict) else data
+        if isinstance(data, dict):
+            return by_new_names(cls.makes.__name__, data)
+        return data
 
     @model_validator(mode="after")
     def _make_object(self):
@@ -164,7 +169,8 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
     """Return the text before the first section, and what Parameters says of each name."""
     # Names of a base stand in the docstring of the base.
-    text, meanings = "", dict[str, str]()
+    text = ""
+    meanings = dict[str, str]()
     for each in reversed(cls.__mro__[:-1]):
         text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(each) or "")
         parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
@@ -178,7 +184,10 @@ def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
     """Return the type of a table of one of several kinds, distinguished by the string at `key`."""
 
     def tag(data):
-        value = data.get(key) if isinstance(data, dict) else getattr(data, key, None)
+        if isinstance(data, dict):
+            value = data.get(key)
+        else:
+            value = getattr(data, key, None)
         return value if isinstance(value, str) else None
 
     tagged = tuple(Annotated[table, Tag(name)] for name, table in tables.items())
@@ -194,12 +203,17 @@ def as_tuples(value: Any) -> Any:
     """Return the value with tuples in place of lists, for frozen tables."""
     if isinstance(value, dict):
         return {key: as_tuples(item) for key, item in value.items()}
-    return tuple(as_tuples(item) for item in value) if isinstance(value, (list, tuple)) else value
+    if isinstance(value, (list, tuple)):
+        return tuple(as_tuples(item) for item in value)
+    return value
 
 
 def require_exactly_one(table: Table, *keys: str) -> None:
     """Refuse a table with none or several of these keys."""
     used = [key for key in keys if getattr(table, key) is not None]
     if len(used) != 1:
-        what = f"{' and '.join(used)} are given" if used else f"{keys[0]} is missing"
+        if used:
+            what = f"{' and '.join(used)} are given"
+        else:
+            what = f"{keys[0]} is missing"
         raise InputError(what, f"give exactly one of {', '.join(keys)}")

@@ -37,7 +37,9 @@ _TURNED: dict[Any, Any] = {Rotation | None: (RotationTable | None, None)}
 def _read_curve(value: Any, info: ValidationInfo) -> Any:
     """Rows in place of a file's name, so that copies of the scene and studies have the numbers."""
     is_name = isinstance(value, str)
-    return read_rows(info.field_name or "", resolve_path(value, info)) if is_name else value
+    if is_name:
+        return read_rows(info.field_name or "", resolve_path(value, info))
+    return value
 
 
 _Curve: Any = Annotated[
@@ -80,9 +82,11 @@ _TERMS: dict[str, Any] = {
 
 
 def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
-    """Return the tables of the package's terms and the user's own by name, and their union."""
-    # A term may hold another term (the law of a damping), so the tables refer to their union by the
-    # name "Term", which is resolved at the end.
+    """Return the tables of the package's terms and the user's own by name, and their union.
+
+    A term may hold another term (the law of a damping), so the tables refer to their union by the
+    name "Term", which is resolved at the end.
+    """
     for name, cls in own.items():
         if name in _TERMS:
             raise InputError(

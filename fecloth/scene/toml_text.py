@@ -85,11 +85,13 @@ _NAMED = (  # where a name may replace a table, and the key of the table for tha
 
 
 def override(data: dict, overrides: Iterable[str]) -> dict:
-    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``."""
-    # Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
-    # plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
-    # ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
-    # an override of one key leaves the other keys to the name.
+    """Return the tables with values replaced, as by ``["time.dt=0.005", "terms.0.time=0.02"]``.
+
+    Keys are TOML's dotted keys, with numbers (from 0) for the items of lists. Values are TOML; a
+    plain word, such as ``time.method=backward_euler``, and a number with a unit, such as
+    ``time.dt=5 ms``, are read as strings. If a name replaces a table, as in ``fabric = "silk"``,
+    an override of one key leaves the other keys to the name.
+    """
     data = copy.deepcopy(data)
     for text in overrides:
         keys, value = _override(text)
@@ -133,11 +135,13 @@ def _keys(chain) -> list[str]:
 
 
 def _set(data: dict, keys: list[str], value, text: str) -> None:
-    place, where = data, f"override {text!r}"
+    place = data
+    where = f"override {text!r}"
     for depth, key in enumerate(keys):
         if isinstance(place, list):
             if not (re.fullmatch("[0-9]{1,9}", key) and int(key) < len(place)):
-                what, last = f"item {key!r} of {'.'.join(keys[:depth])}", len(place) - 1
+                what = f"item {key!r} of {'.'.join(keys[:depth])}"
+                last = len(place) - 1
                 raise SceneError(what, f"must be 0 to {last}" if place else "is empty", where)
             key = int(key)
         elif not isinstance(place, dict):
@@ -145,7 +149,10 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
         if depth == len(keys) - 1:
             place[key] = value
         else:
-            inner = place[key] if isinstance(key, int) else place.setdefault(key, {})
+            if isinstance(key, int):
+                inner = place[key]
+            else:
+                inner = place.setdefault(key, {})
             place[key] = place = _table(inner, ".".join(keys[: depth + 1]))
 
 

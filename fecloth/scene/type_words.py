@@ -19,7 +19,8 @@ def fields(table: type[BaseModel]) -> dict[str, FieldInfo]:
 
 def writable(hint: Any) -> Any:
     """Return the part of a type that a file can hold, whose lists are read as tuples."""
-    origin, args = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    args = get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
     if origin in (Union, types.UnionType):
@@ -78,11 +79,14 @@ def _limits(metadata) -> str:
 
 
 def _words(hint, many: bool = False) -> str:
-    origin, args = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    args = get_args(hint)
     if origin is Annotated:
         return _words(args[0], many) + _limits(args[1:])
     if origin is Literal:
-        return f"one of {', '.join(map(str, args))}" if len(args) > 1 else repr(args[0])
+        if len(args) > 1:
+            return f"one of {', '.join(map(str, args))}"
+        return repr(args[0])
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_words(a, many) for a in args if a is not types.NoneType))
     if origin is tuple:
@@ -93,7 +97,9 @@ def _words(hint, many: bool = False) -> str:
         return f"{'tables' if many else 'a table'} of {_words(args[1], many=True)}"
     if holds_tables(hint):
         return "tables" if many else "a table"
-    return _WORDS[hint][many] if hint in _WORDS else "only in Python"
+    if hint in _WORDS:
+        return _WORDS[hint][many]
+    return "only in Python"
 
 
 def options(hint) -> tuple[str, ...]:

@@ -138,7 +138,9 @@ class Accounts:
 
     def get(self, kind: type[A]) -> A | None:
         """Return the record of a kind, None where the run has none."""
-        return self[kind] if kind.name in self.records else None
+        if kind.name in self.records:
+            return self[kind]
+        return None
 
     @property
     def due(self) -> int:

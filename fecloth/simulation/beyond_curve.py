@@ -37,18 +37,24 @@ class BeyondCurve(Account):
         return self.changed(doubt=words_beyond(self.area, f", {self.time:.2g}{unit}"))
 
     def summary(self) -> dict[str, object]:
-        return {"beyond_curve": {"area": self.area, "time": self.time}} if self.doubt else {}
+        if self.doubt:
+            return {"beyond_curve": {"area": self.area, "time": self.time}}
+        return {}
 
 
 def area_beyond(system: System, state: State) -> float:
     """The part of the area where a strain is beyond its curve."""
     tables = [term for term in system.bound if term.has_curves]
     area = sum(term.beyond(state.x, state.t) for term in tables)
-    return system.sums.total(area) / system.sums.total(system.cloth.area) if tables else 0.0
+    if tables:
+        return system.sums.total(area) / system.sums.total(system.cloth.area)
+    return 0.0
 
 
 def words_beyond(area: float, time: str = "") -> str:
     """A warning, or "" for less than a thousandth of the area."""
     words = f"beyond the measured curve on {100 * area:.3g} % of the area{time}"
     advice = "there it goes on with its last slope; measure farther, or load less"
-    return f"MembraneTable: strains are {words}: {advice}" if area > LEAST else ""
+    if area > LEAST:
+        return f"MembraneTable: strains are {words}: {advice}"
+    return ""

@@ -28,7 +28,8 @@ class Contact(Account):
     doubt: str = ""  # these words, at the end
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
-        after, new = self, info.result.state
+        after = self
+        new = info.result.state
         for name, term in run.system.named:
             if not term.restitution or Growth.name not in others.records:
                 continue  # an equilibrium has no speeds
@@ -43,13 +44,17 @@ class Contact(Account):
         return self.changed(sentence=sentence, doubt=self.least)
 
     def summary(self) -> dict[str, object]:
-        return {"contact_in_words": self.sentence} if self.sentence else {}
+        if self.sentence:
+            return {"contact_in_words": self.sentence}
+        return {}
 
 
 def describe_contact(system: System, start: State, end: State) -> str:
-    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles."""
-    # A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, the
-    # gap less what the barrier gives way: errors of its place, beside the largest displacement.
+    """A sentence for each obstacle that touches the cloth at the end, or "" without obstacles.
+
+    A cloth that an ideal obstacle carries lies on it. Here it lies at the mean distance D, the
+    gap less what the barrier gives way: errors of its place, beside the largest displacement.
+    """
     moved = float(np.sqrt(((end.x - start.x) ** 2).sum(axis=1).max()))
     means = [(name, term, term.mean_distance(end.x, end.t)) for name, term in system.named]
     return "; ".join(_sentence(n, term.gap, D, moved) for n, term, D in means if D is not None)

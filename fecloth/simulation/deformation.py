@@ -55,7 +55,10 @@ class Deformation(Account):
 
     def after(self, system: System, old: State, new: State, ledger: Ledger) -> "Deformation":
         """Return the record after a step between two states, with the ledger after it."""
-        pin_v = (new.x - old.x) / (new.t - old.t) if system.movable_pieces else new.v
+        if system.movable_pieces:
+            pin_v = (new.x - old.x) / (new.t - old.t)
+        else:
+            pin_v = new.v
         kinetic = _deforming_kinetic(system, new, ledger.kinetic, pin_v)
         in_place = _energies_in_place(system, new, ledger.potential, self.places)
         return self.changed(
@@ -67,11 +70,13 @@ class Deformation(Account):
         )
 
     def energy(self, ledger: Ledger) -> float:
-        """Return the energy of deformation [J]: the measure of what has moved."""
-        # It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
-        # that is more, the largest change of a term's energy since the start, of loads without the
-        # mean displacement. It is the same for every observer. Energy that loads bring in and
-        # dampings take off again does not increase it.
+        """Return the energy of deformation [J]: the measure of what has moved.
+
+        It is the kinetic energy of the motion relative to the rigid motion of each piece or, if
+        that is more, the largest change of a term's energy since the start, of loads without the
+        mean displacement. It is the same for every observer. Energy that loads bring in and
+        dampings take off again does not increase it.
+        """
         return max([self.kinetic, *(abs(change) for change in self._changes(ledger))])
 
     def _changes(self, ledger: Ledger) -> list[float]:
@@ -80,10 +85,12 @@ class Deformation(Account):
         return [energy - ledger.opening[name] for name, energy in now.items()]
 
     def available(self, ledger: Ledger) -> float:
-        """Return an upper bound of the `kinetic` energy that the cloth can have received [J]."""
-        # What it had at the start, the decrease of the terms' energies since, the inflow with 5 %
-        # of its parts for their own error, and `kinetic` after the first step, in which forward
-        # Euler is ahead of the work. Unlimited with a term that reports neither energy nor work.
+        """Return an upper bound of the `kinetic` energy that the cloth can have received [J].
+
+        What it had at the start, the decrease of the terms' energies since, the inflow with 5 %
+        of its parts for their own error, and `kinetic` after the first step, in which forward
+        Euler is ahead of the work. Unlimited with a term that reports neither energy nor work.
+        """
         if ledger.silent:
             return math.inf
         gains = sum(max(0.0, -change) for change in self._changes(ledger))
@@ -95,10 +102,12 @@ class Deformation(Account):
 def find_inflow(
     ledger: Ledger, kinetic: float, opening: float, in_place: Mapping[str, float]
 ) -> float:
-    """Return the work of loads without an energy, and of pins, on the deformation so far [J]."""
-    # The change of the rigid motion's energy, kinetic and in the loads with an energy, is
-    # subtracted, and what a load itself dissipates, such as the air. The arguments are as in
-    # `Deformation`.
+    """Return the work of loads without an energy, and of pins, on the deformation so far [J].
+
+    The change of the rigid motion's energy, kinetic and in the loads with an energy, is
+    subtracted, and what a load itself dissipates, such as the air. The arguments are as in
+    `Deformation`.
+    """
     rigid = ledger.kinetic - kinetic
     rigid -= ledger.opening["kinetic"] - opening
     rigid += sum(ledger.potential[name] - energy for name, energy in in_place.items())
@@ -119,7 +128,9 @@ def _deforming_kinetic(system: System, state: State, kinetic: float, pin_v) -> f
     if _is_one_free_body(system):
         rms = rms_without_rigid(system.nodal_mass, state.x, state.v)
         return 0.5 * system.total_mass * rms**2
-    p, mass_x, w = system.mass_times(state.v), system.mass_times(state.x), state.v.copy()
+    p = system.mass_times(state.v)
+    mass_x = system.mass_times(state.x)
+    w = state.v.copy()
     for piece in system.movable_pieces:
         w[piece.nodes] -= piece.rigid_velocity(state.x, p, system.nodal_mass, mass_x, pin_v)
     system.constraints.project(w)

@@ -27,7 +27,9 @@ def swing_loss(angle: float) -> float:
 def gravity_magnitude(system: System) -> float:
     """Magnitude [m/s²] of the sum of all `Gravity` terms."""
     accelerations = [t.acceleration for t in system.terms if isinstance(t, Gravity)]
-    return float(np.linalg.norm(np.sum(accelerations, axis=0))) if accelerations else 0.0
+    if accelerations:
+        return float(np.linalg.norm(np.sum(accelerations, axis=0)))
+    return 0.0
 
 
 def distance_from_pins(system: System) -> float:
@@ -40,9 +42,11 @@ def distance_from_pins(system: System) -> float:
 
 
 def weight_over_stiffness(system: System) -> float:
-    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing."""
-    # L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
-    # cantilever is its length.
+    """ρ g L³/B, weight over bending stiffness [-]; 0 if one of them or a pin is missing.
+
+    L is the `unsupported_length`, B the smallest rigidity. At 8 the linear deflection of a
+    cantilever is its length.
+    """
     known = [min(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]
     if not (known and has_kind(system.terms, "bending")):
         return 0.0

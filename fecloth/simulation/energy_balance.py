@@ -74,7 +74,8 @@ class Balance(Account):
         self, system: System, ledger: Ledger, deformation: Deformation, number: int = 1
     ) -> "Balance":
         """Return the balance after a `number` of steps, with the ledger after the last of them."""
-        now, remainder = deformation.energy(ledger), ledger.remainder
+        now = deformation.energy(ledger)
+        remainder = ledger.remainder
         new = self.changed(
             steps=self.steps + number,
             largest=max(self.largest, min(now, self.last, self.before)),
@@ -88,22 +89,31 @@ class Balance(Account):
             worked=max(self.worked, _work_of_obstacles(system, ledger)),
             gained=max(self.gained, -ledger.numerical),
         )
-        trusted, remainder = new.trusted(system, ledger), abs(remainder)
+        trusted = new.trusted(system, ledger)
+        remainder = abs(remainder)
         if remainder <= trusted:
-            return new.changed(off=0, least=math.inf) if new.off else new
+            if new.off:
+                return new.changed(off=0, least=math.inf)
+            return new
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
             return new.changed(off=1, least=remainder)
         new = new.changed(off=self.off + 1, least=min(self.least, remainder))
-        return new._doubted(new.least) if new.off >= LASTING else new
+        if new.off >= LASTING:
+            return new._doubted(new.least)
+        return new
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Balance":
         """At the end of a run one step whose balance is off is enough for a doubt."""
-        return self._doubted(abs(self.remainder)) if self.off else self
+        if self.off:
+            return self._doubted(abs(self.remainder))
+        return self
 
     def _doubted(self, off: float) -> "Balance":
-        """Return it with its doubt, where it is off by so much [J]."""
-        # A balance must be off for ten steps in a row, all by more than is trusted at the last of
-        # them: a load that sets in has moved little in its first steps.
+        """Return it with its doubt, where it is off by so much [J].
+
+        A balance must be off for ten steps in a row, all by more than is trusted at the last of
+        them: a load that sets in has moved little in its first steps.
+        """
         is_far = self.is_far or off > FAR * max(self.scale, self.kinetic)
         by = "off by {:.3g} J, where the energy of deformation was {:.3g} J at most"
         if not math.isfinite(self.remainder):
@@ -120,20 +130,24 @@ class Balance(Account):
         return self.largest or self.last
 
     def trusted(self, system: System, ledger: Ledger) -> float:
-        """Largest remainder that causes no warning [J]."""
-        # It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or the `noise` if
-        # that is more. With a term that reports neither energy nor work nothing is known.
+        """Largest remainder that causes no warning [J].
+
+        It is 5 % of the `scale` and 2 % of what inner damping has dissipated, or the `noise` if
+        that is more. With a term that reports neither energy nor work nothing is known.
+        """
         if ledger.silent or ledger.t <= self.start:
             return math.inf
         noise = self.noise(system, ledger)
         return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
-        """Return the energy [J] that does not matter in a balance."""
-        # It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
-        # difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
-        # direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of
-        # their work, too: Newton's tolerance "auto" is a part of their forces.
+        """Return the energy [J] that does not matter in a balance.
+
+        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
+        difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
+        direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of
+        their work, too: Newton's tolerance "auto" is a part of their forces.
+        """
         amounts = sum(abs(amount) for amount in ledger.amounts())
         unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
         return unsolved + SLIGHT * (self.kinetic + self.worked)

@@ -66,7 +66,9 @@ class Ledger(Account):
         skipped = info.skipped.flows if info.skipped else None
         whole = skipped if info.skipped and info.skipped.step else None
         after = self.after(run.system, run.method, info.old, info.result, whole)
-        return after.with_flows(skipped) if skipped and not whole else after
+        if skipped and not whole:
+            return after.with_flows(skipped)
+        return after
 
     def after(
         self, system: System, method, old: State, step, flows: Flows | None = None
@@ -79,8 +81,10 @@ class Ledger(Account):
         return after.changed(t=step.state.t, kinetic=kinetic, potential=energies)
 
     def _flows(self, system: System, method, old: State, step) -> Flows:
-        dt, acting = step.state.t - old.t, (step.over or system).bound
-        dissipated, work = dict[str, float](), dict[str, float]()
+        dt = step.state.t - old.t
+        acting = (step.over or system).bound
+        dissipated = dict[str, float]()
+        work = dict[str, float]()
         for name, term, over in zip(system.names, system.bound, acting, strict=True):
             if term.dissipative:
                 dissipated[name] = _dissipation(term, over, step, dt)
@@ -168,10 +172,12 @@ def _dissipation(term, over, step, dt):
 
 
 def _work(term, over, old, step, explicit):
-    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`."""
-    # A contact says it of itself. The air's, whose force also dissipates, is its power at the
-    # stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt,
-    # as a mean over both ends of the step.
+    """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
+
+    A contact says it of itself. The air's, whose force also dissipates, is its power at the
+    stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt,
+    as a mean over both ends of the step.
+    """
     new = step.state
     if over.works_over_step:
         return over.work(new.x)
@@ -207,7 +213,8 @@ def _pin_work(system, theta, old, step):
     fixed = not any(pin.moves for pin, _ in constraints.groups.values())
     if not len(at) or (fixed and not constraints.held_part(old.v).any()):
         return 0.0  # otherwise pins stop an initial motion of fixed nodes
-    dv, f = step.state.v - old.v, step.force_on_pins(system)[at]
+    dv = step.state.v - old.v
+    f = step.force_on_pins(system)[at]
     held_v = constraints.held_part(old.v + theta * dv)
     held_x = constraints.held_part(step.state.x - old.x)
     inertia = system.mass_times(dv)[at]

@@ -158,11 +158,16 @@ def equilibrium(
         increase = increments.increase_loads(*run, history=history, report=report, at=at)
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
-        solved, history = increase.solved, increase.history
-    x, counts = solved.x, solved.counts
+        solved = increase.solved
+        history = increase.history
+    x = solved.x
+    counts = solved.counts
     t = 1.0 if load_steps and _moves(system) else start.t
     path = increments.describe_path(system, number)
-    reason = f"{solved.reason(tolerance)}; {path}" if path else solved.reason(tolerance)
+    if path:
+        reason = f"{solved.reason(tolerance)}; {path}"
+    else:
+        reason = solved.reason(tolerance)
     work = counts.residual, counts.newton, counts.factorisations, reason
     still = np.zeros_like(x)
     error = space_error(system, State(start.t, x, still))

@@ -120,10 +120,14 @@ class Adaptive(ChosenSteps):
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def start(self, system: System, state: State, longest: float) -> Control:
-        """Choose the first step so that its error, estimated by differences, is the allowed one."""
-        # They are taken over a short flight with moving pins; the step is at most FAR times that
-        # flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4
-        a, rate, c = acceleration(system, state), self.allowed(system, state), self._error_constant
+        """Choose the first step so that its error, estimated by differences, is the allowed one.
+
+        They are taken over a short flight with moving pins; the step is at most FAR times that
+        flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4
+        """
+        a = acceleration(system, state)
+        rate = self.allowed(system, state)
+        c = self._error_constant
         size = system.sums.rms(system.diagonal_mass, a)
         dt = min(longest, rate / (c * size)) if size > 0 else longest
         if self.traits.order == 2:
@@ -154,7 +158,8 @@ class Adaptive(ChosenSteps):
                 a, t, error = self.error(system, state, step, control)
                 dt = step.state.t - state.t  # which may be less
             except (NewtonFailed, SolveFailed) as failure:
-                reason, error = failure, math.inf
+                reason = failure
+                error = math.inf
             else:
                 tried = tried.plus(step.counts)
                 if error < QUIET:
@@ -165,7 +170,10 @@ class Adaptive(ChosenSteps):
                     after = Control(proposed, error, a, t, step.memory)
                     counts = replace(tried, rejected=rejected)
                     return replace(step, memory=after, counts=counts, size=step.size or size)
-            shorter = SAFETY * error ** (-1 / self.traits.order) if error > 0 else SHORTEST
+            if error > 0:
+                shorter = SAFETY * error ** (-1 / self.traits.order)
+            else:
+                shorter = SHORTEST
             dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
@@ -177,13 +185,15 @@ class Adaptive(ChosenSteps):
     def error_within_step(self, system: System, old: State, step: Step) -> float:
         """Error from pin motion and loads inside a step, relative to the allowed one."""
         deviation, push = deviation_within_step(system, old, step)
-        dt, p = step.state.t - old.t, self.traits.order
+        dt = step.state.t - old.t
+        p = self.traits.order
         # a change of p a/dt in the derivative, times dt^(p + 1)
         length = deviation + self._error_constant * p * dt**2 * push
         return length / (dt * self.allowed(system, step.state))
 
     def _next_dt(self, dt, control, error):
-        p, least = self.traits.order, 1e-4
+        p = self.traits.order
+        least = 1e-4
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
         return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
@@ -191,7 +201,9 @@ class Adaptive(ChosenSteps):
     @property
     def _stepper(self):
         """The method, with steps below the stability limit if it is explicit."""
-        return StabilityLimited(self.method) if self.traits.explicit else self.method
+        if self.traits.explicit:
+            return StabilityLimited(self.method)
+        return self.method
 
     @property
     def _error_constant(self) -> float:
@@ -214,7 +226,8 @@ class Adaptive(ChosenSteps):
         """Return mean acceleration, its time, and relative error; inf if that is not finite."""
         new = step.state
         dt = new.t - old.t
-        a, t = system.constraints.project((new.v - old.v) / dt), old.t + 0.5 * dt
+        a = system.constraints.project((new.v - old.v) / dt)
+        t = old.t + 0.5 * dt
         order = self.traits.order
         change = a if order == 1 else (a - control.a) / (t - control.t)
         error = self._error_constant * dt**order * system.sums.rms(system.diagonal_mass, change)

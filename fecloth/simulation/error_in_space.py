@@ -32,7 +32,9 @@ class ErrorInSpace(Account):
 
     def words(self) -> str:
         words = name_space_error(self.relative, self.reason)
-        return words + LOCKING if self.may_lock and self.relative > LOCKED else words
+        if self.may_lock and self.relative > LOCKED:
+            return words + LOCKING
+        return words
 
     def summary(self) -> dict[str, object]:
         error = None if math.isnan(self.relative) else self.relative

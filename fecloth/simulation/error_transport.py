@@ -64,14 +64,16 @@ class Transport:
 
     def carry(self, error: Error, s: np.ndarray, r: np.ndarray) -> Error:
         """Return the error after the step, with s [m/s] and r [m/s²] (n, 3) added all the time."""
-        h, more = GAMMA * self.seconds, (1 - GAMMA) / GAMMA
+        h = GAMMA * self.seconds
+        more = (1 - GAMMA) / GAMMA
         middle = self._stage(error.x + h * s, error.v + h * r)
         x = error.x + more * (middle.x - error.x)
         v = error.v + more * (middle.v - error.v)
         return self._stage(x + h * s, v + h * r)
 
     def _stage(self, a: np.ndarray, b: np.ndarray) -> Error:
-        h, project = GAMMA * self.seconds, self.system.constraints.project
+        h = GAMMA * self.seconds
+        project = self.system.constraints.project
         a = project(a)
         v, _ = self.solver.solve(project(self.system.mass_times(b) - h * (self.K @ a)), RTOL)
         return Error(a + h * v, v)

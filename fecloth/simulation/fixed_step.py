@@ -68,7 +68,8 @@ class FixedStep(ChosenSteps):
         if not has_limits(system):
             return take_step(self.method, system, state, horizon, solver, memory, history)
         memory = memory or HalvedMemory(self.dt)
-        allowed, last = memory.size, memory.method_memory
+        allowed = memory.size
+        last = memory.method_memory
         rejected = 0
         while True:
             size = allowed if horizon > allowed * (1 + SAME) else horizon
@@ -76,7 +77,8 @@ class FixedStep(ChosenSteps):
                 step = take_step(self.method, system, state, size, solver, last, history)
                 break
             except (NewtonFailed, SolveFailed):
-                allowed, rejected = size / 2, rejected + 1
+                allowed = size / 2
+                rejected = rejected + 1
                 if allowed < self.dt / 2**HALVINGS:
                     raise
         after = HalvedMemory(min(2 * allowed, self.dt), step.memory)
@@ -124,7 +126,8 @@ class GivenSteps(ChosenSteps):
         self, system: System, state: State, horizon: float, solver, memory=None, history=None
     ) -> Step:
         memory = memory or GivenMemory(0)
-        size, last = self.sizes[memory.number], memory.method_memory
+        size = self.sizes[memory.number]
+        last = memory.method_memory
         step = take_step(self.method, system, state, size, solver, last, history)
         if memory.number == 0:
             check_step(step, self.method)
@@ -132,5 +135,6 @@ class GivenSteps(ChosenSteps):
         return replace(step, memory=after, size=size)
 
     def __repr__(self) -> str:
-        least, most = min(self.sizes), max(self.sizes)
+        least = min(self.sizes)
+        most = max(self.sizes)
         return f"GivenSteps({self.method!r}, {len(self.sizes)} of {least:g} to {most:g} s)"

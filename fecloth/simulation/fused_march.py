@@ -64,7 +64,9 @@ class Skipping:
         targets: np.ndarray,
         stops: Sequence[float],
     ):
-        self.system, self.most_stretch, self.targets = system, most_stretch, targets
+        self.system = system
+        self.most_stretch = most_stretch
+        self.targets = targets
         self.kept = np.flatnonzero(np.isin(targets, [*stops, targets[-1]]))  # never skipped
         self.fused: FusedSteps | None = None
         has_loop = isinstance(steps, FixedStep | StabilityLimited)
@@ -79,7 +81,10 @@ class Skipping:
         place = int(np.searchsorted(self.targets, state.t, side="right"))
         if place == len(self.targets):
             return None
-        chosen = state.t + memory.dt if isinstance(memory, LimitMemory) else self.targets[place]
+        if isinstance(memory, LimitMemory):
+            chosen = state.t + memory.dt
+        else:
+            chosen = self.targets[place]
         if wanted.t <= chosen:
             return None  # the next step is wanted
         self.fused = self.fused or FusedSteps.bind(self.system)
@@ -103,25 +108,35 @@ class Skipping:
         targets: np.ndarray,
         wanted: Wanted,
     ) -> Skipped | None:
-        """Take steps of one size, up to the last of the targets."""
-        # `state` and `memory` are left by step `number`, and `targets` the times at which steps
-        # must end, up to one that must not be skipped. Raises `FloatingPointError` if they end
-        # beyond all bounds; single steps will tell where.
-        begin, most = time.perf_counter(), min(wanted.step - number, len(targets), MOST)
+        """Take steps of one size, up to the last of the targets.
+
+        `state` and `memory` are left by step `number`, and `targets` the times at which steps
+        must end, up to one that must not be skipped. Raises `FloatingPointError` if they end
+        beyond all bounds; single steps will tell where.
+        """
+        begin = time.perf_counter()
+        most = min(wanted.step - number, len(targets), MOST)
         limited = memory if isinstance(memory, LimitMemory) else None
         times = np.concatenate([[state.t], targets[:most]])
         if limited:
             most = min(wanted.step - number, MOST)
             times = self._chosen_times(state, limited, targets[0], most)
-        sizes = np.diff(times) if limited is None else np.full(len(times) - 1, limited.dt)
+        if limited is None:
+            sizes = np.diff(times)
+        else:
+            sizes = np.full(len(times) - 1, limited.dt)
         count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
         if count <= FEWEST:
             return None
-        look, least, largest = (number % LOOK_EVERY, LOOK_EVERY), 0.0, self.most_stretch
+        look = (number % LOOK_EVERY, LOOK_EVERY)
+        least = 0.0
+        largest = self.most_stretch
         last = memory
         if limited:
-            look, last = (limited.steps % LOOK, LOOK), limited.method_memory
-            least, largest = limited.least / BEYOND, min(largest, limited.largest * BEYOND)
+            look = (limited.steps % LOOK, LOOK)
+            last = limited.method_memory
+            least = limited.least / BEYOND
+            largest = min(largest, limited.largest * BEYOND)
         assert isinstance(last, LastForce)
         plan = times[: count + 1], sizes[:count]
         taken = fused.take(state, last, *plan, look, least, largest)

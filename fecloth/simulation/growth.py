@@ -62,10 +62,12 @@ def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> st
 
 
 def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
-    """Kinetic energy [J] below which growth means nothing."""
-    # `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
-    # `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
-    # impact may have taken nearly all of the rigid motion's.
+    """Kinetic energy [J] below which growth means nothing.
+
+    `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
+    `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
+    impact may have taken nearly all of the rigid motion's.
+    """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
     loads = [n for n, term in system.named if term.load]
     moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]

@@ -94,7 +94,8 @@ class LoadSteps(ChosenSteps):
     ) -> Step:
         """Find the equilibrium under `state.t` + `horizon` of the loads, or `NewtonFailed`."""
         still = np.zeros_like(state.x)
-        start, load = State(TERMS_TIME, state.x, still), state.t + horizon
+        start = State(TERMS_TIME, state.x, still)
+        load = state.t + horizon
         rate = memory.rate if memory else 0.0
         first = memory.force if memory else force_at(system, state, history)
         try:
@@ -105,24 +106,29 @@ class LoadSteps(ChosenSteps):
                 increase = shake(increase, solver)
         except EquilibriumFailed as failure:
             raise LoadsFailed(failure.reason, failure.residual, failure.remedy) from failure
-        solved, over = increase.solved, increase.over
+        solved = increase.solved
+        over = increase.over
         step = close_loads(over, State(load, solved.x, still), first, increase.rate, solved.counts)
         solution = Solution(self, increase.path, memory, solved.x)
         return replace(step, history=increase.history, earlier=history, solution=solution)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the slow motion from one equilibrium to the next takes away."""
-        # The energies and the work in the ledger are for the full loads. The work of moved pins is
-        # the mean of their forces at both ends times the way. Of a step that was halved, what terms
-        # with a history dissipated before the last part is in it.
+        """Energy [J] that the slow motion from one equilibrium to the next takes away.
+
+        The energies and the work in the ledger are for the full loads. The work of moved pins is
+        the mean of their forces at both ends times the way. Of a step that was halved, what terms
+        with a history dissipated before the last part is in it.
+        """
         start, end = step.around(system)
-        before, after = start.energies(old), end.energies(step.state)
+        before = start.energies(old)
+        after = end.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
         ends = (old.x, old.t), (step.state.x, step.state.t)
         for term in (step.over or system).bound:
             work += term.work(step.state.x) - term.dissipation(step.state.x)
             work += term.work_of_clamps(*ends, ends)
-        held, at = system.constraints.held_part, system.constraints.nodes
+        held = system.constraints.held_part
+        at = system.constraints.nodes
         work -= system.sums.dot(step.force_on_pins(system)[at], held(step.state.x - old.x))
         return sum(before.values()) - sum(after.values()) + work
 

@@ -150,7 +150,8 @@ def march(
         Before the first step of a new march, of pins and obstacles whose motion jumps.
     """
     refuse_arguments(system, method, state, newton, most_stretch)
-    begin, resumed = memory or Memory(0, state.t, None), memory is not None
+    begin = memory or Memory(0, state.t, None)
+    resumed = memory is not None
     steps = choose_steps(method, dt)
     targets = targets_after(steps.end_times(begin.start, t_end, stops), state.t)
     if resumed and isinstance(steps, Auto):
@@ -164,18 +165,29 @@ def march(
     check_every = CHECK_EVERY if steps.traits.explicit else 1
     records = begin.term_history or system.start_history(state)
     protocol.check_history(system, steps, records)
-    number, last_memory, good = begin.step, begin.method_memory, state
-    history, is_informed = begin.history, needs_history(solver)
+    number = begin.step
+    last_memory = begin.method_memory
+    good = state
+    history = begin.history
+    is_informed = needs_history(solver)
     system.constraints.expect(targets)
     fused = Skipping(system, steps, most_stretch, targets, stops)
     while state.t < targets[-1]:
-        skipped = None if records else fused.skip(state, last_memory, number, wanted)
+        if records:
+            skipped = None
+        else:
+            skipped = fused.skip(state, last_memory, number, wanted)
         if skipped:
-            state, last_memory = skipped.state, skipped.memory
+            state = skipped.state
+            last_memory = skipped.memory
             number += skipped.number
-            good = good if _problem(system, state, most_stretch, True) else state
+            if _problem(system, state, most_stretch, True):
+                good = good
+            else:
+                good = state
         target = targets[np.searchsorted(targets, state.t, side="right")]
-        number, horizon = number + 1, target - state.t
+        number = number + 1
+        horizon = target - state.t
         if is_informed:
             solver = history.inform(solver, system, steps.traits, state)
         try:
@@ -191,7 +203,8 @@ def march(
         if number == begin.step + 1:
             protocol.check_step(result, protocol.method_of(steps))
         new = _snap_to_target(result.state, target, horizon)
-        taken, last = new.t - state.t, new.t == targets[-1]
+        taken = new.t - state.t
+        last = new.t == targets[-1]
         if new.t < target and (words := coarse_clock(new.t, taken)):
             raise step_failed(system, good, number, taken, Problem(words, remedy=EARLIER))
         if problem := _problem(system, new, most_stretch, number % check_every == 0 or last):
@@ -204,7 +217,9 @@ def march(
         result = result if new is result.state else replace(result, state=new)
         is_part = steps.dt is not None and new.t < target
         info = StepInfo(number, state, result, after, skipped, is_part)
-        state, last_memory, records = new, result.memory, result.history
+        state = new
+        last_memory = result.memory
+        records = result.history
         wanted = yield state, info
 
 

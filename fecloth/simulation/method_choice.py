@@ -99,7 +99,8 @@ class Auto(ChosenSteps):
         explicit = self._candidate(CentralDifference())
         solver = solver_of(implicit)
         first = _trial(system, state, t_end, explicit, None, EXPLICIT_STEPS, math.inf, record)
-        most, rival = IMPLICIT_STEPS, first.seconds
+        most = IMPLICIT_STEPS
+        rival = first.seconds
         second = _trial(system, state, t_end, implicit, solver, most, rival, record)
         best, other = sorted((first, second), key=lambda trial: trial.seconds)
         return best.method, f"predicted: {best}, {other}"
@@ -109,8 +110,11 @@ def _trial(
     system, state, t_end, method, solver, most: int, rival: float, record=lambda *step: None
 ) -> Trial:
     """Time the first `most` steps; stop early once the comparison with `rival` [s] is decided."""
-    start, memory, history = state.t, None, StepHistory()
-    records, is_informed = system.start_history(state), needs_history(solver)
+    start = state.t
+    memory = None
+    history = StepHistory()
+    records = system.start_history(state)
+    is_informed = needs_history(solver)
     seconds: list[float] = []
     sizes: list[float] = []
     trial = Trial(method, 0.0, math.inf)
@@ -127,11 +131,16 @@ def _trial(
             history = history.after(system, method.traits, state, step.state)
         seconds.append(time.perf_counter() - begin)
         sizes.append(step.state.t - state.t)
-        state, memory, records = step.state, step.memory, step.history
+        state = step.state
+        memory = step.memory
+        records = step.history
         last = slice(len(sizes) // 2, None)
-        dt, each = float(np.mean(sizes[last])), float(np.median(seconds[last]))
+        dt = float(np.mean(sizes[last]))
+        each = float(np.median(seconds[last]))
         trial = Trial(method, dt, each * (t_end - start) / dt)
-    return trial if np.isfinite(state.x).all() else Trial(method, 0.0, math.inf)
+    if np.isfinite(state.x).all():
+        return trial
+    return Trial(method, 0.0, math.inf)
 
 
 def _is_decided(trial: Trial, rival: float, seconds: list[float]) -> bool:

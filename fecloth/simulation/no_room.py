@@ -13,9 +13,11 @@ SPANS = 2.0 ** np.arange(-12, 1)
 
 
 def name_no_room(system: System, state: State, horizon: float) -> str:
-    """Return what the pins and the obstacles lead the cloth into within `horizon` [s], or ""."""
-    # It is the first event of these: nodes that pins hold completely pass into an obstacle, or
-    # edges and triangles of such nodes through others; or two obstacles pass through each other.
+    """Return what the pins and the obstacles lead the cloth into within `horizon` [s], or "".
+
+    It is the first event of these: nodes that pins hold completely pass into an obstacle, or
+    edges and triangles of such nodes through others; or two obstacles pass through each other.
+    """
     contacts = [pair for pair in system.named if isinstance(pair[1], BoundContact)]
     for dt in horizon * SPANS if contacts else ():
         if words := _name_held(system, state, dt, contacts) or _name_two(state, dt, contacts):
@@ -32,8 +34,14 @@ def _name_held(system: System, state: State, dt: float, contacts) -> str:
         if len(struck):
             groups = constraints.groups.items()
             pins = [pin for pin, (_, nodes) in groups if np.isin(struck, nodes).any()]
-            where = "through each other" if term.name == "SelfContact" else f"into {name}"
-            count = "a held node" if len(struck) == 1 else f"{len(struck)} held nodes"
+            if term.name == "SelfContact":
+                where = "through each other"
+            else:
+                where = f"into {name}"
+            if len(struck) == 1:
+                count = "a held node"
+            else:
+                count = f"{len(struck)} held nodes"
             by = f"the pin{'s' * (len(pins) > 1)} {' and '.join(pins)}"
             return f"{by} would lead {count} {where}: {_numbers(struck)}"
     return ""

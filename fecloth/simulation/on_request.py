@@ -36,7 +36,9 @@ def on_request(columns: Iterable[str]) -> tuple[str, ...]:
 def bind_measure(name: str, system: System, probes: Iterable[str]) -> Measure:
     """Return what computes a column; `InputError` if the cloth has no such quantity."""
     if name in ("drape_coefficient", "folds"):
-        return _bind_drape(system) if name == "drape_coefficient" else _bind_folds(system.cloth)
+        if name == "drape_coefficient":
+            return _bind_drape(system)
+        return _bind_folds(system.cloth)
     if name.startswith("distance of "):
         pair = _two_probes(name, list(probes))
         return lambda x, row: {name: math.dist(*([row[f"{p}.{c}"] for c in "xyz"] for p in pair))}
@@ -60,10 +62,12 @@ def _two_probes(name: str, probes: list[str]) -> tuple[str, str]:
 
 
 def grip_width(system: System, pin: str) -> float:
-    """Return the length, in the flat cloth, of the line where held and free cloth meet [m]."""
-    # It is the sum of the edges between two nodes of the pin that belong to a triangle with a free
-    # node: of a held edge its length, of a held strip the length of its inner edge. `InputError`
-    # for a pin that does not exist, or holds no edge.
+    """Return the length, in the flat cloth, of the line where held and free cloth meet [m].
+
+    It is the sum of the edges between two nodes of the pin that belong to a triangle with a free
+    node: of a held edge its length, of a held strip the length of its inner edge. `InputError`
+    for a pin that does not exist, or holds no edge.
+    """
     groups = system.constraints.groups
     if pin not in groups:
         allowed = f"must be the force of one of the pins {', '.join(groups) or '(none)'}"
@@ -80,9 +84,11 @@ def grip_width(system: System, pin: str) -> float:
 
 
 def support_area(system: System) -> float:
-    """Return the area of what a drape lies on, as far as the cloth covers it [m²]."""
-    # The top of an obstacle that is a round plate (`shapes.Disk`) or an upright `shapes.Cylinder`,
-    # π R²; without such an obstacle the flat area of the triangles all of whose nodes pins hold.
+    """Return the area of what a drape lies on, as far as the cloth covers it [m²].
+
+    The top of an obstacle that is a round plate (`shapes.Disk`) or an upright `shapes.Cylinder`,
+    π R²; without such an obstacle the flat area of the triangles all of whose nodes pins hold.
+    """
     for term in system.terms:
         shape = parameters_of(term).get("shape")
         if isinstance(shape, shapes.Disk | shapes.Cylinder):
@@ -95,11 +101,15 @@ def support_area(system: System) -> float:
 
 
 def _bind_drape(system: System) -> Measure:
-    """Return the measure of a drape: (shadow − support)/(cloth − support)."""
-    # A ring may stand for a disc: what its pins hold is then a hole, whose edge and middle are
-    # triangles of the shadow, of the cloth and of the support.
-    cloth, support = system.cloth, support_area(system)
-    triangles, middles = [Surface.from_cloth(cloth).triangles], list[np.ndarray]()
+    """Return the measure of a drape: (shadow − support)/(cloth − support).
+
+    A ring may stand for a disc: what its pins hold is then a hole, whose edge and middle are
+    triangles of the shadow, of the cloth and of the support.
+    """
+    cloth = system.cloth
+    support = support_area(system)
+    triangles = [Surface.from_cloth(cloth).triangles]
+    middles = list[np.ndarray]()
     for _, nodes in () if support else system.constraints.groups.values():
         edges = cloth.edge_sets["boundary"]
         edges = edges[np.isin(edges, nodes).all(axis=1)]
@@ -111,7 +121,8 @@ def _bind_drape(system: System) -> Measure:
         points = np.vstack([x, *(x[nodes].mean(axis=0) for nodes in middles)])
         return shadow_area(np.concatenate([NO_TRIANGLES, *triangles]), points)
 
-    hole, overhang = shadow(triangles[1:], np.pad(cloth.X, ((0, 0), (0, 1)))), cloth.area - support
+    hole = shadow(triangles[1:], np.pad(cloth.X, ((0, 0), (0, 1))))
+    overhang = cloth.area - support
     if not overhang > 1e-3 * cloth.area:
         what = f"drape_coefficient: the support has {support:g} m² of {cloth.area:g} m²"
         raise InputError(what, "needs cloth beside it", "quantity")
@@ -121,11 +132,13 @@ def _bind_drape(system: System) -> Measure:
 
 
 def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
-    """Return the area [m²] of the union of the triangles (m, 3), seen from above."""
-    # Lines y = constant, at equal distances, cross the shadow. On each line the intervals of the
-    # triangles are exact, and parts that several triangles cover count once. Between the lines it
-    # is the midpoint rule: the error is of order 2 in their distance, and below a thousandth of the
-    # area also where edges are parallel to the lines.
+    """Return the area [m²] of the union of the triangles (m, 3), seen from above.
+
+    Lines y = constant, at equal distances, cross the shadow. On each line the intervals of the
+    triangles are exact, and parts that several triangles cover count once. Between the lines it
+    is the midpoint rule: the error is of order 2 in their distance, and below a thousandth of the
+    area also where edges are parallel to the lines.
+    """
     corners = x[triangles, :2]
     order = np.argsort(corners[:, :, 1], axis=1)[:, :, None]
     (xa, ya), (xb, yb), (xc, yc) = np.take_along_axis(corners, order, 1).transpose(1, 2, 0)
@@ -143,7 +156,8 @@ def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
         upper = xb[t] + (y - yb[t]) / (yc - yb)[t] * (xc - xb)[t]
     short = np.where(y < yb[t], lower, upper)
     shift = 2.0 * line * (corners[:, :, 0].max() - corners[:, :, 0].min())  # a line after the other
-    left, right = np.minimum(long, short) + shift, np.maximum(long, short) + shift
+    left = np.minimum(long, short) + shift
+    right = np.maximum(long, short) + shift
     by = np.argsort(left)
     reached = np.maximum.accumulate(right[by])
     start = np.maximum(left[by], np.append(-np.inf, reached[:-1]))
@@ -156,13 +170,15 @@ def _bind_folds(cloth: Cloth) -> Measure:
     It is the largest amplitude of the Fourier series of the height over the angle about the middle
     of the flat cloth, interpolated at equal angles. 0 if the rim is flat; a single wave is a tilt.
     """
-    edges, n = cloth.edge_sets["boundary"], len(cloth.X)
+    edges = cloth.edge_sets["boundary"]
+    n = len(cloth.X)
     graph = sparse.csr_matrix((np.ones(len(edges)), edges.T), shape=(n, n))
     loop = connected_components(graph, directed=False)[1]
     from_middle = cloth.X - (cloth.X.max(axis=0) + cloth.X.min(axis=0)) / 2
     radii = np.linalg.norm(from_middle, axis=1)
     nodes = np.flatnonzero(loop == loop[np.argmax(radii)])  # without the rims of holes
-    angles, equal = np.arctan2(*from_middle[nodes].T[::-1]), 2 * np.pi * np.arange(ANGLES) / ANGLES
+    angles = np.arctan2(*from_middle[nodes].T[::-1])
+    equal = 2 * np.pi * np.arange(ANGLES) / ANGLES
     least = FLAT * float(radii[nodes].mean())
 
     def folds(x: np.ndarray, row: Mapping[str, float]) -> dict[str, float]:

@@ -28,16 +28,20 @@ PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
 
 
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
-    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed."""
-    # f is the mean force over the step. If the step has its own acceleration `a` and the force that
-    # it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
-    # constrained directions count: a slide has no reaction along its line or plane.
+    """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
+
+    f is the mean force over the step. If the step has its own acceleration `a` and the force that
+    it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
+    constrained directions count: a slide has no reaction along its line or plane.
+    """
     if not system.constraints.groups:
         return {}
     if step.a is None:
-        a, f = (step.state.v - old.v) / (step.state.t - old.t), step.mean_force(system)
+        a = (step.state.v - old.v) / (step.state.t - old.t)
+        f = step.mean_force(system)
     else:
-        a, f = step.a, step.solved_force
+        a = step.a
+        f = step.solved_force
     return _held_forces(system, system.mass_times(a) - f)
 
 
@@ -49,10 +53,12 @@ def _held_forces(system: System, residual: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def contact_rows(system: System, acting: System | None, state: State) -> dict[str, float]:
-    """Reaction [N] and least distance [m] of each obstacle at a state."""
-    # The reaction is the force with which the obstacle holds the cloth, friction included, as the
-    # reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
-    # system.
+    """Reaction [N] and least distance [m] of each obstacle at a state.
+
+    The reaction is the force with which the obstacle holds the cloth, friction included, as the
+    reaction of a pin; the force on the obstacle is its opposite. It is NaN without an `acting`
+    system.
+    """
     row: dict[str, float] = {}
     terms = zip(system.names, system.bound, (acting or system).bound, strict=True)
     for name, term, over in terms:
@@ -117,12 +123,16 @@ class Observer:
 
     @classmethod
     def bind(cls, system: System, start: State, probes=(), shape: bool = False) -> "Observer":
-        placed, cloth = _distinct(probes), system.cloth
+        placed = _distinct(probes)
+        cloth = system.cloth
         rows = {p.name: p.weights(cloth) for p in placed}
         names = dict.fromkeys(name for name in probes if isinstance(name, str))
         measures = tuple(bind_measure(name, system, rows) for name in names)
         weights = {name: (row.indices, row.data) for name, row in rows.items()}
-        enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X)) if shape else None
+        if shape:
+            enclosure = Enclosure.from_triangles(cloth.cells, len(cloth.X))
+        else:
+            enclosure = None
         return cls(system, start, weights, enclosure, measures)
 
     def row(self, old: State | None, step) -> dict[str, float]:

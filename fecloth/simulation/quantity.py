@@ -67,7 +67,9 @@ class Quantity:
         kind, _, rest = self.name.partition(".")
         if kind in ("reaction", "least_distance", "line_force") and rest:
             return f"{kind}:{rest}"
-        return rest if kind == "energy" and rest else self.name
+        if kind == "energy" and rest:
+            return rest
+        return self.name
 
     def unit(self, names: Iterable[str] = ()) -> str:
         """Return the SI unit; `names` are names of energies, which need no prefix."""
@@ -76,7 +78,9 @@ class Quantity:
         if self.how in ("period", "function"):
             return "s" if self.how == "period" else ""
         if self.norm == "h1":
-            return "m" if self.name == "displacement" else "m/s"
+            if self.name == "displacement":
+                return "m"
+            return "m/s"
         kind = self.name.replace(":", ".").split(".")[0]
         if self.name in names or kind in ("dissipated", "work"):
             return "J"
@@ -88,7 +92,10 @@ class Quantity:
             return
         columns = {*names, *SHAPES}
         vectors = {name[:-2] for name in columns if name.endswith(".x")}
-        known = columns if self.how in ("period", "frequency", "max", "min") else columns | vectors
+        if self.how in ("period", "frequency", "max", "min"):
+            known = columns
+        else:
+            known = columns | vectors
         if self.is_field or self.column in known:
             return
         shown = sorted(known | (set() if self.how != "value" else set(FIELDS)))
@@ -118,7 +125,10 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
     if found is None or " at " in found["name"] or " in " in found["name"]:
         raise _refusal(text, "is not in the grammar of quantities")
     how = HOW[found["how"]] if found["how"] else "value"
-    at = None if found["at"] is None else _seconds(text, found["at"], found["unit"])
+    if found["at"] is None:
+        at = None
+    else:
+        at = _seconds(text, found["at"], found["unit"])
     quantity = Quantity(words, found["name"], how, at, _norm(text, found["name"], found["norm"]))
     if quantity.how != "value" and (at is not None or found["end"]):
         raise _refusal(text, f"'{found['how']}' is over the whole run: it takes no time")

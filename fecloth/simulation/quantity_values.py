@@ -42,13 +42,19 @@ class RunRecord:
     def moved(self, quantity: Quantity) -> np.ndarray:
         """Return the values over the run; of a probe its displacement."""
         column = self.column(quantity)
-        return column - column[0] if quantity.name.split(".")[0] in self.probes else column
+        if quantity.name.split(".")[0] in self.probes:
+            return column - column[0]
+        return column
 
     def column(self, quantity: Quantity) -> np.ndarray:
         """Return (s + 1, 1) or (s + 1, 3) values over the run."""
         # A column that this run does not have is zero: the energy of a term left out.
-        name, none = quantity.column, np.zeros(len(self.times))
-        names = [f"{name}.{c}" for c in COMPONENTS] if name in self.vectors else [name]
+        name = quantity.column
+        none = np.zeros(len(self.times))
+        if name in self.vectors:
+            names = [f"{name}.{c}" for c in COMPONENTS]
+        else:
+            names = [name]
         return np.stack([self.columns.get(one, none) for one in names], axis=1)
 
 
@@ -69,7 +75,9 @@ def value_of(quantity: Quantity, record: RunRecord) -> float:
         return float(getattr(np, f"nan{quantity.how}")(values))
     if quantity.how in ("period", "frequency"):
         period = signal_period(record.times, values, quantity.name)
-        return period if quantity.how == "period" else 1 / period
+        if quantity.how == "period":
+            return period
+        return 1 / period
     return float(_at(quantity, record, column)[0])
 
 
@@ -86,10 +94,12 @@ def size_of(quantity: Quantity, record: RunRecord) -> float:
 
 
 def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
-    """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields."""
-    # Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b −
-    # a|² dt / T) over the steps of the run with fewer steps; each step counts with its end, because
-    # reactions have no value at the start.
+    """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
+
+    Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b −
+    a|² dt / T) over the steps of the run with fewer steps; each step counts with its end, because
+    reactions have no value at the start.
+    """
     if quantity.is_field:
         return _norm(quantity, a, b, 1.0)
     if quantity.how == "path":
@@ -114,18 +124,22 @@ def _common_paths(
 
 def relative_difference(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     """Return the difference over the size in `a`; 0 for 0/0, infinity for any other x/0."""
-    apart, size = difference_of(quantity, a, b), size_of(quantity, a)
+    apart = difference_of(quantity, a, b)
+    size = size_of(quantity, a)
     if quantity.how == "path":
         times, path, _ = _common_paths(quantity, a, b)
         size = _rms(times, path)
-    return apart / size if size else (math.inf if apart else 0.0)
+    if size:
+        return apart / size
+    return math.inf if apart else 0.0
 
 
 def _at(quantity: Quantity, record: RunRecord, column: np.ndarray) -> np.ndarray:
     """Return the values at the quantity's time, linear between steps."""
     if quantity.at is None:
         return column[-1]
-    first, last = record.times[0], record.times[-1]
+    first = record.times[0]
+    last = record.times[-1]
     if not first <= quantity.at <= last:
         allowed = f"must lie in the run, {first:g} to {last:g} s"
         raise InputError(f"{quantity}: t = {quantity.at:g} s", allowed)
@@ -149,11 +163,13 @@ LEAST_SAMPLES = 4  # a cubic spline needs them
 
 
 def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal") -> float:
-    """Return the period of a signal that swings about a constant level [unit of times]."""
-    # The times at which a cubic spline through the samples passes the level are
-    # t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
-    # level, needs three passages; with only two, T is twice the time between them. The level is
-    # midway between the extremes or, with three passages, the mean over whole periods.
+    """Return the period of a signal that swings about a constant level [unit of times].
+
+    The times at which a cubic spline through the samples passes the level are
+    t_k = t_0 + k T/2 + (−1)^k c; T is fitted by least squares. c, which is the shift by a wrong
+    level, needs three passages; with only two, T is twice the time between them. The level is
+    midway between the extremes or, with three passages, the mean over whole periods.
+    """
     where = f"period of {name}"
     if len(times) < LEAST_SAMPLES:
         raise InputError(amount(len(times), "sample"), f"must be at least {LEAST_SAMPLES}", where)

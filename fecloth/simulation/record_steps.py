@@ -38,9 +38,11 @@ def record_steps(
     accounts: Accounts,
     next_row: Callable[[StepInfo], Wanted] | None = None,
 ) -> Iterator[Record]:
-    """Yield a `Record` for each step of `march`; `accounts` are before the first of them."""
-    # `next_row` says which step must be recorded next; steps between may be left out. None: each.
-    # Raises `StepFailed` if the run must not go on: see `Growth`.
+    """Yield a `Record` for each step of `march`; `accounts` are before the first of them.
+
+    `next_row` says which step must be recorded next; steps between may be left out. None: each.
+    Raises `StepFailed` if the run must not go on: see `Growth`.
+    """
     steps = iter(steps)
     taken = next(steps, None)
     while taken is not None:

@@ -74,10 +74,12 @@ def resolve(
 def choose_steps(
     method, dt: float | Sequence[float] | None, tolerances: Mapping[str, float] | None = None
 ) -> protocol.StepChoice | Auto:
-    """Decide which steps a run takes; a method that chooses its own is returned unchanged."""
-    # They have the size `dt`, or each its own of a list. Where that is None, an explicit method
-    # goes near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`.
-    # With a mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
+    """Decide which steps a run takes; a method that chooses its own is returned unchanged.
+
+    They have the size `dt`, or each its own of a list. Where that is None, an explicit method
+    goes near its stability limit (`StabilityLimited`) unless `tolerances` has `rtol` or `atol`.
+    With a mapping, even an empty one, any other method is controlled by its error (`Adaptive`).
+    """
     protocol.check_method(method)
     if method.traits.chooses_dt:
         if dt is not None:

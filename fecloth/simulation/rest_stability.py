@@ -30,10 +30,14 @@ class RestStability(Account):
         return cls(*least_stiffness(about, state), is_reached=True, path=path)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "RestStability":
-        return self.of(run.system, end.state, run.method.load_steps) if end.is_whole else self
+        if end.is_whole:
+            return self.of(run.system, end.state, run.method.load_steps)
+        return self
 
     def words(self) -> str:
-        return f"{self._stability()}; {self.path}" if self.path else self._stability()
+        if self.path:
+            return f"{self._stability()}; {self.path}"
+        return self._stability()
 
     def _stability(self) -> str:
         if not self.is_reached:

@@ -37,7 +37,8 @@ def _sums(w, x, y, sums):
 def derivative(times: Sequence[float], values: Sequence[np.ndarray]) -> np.ndarray:
     """Return d^p/dt^p (n, 3) of values at p + 1 times: p! times Newton's divided difference."""
     # Its weights add up to 0: differences from the first keep the digits of a cloth far away.
-    y, scale = np.zeros_like(values[0]), math.factorial(len(times) - 1)
+    y = np.zeros_like(values[0])
+    scale = math.factorial(len(times) - 1)
     for t, value in zip(times[1:], values[1:], strict=True):
         weight = scale / math.prod(t - other for other in times if other != t)
         y += float(weight) * (value - values[0])

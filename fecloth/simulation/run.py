@@ -142,7 +142,8 @@ class Result:
         return self.warnings[0] if self.warnings else ""
 
     def __repr__(self) -> str:
-        steps, t = amount(self.steps, "step"), self.times[-1]
+        steps = amount(self.steps, "step")
+        t = self.times[-1]
         remarks = [name_time_error(self.time_error)]
         remarks += [count_warnings(self.warnings)] if self.warnings else []
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
@@ -205,7 +206,8 @@ def run(
     end = float(ends[-1])
     records = memory.term_history if memory else system.start_history(state)
     known = system.with_history(records)
-    ledger, observer = Ledger.open(known, state), Observer.bind(system, state, probes)
+    ledger = Ledger.open(known, state)
+    observer = Observer.bind(system, state, probes)
     record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
@@ -238,15 +240,20 @@ def collect(
     next_row: Callable[[StepInfo], Wanted] | None = None,
     step: int = 0,
 ) -> Result:
-    """Take all steps of `march` and return what was recorded of them."""
-    # The ledger and the observer are at the state before the first step, of the number `step` + 1.
-    # `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
-    # first step. The other arguments are as for `run` and `record_steps`.
-    begin, seconds = time.perf_counter(), Counter[str]()
+    """Take all steps of `march` and return what was recorded of them.
+
+    The ledger and the observer are at the state before the first step, of the number `step` + 1.
+    `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
+    first step. The other arguments are as for `run` and `record_steps`.
+    """
+    begin = time.perf_counter()
+    seconds = Counter[str]()
     of_run = Run(system, method, observer.start, step, most_growth)
     kinds = list_accounts(is_static=isinstance(method, LoadSteps))
-    accounts, state = Accounts.begin(kinds, of_run, ledger), observer.start
-    rows, raised = [accounts.rows(observer.row(None, None))], list[str]()
+    accounts = Accounts.begin(kinds, of_run, ledger)
+    state = observer.start
+    rows = [accounts.rows(observer.row(None, None))]
+    raised = list[str]()
 
     def result_so_far() -> Result:
         return Result(
@@ -263,7 +270,9 @@ def collect(
 
     try:
         for record in recording.record_steps(steps, of_run, observer, accounts, next_row):
-            state, accounts, step = record.state, record.accounts, record.info.step
+            state = record.state
+            accounts = record.accounts
+            step = record.info.step
             raised += accounts.new_warnings(raised)
             rows += [] if record.info.is_part else [record.rows]
             seconds.update(record.info.counts.seconds)

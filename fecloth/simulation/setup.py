@@ -88,10 +88,14 @@ class Setup:
         return Ledger.open(self.system, rest).row() | self.observer.row_at_rest(rest)
 
     def disturbed(self, seed: int) -> Self:
-        """Return the setup with its free nodes moved by smooth random waves, by up to 1e-3 L."""
-        # L is the extent of the cloth, and the way is upward along its mean normal, so that it
-        # leads out of an obstacle below.
-        x, cloth, draw = self.start.x, self.cloth, np.random.default_rng(seed)
+        """Return the setup with its free nodes moved by smooth random waves, by up to 1e-3 L.
+
+        L is the extent of the cloth, and the way is upward along its mean normal, so that it
+        leads out of an obstacle below.
+        """
+        x = self.start.x
+        cloth = self.cloth
+        draw = np.random.default_rng(seed)
         a, b, c = np.moveaxis(x[cloth.triangles[:, :3]], 1, 0)
         normal = np.cross(b - a, c - a).sum(axis=0)
         normal *= math.copysign(1.0, normal[2]) / max(float(np.linalg.norm(normal)), 1e-300)
@@ -135,7 +139,8 @@ class Setup:
         wanted: Wanted | None = None,
     ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
         """March to the end from the start, or from a later state with the `Memory` of its step."""
-        run, known = (self.system, self.steps, state or self.start, None), memory or self.memory
+        run = (self.system, self.steps, state or self.start, None)
+        known = memory or self.memory
         return march(*run, self.t_end, stops=self.stops, solver=solver, memory=known, wanted=wanted)
 
     def run(

@@ -85,11 +85,13 @@ class Shapes(Account):
         return after, row | more
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Shapes":
-        mass, estimate = run.system.diagonal_mass, others.get(TimeError)
+        mass = run.system.diagonal_mass
+        estimate = others.get(TimeError)
         moved = max(rms(mass, end.state.x - run.start.x), estimate.moved if estimate else 0.0)
         wrinkles = find_wrinkles(run.system, end.state, moved)
         if self.step is not None:
-            doubts, shape = (*self.doubts, wrinkles), Shape.of(run, end.state, self.pairs)
+            doubts = (*self.doubts, wrinkles)
+            shape = Shape.of(run, end.state, self.pairs)
             return self.changed(doubts=doubts, at_end=shape)
         pairs = run.surface.count_intersections(end.state.x)
         shape = Shape.of(run, end.state, pairs)
@@ -99,7 +101,9 @@ class Shapes(Account):
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the last frame shows; the start counts where no step follows."""
-        return self.doubts if self.step or self.at_end else ()
+        if self.step or self.at_end:
+            return self.doubts
+        return ()
 
     def summary(self) -> dict[str, object]:
         return {
@@ -116,7 +120,10 @@ def find_wrinkles(system: System, state: State, moved: float) -> str:
     stress = np.zeros((len(system.cloth.triangles), 4))
     for term in membranes:
         term.add_stress(state.x, stress)
-    cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False)) if membranes else {}
+    if membranes:
+        cells = dict(zip(("S11", "S22", "S12"), stress.T, strict=False))
+    else:
+        cells = {}
     angles = hinge_angles(system.cloth, state.x)
     rough = roughness(system.cloth, angles)
     angle = rough * float(np.sqrt((angles**2).mean())) if len(angles) else 0.0
@@ -136,14 +143,17 @@ def intersection_warning(t: float, pairs: float | None, since: str = "from") -> 
 
 
 def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
-    """Return the part of the reference area that is compressed, 0 without a membrane."""
-    # A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
-    # square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
+    """Return the part of the reference area that is compressed, 0 without a membrane.
+
+    A triangle is compressed if its smaller principal stress is below −0.2 times the root mean
+    square of the larger ones, by more than round-off. `cells` is the cell data of a frame.
+    """
     if "S11" not in cells:
         return 0.0
     S11, S22, S12 = cells["S11"], cells["S22"], cells["S12"]
     area = system.cloth.weights.sum(axis=1)
-    mean, radius = (S11 + S22) / 2, np.hypot((S11 - S22) / 2, S12)
+    mean = (S11 + S22) / 2
+    radius = np.hypot((S11 - S22) / 2, S12)
     tension = math.sqrt(float(area @ (mean + radius) ** 2) / area.sum())
     stiffness = min(min(fabric.tensile) for fabric in system.panel.fabrics)
     compressed = mean - radius < -(SQUEEZED * tension + NOTHING * stiffness)
@@ -151,10 +161,13 @@ def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
 
 
 def stretch_row(t: float, stretches: np.ndarray) -> dict[str, float]:
-    """Return the first columns of strains.csv for the principal stretches (m, 2), smaller first."""
-    # "1 %" is a percentile of the smaller stretches, "99 %" one of the larger; the median is the
-    # median of the larger stretches.
+    """Return the first columns of strains.csv for the principal stretches (m, 2), smaller first.
+
+    "1 %" is a percentile of the smaller stretches, "99 %" one of the larger; the median is the
+    median of the larger stretches.
+    """
     smaller, larger = np.asarray(stretches).T
-    low, high = np.percentile(smaller, 1), np.percentile(larger, 99)
+    low = np.percentile(smaller, 1)
+    high = np.percentile(larger, 99)
     values = smaller.min(), low, np.median(larger), high, larger.max()
     return {"t": float(t)} | {k: float(v) for k, v in zip(STRETCHES, values, strict=True)}

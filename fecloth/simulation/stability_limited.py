@@ -110,7 +110,9 @@ class StabilityLimited(ChosenSteps):
 
 def remedy_for_growth(steps: object) -> str:
     """Return what to do where a method with these steps has made energy."""
-    return COLLAPSED if isinstance(steps, StabilityLimited) else "Take a smaller dt."
+    if isinstance(steps, StabilityLimited):
+        return COLLAPSED
+    return "Take a smaller dt."
 
 
 def refuse_unstable(system: System, method, state: State, dt: float, insist: str = "") -> None:
@@ -127,7 +129,8 @@ def refuse_unstable(system: System, method, state: State, dt: float, insist: str
         return
     name = type(method).__name__
     insist = insist or f"{name}(beyond_limit=True)"
-    allowed, remedy = f"must be at most {limit:.4g} s: beyond it {name} is unstable", "Leave dt out"
+    allowed = f"must be at most {limit:.4g} s: beyond it {name} is unstable"
+    remedy = "Leave dt out"
     if limit == 0:
         allowed = f"no dt is stable: {name} needs damping in every mode"
     if not traits.stability:

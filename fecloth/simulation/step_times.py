@@ -75,7 +75,8 @@ def given_times(
     if problem := coarse_clock(max(abs(t), abs(t + sum(sizes))), min(sizes)):
         raise InputError(f"dt = {min(sizes):g} s", problem, "march", EARLIER)
     last = float(np.add.accumulate([t, *sizes])[-1]) if t_end is None else t_end
-    targets, ends = end_times(t, last, stops), []
+    targets = end_times(t, last, stops)
+    ends = []
     for size in sizes:
         ends.append(t + size)
         near = targets[np.argmin(abs(targets - ends[-1]))]

@@ -133,7 +133,9 @@ class TimeError(Account):
         return self._after(run, info.result.state, info.step, others)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "TimeError":
-        after, system, t = self, run.system, end.state.t
+        after = self
+        system = run.system
+        t = end.state.t
         if t > self.recent[-1].t:
             after = self._after(run, end.state, end.step, others)
         after = after._looked(system.diagonal_mass, end.state)
@@ -144,7 +146,10 @@ class TimeError(Account):
         after = after.changed(unknown=unknown)
         error = after.relative_error(system, run.method.traits, t)
         latest = after.recent[-1]
-        dt = _mean_step(self.start, latest) if latest.step > self.start.step else math.nan
+        if latest.step > self.start.step:
+            dt = _mean_step(self.start, latest)
+        else:
+            dt = math.nan
         is_cause = after.kick_length(system, t) > after.largest
         sentence = describe_time_error(error, run.method, dt, after.kicked, is_cause, unknown)
         return after.changed(relative=error, sentence=sentence)
@@ -175,7 +180,8 @@ class TimeError(Account):
         if (drift := drift_of(traits)) is None:
             return self.changed(due=NEVER)
         q, constant = drift
-        recent, grown = (*self.recent, sample)[-(q + 2) :], self
+        recent = (*self.recent, sample)[-(q + 2) :]
+        grown = self
         old, new = recent[-2:]
         dt = _mean_step(old, new)
         lag = constant * dt**q * (new.t - old.t)
@@ -193,12 +199,15 @@ class TimeError(Account):
             due=sample.step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
         next_look = self.looked + OFTEN * (self.looked - self.start.t)
-        return after if new.t < next_look else after._looked(system.diagonal_mass, state)
+        if new.t < next_look:
+            return after
+        return after._looked(system.diagonal_mass, state)
 
     def _summed(self, system: System, state: State, recent, over: float) -> "TimeError":
         """Return the estimate with what κ ∫ dt^q dt = `over` adds to e, and what e forgets."""
         old, new = recent[-2:]
-        mass, over = system.diagonal_mass, MEAN * over
+        mass = system.diagonal_mass
+        over = MEAN * over
         times, places = zip(*((sample.t, sample.x) for sample in recent), strict=True)
         y = _seen_from_pins(system, derivative(times, places))
         rate = rms_without_rigid(mass, state.x, y)
@@ -207,14 +216,16 @@ class TimeError(Account):
         decay = outer + _decay(new.inside - old.inside, old.deforming + new.deforming)
         inner = _add_forgetting(self.inner, rate * over, decay)
         rigid = _add_forgetting(self.rigid, turning * over, outer)
-        deforming, largest = max(self.deforming, inner), max(self.largest, math.hypot(inner, rigid))
+        deforming = max(self.deforming, inner)
+        largest = max(self.largest, math.hypot(inner, rigid))
         return self.changed(inner=inner, rigid=rigid, deforming=deforming, largest=largest)
 
     def _moved_on(self, system: System, state: State, recent, begin, over: float) -> "TimeError":
         """Return the estimate with the error moved on since the sample `begin` by `Transport`."""
         if self.unknown:
             return self
-        seconds, parts = state.t - begin.t, 1 if begin is recent[-2] else len(recent) - 1
+        seconds = state.t - begin.t
+        parts = 1 if begin is recent[-2] else len(recent) - 1
         times = [sample.t for sample in recent]
         s = over / seconds * derivative(times, [sample.x for sample in recent])
         r = over / seconds * derivative(times, [sample.v for sample in recent])
@@ -229,10 +240,12 @@ class TimeError(Account):
         return self.changed(error=error, carried=carried)
 
     def relative_error(self, system: System, traits: MethodTraits, t: float) -> float:
-        """Return the error up to t, over the largest displacement; NaN for no estimate."""
-        # Where the error of a step is of a lower order than its drift, as with symplectic Euler,
-        # c dt |v| is added: such an error does not grow with time. There is no estimate for a
-        # method without these constants, before p steps, and for a cloth at rest.
+        """Return the error up to t, over the largest displacement; NaN for no estimate.
+
+        Where the error of a step is of a lower order than its drift, as with symplectic Euler,
+        c dt |v| is added: such an error does not grow with time. There is no estimate for a
+        method without these constants, before p steps, and for a cloth at rest.
+        """
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan
         gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
@@ -260,30 +273,39 @@ class TimeError(Account):
         return JUMPS if self.jumps else ""
 
     def find_hits(self, run: Run, others: Accounts) -> str:
-        """Return why impacts leave no estimate, or ""."""
-        # Bounces that steps do not resolve have none. An impact without a bounce errs by an order
-        # of dt less than a smooth motion of a method of second order, for which the estimate is.
+        """Return why impacts leave no estimate, or "".
+
+        Bounces that steps do not resolve have none. An impact without a bounce errs by an order
+        of dt less than a smooth motion of a method of second order, for which the estimate is.
+        """
         if not has_kind(run.system.terms, "contact"):
             return ""
         if others[Contact].ratio > 1.0:
             return BOUNCES
-        ledger, drift = others[Ledger], drift_of(run.method.traits)
+        ledger = others[Ledger]
+        drift = drift_of(run.method.traits)
         contacts = [name for name, term in run.system.named if term.limits_direction]
         lost = ledger.numerical + sum(ledger.dissipated.get(name, 0.0) for name in contacts)
-        return HITS if drift and drift[0] > 1 and lost > HIT * self.fastest else ""
+        if drift and drift[0] > 1 and lost > HIT * self.fastest:
+            return HITS
+        return ""
 
     def kick_length(self, system: System, t: float) -> float:
-        """Return how far jumps of loads have moved the cloth away from the solution at t [m]."""
-        # A wrong velocity δ moves it by δ times the time since, or by δ/ω at most in a motion of
-        # frequency ω, the largest speed over the largest displacement.
+        """Return how far jumps of loads have moved the cloth away from the solution at t [m].
+
+        A wrong velocity δ moves it by δ times the time since, or by δ/ω at most in a motion of
+        frequency ω, the largest speed over the largest displacement.
+        """
         if not self.kick:
             return 0.0
         return self.kick * min(t - self.kicked, self.moved / max(self._speed(system), 1e-300))
 
     def _kicked(self, run: Run, state: State, sample: Sample) -> "TimeError":
-        """Return the estimate with the jumps of loads since the last sample."""
-        # A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
-        # velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
+        """Return the estimate with the jumps of loads since the last sample.
+
+        A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
+        velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
+        """
         last = self.recent[-1]
         if not run.loads or not sample.t > last.t or drift_of(run.method.traits) is None:
             return self
@@ -291,7 +313,8 @@ class TimeError(Account):
         jumps = attempt(_jumps_of_loads, run, state, last.t, sample.t, otherwise=())
         if not jumps:
             return self
-        error, kick = self.error or Error.none(state.x), self.kick
+        error = self.error or Error.none(state.x)
+        kick = self.kick
         is_first = len(self.recent) < drift_of(run.method.traits)[0] + 2
         begin = self.start.t if is_first else last.t  # from where `_moved_on` moves the error
         for t, change in jumps:
@@ -311,7 +334,8 @@ class TimeError(Account):
 
 def _jumps_of_loads(run: Run, state: State, begin: float, end: float):
     """Return the times of jumps of loads [s], and the jumps of the acceleration (n, 3) [m/s²]."""
-    times, jumps = np.linspace(begin, end, LOOKS), set()
+    times = np.linspace(begin, end, LOOKS)
+    jumps = set()
     for load in run.loads:
         g = np.asarray(load.values(times), float).reshape(LOOKS, -1)
         jumps |= {t for t, _ in find_jumps(times, g, load.values, ROUND_OFF * np.abs(g).max())}
@@ -333,7 +357,8 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
-    ledger, deforming = others[Ledger], others[Deformation].kinetic
+    ledger = others[Ledger]
+    deforming = others[Deformation].kinetic
     supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
     energies = deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside - supplied
     return Sample(state.t, step, state.x, state.v, *energies)
@@ -342,7 +367,9 @@ def _sample(system: System, state: State, step: int, others: Accounts) -> Sample
 def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:
     """Return x (n, 3) as seen from pins that move: a method makes no error in their motion."""
     moved = [nodes for pin, nodes in system.constraints.groups.values() if pin.moves]
-    return x - x[np.concatenate(moved)].mean(axis=0) if moved else x
+    if moved:
+        return x - x[np.concatenate(moved)].mean(axis=0)
+    return x
 
 
 def _mean_step(a, b):
@@ -357,4 +384,6 @@ def _add_forgetting(length: float, added: float, decay: float) -> float:
 
 def _decay(lost: float, moving: float) -> float:
     """Return γ (t_b − t_a) from the energy lost in between and the sum of the kinetic energies."""
-    return lost / max(2 * moving, 1e-3 * lost) if lost > 0 else 0.0
+    if lost > 0:
+        return lost / max(2 * moving, 1e-3 * lost)
+    return 0.0

@@ -29,7 +29,10 @@ def describe_time_error(
     if error >= RESOLVED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"
-    cause = f", as a load jumps at t = {jump:.6g} s, which no step meets" if is_cause else ""
+    if is_cause:
+        cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
+    else:
+        cause = ""
     if error < LEAST or (jump < math.inf and error < WANTED):
         return name_time_error(error) + cause
     order = 1 if jump < math.inf else method.traits.order
@@ -50,11 +53,18 @@ def name_time_error(error: float) -> str:
 def _proposal(error: float, method, dt: float, order: int) -> str:
     """Return which step gives 1 %, or "" where that is far away or beyond a stability limit."""
     if isinstance(method, Adaptive):  # its error is proportional to the tolerance
-        name, value, unit, factor = "rtol", method.rtol, "", WANTED / error
+        name = "rtol"
+        value = method.rtol
+        unit = ""
+        factor = WANTED / error
         if not method.rtol:
-            name, value, unit = "atol", method.atol, " m/s"
+            name = "atol"
+            value = method.atol
+            unit = " m/s"
     else:
-        name, value, unit = "dt", dt, " s"
+        name = "dt"
+        value = dt
+        unit = " s"
         factor = (WANTED / error) ** (1 / order)
     if factor > (1.0 if method.traits.explicit else LONGER):
         return ""

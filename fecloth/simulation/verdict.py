@@ -37,7 +37,8 @@ class Verdict(Account):
 
 def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     """Yield what may be said, what is a cause first; "" for none."""
-    balance, estimate = others[Balance], others.get(TimeError)
+    balance = others[Balance]
+    estimate = others.get(TimeError)
     error = estimate.relative if estimate else math.nan
     solves = run.method.traits.solves and not has_kind(run.system.terms, "contact")
     is_slight = error < SLIGHT and solves
@@ -51,7 +52,10 @@ def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
     if has_kind(run.system.terms, "contact"):
         yield warn_of_gain(balance)
     if estimate and estimate.is_large:
-        too = f"; the energy balance is off, too: {DISTRUST}" if balance.imbalance else ""
+        if balance.imbalance:
+            too = f"; the energy balance is off, too: {DISTRUST}"
+        else:
+            too = ""
         yield f"{estimate.sentence}{too}"
     if balance.is_far or not is_slight:
         yield balance.imbalance
@@ -72,9 +76,11 @@ def warn_of_gain(balance: Balance) -> str:
 
 
 def warn_of_dissipation(run: Run, balance: Balance, ledger: Ledger) -> str:
-    """Return a sentence if the method has dissipated more than 20 % of the motion, or ""."""
-    # The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
-    # loads keep in motion loses more than it ever has. A cloth that only flies has none.
+    """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
+
+    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
+    loads keep in motion loses more than it ever has. A cloth that only flies has none.
+    """
     if ledger.silent or ledger.t <= balance.start:
         return ""
     lost = ledger.numerical + sum(ledger.dissipated.values())

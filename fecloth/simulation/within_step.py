@@ -18,11 +18,14 @@ LOADS = PINS[1::3]
 
 
 def deviation_within_step(system: System, old: State, step: Step) -> tuple[float, float]:
-    """Return the deviations of pin motion [m] and of acceleration by loads [m/s²] within a step."""
-    # Pin motion is compared with the cubic through its positions and velocities at both ends.
-    # Loads, at the final positions and velocities, are compared with the straight line between both
-    # ends. A change shorter than a sixteenth of the step can be missed.
-    t, dt = old.t, step.state.t - old.t
+    """Return the deviations of pin motion [m] and of acceleration by loads [m/s²] within a step.
+
+    Pin motion is compared with the cubic through its positions and velocities at both ends.
+    Loads, at the final positions and velocities, are compared with the straight line between both
+    ends. A change shorter than a sixteenth of the step can be missed.
+    """
+    t = old.t
+    dt = step.state.t - old.t
     moved = (pin for pin, _ in system.constraints.groups.values() if pin.motion is not None)
     pins = max((_motion_deviation(pin, t, dt) for pin in moved), default=0.0)
     return pins, _load_deviation(system, step.state, t, dt)

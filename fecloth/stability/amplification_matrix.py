@@ -33,7 +33,8 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     1e-6 where two eigenvalues are equal, as at ζ = 1.
     """
     method = resolve_method(method)
-    omega_dt, zeta = _numbers("omega_dt", omega_dt, 0.0), _numbers("zeta", zeta)
+    omega_dt = _numbers("omega_dt", omega_dt, 0.0)
+    zeta = _numbers("zeta", zeta)
     try:
         omega_dt, zeta = np.broadcast_arrays(omega_dt, zeta)
     except ValueError:
@@ -46,9 +47,11 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 
 
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
-    """(x, v, memory) after a step of dt = 1 from (x, v, memory) before; one component of each."""
-    # The memory is every array (n, 3) that a step hands on to the next one, in a fixed order; for a
-    # method that takes it as a first guess only, its columns are zero.
+    """(x, v, memory) after a step of dt = 1 from (x, v, memory) before; one component of each.
+
+    The memory is every array (n, 3) that a step hands on to the next one, in a fixed order; for a
+    method that takes it as a first guess only, its columns are zero.
+    """
     system = _oscillators(omega_dt, zeta)
     linear = SuperLU(system.symmetric and method.traits.symmetric)
     J = BlockMatrix.zeros(system.pattern, system.team)

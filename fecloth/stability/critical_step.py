@@ -115,9 +115,13 @@ def element_bound(system: System, method="symplectic_euler") -> float:
     method = resolve_method(method)
     stiffness, damping = rate_bounds(system)
     if isinstance(method, ForwardEuler):
-        return 0.0 if stiffness > 0 else step_of_rates(0.0, 0.5 * damping)
+        if stiffness > 0:
+            return 0.0
+        return step_of_rates(0.0, 0.5 * damping)
     a, b = _limit(method)
-    return step_of_rates(a * stiffness, max(b, 0.0) * damping) if a else math.inf
+    if a:
+        return step_of_rates(a * stiffness, max(b, 0.0) * damping)
+    return math.inf
 
 
 def rate_bounds(system: System) -> tuple[float, float]:
@@ -128,14 +132,17 @@ def rate_bounds(system: System) -> tuple[float, float]:
     48). A consistent mass is at least a part of its scaled diagonal, which counts in its place.
     """
     part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
-    mass, rest = np.repeat(part * system.diagonal_mass, 3), system.rest()
+    mass = np.repeat(part * system.diagonal_mass, 3)
+    rest = system.rest()
     K, D = (_row_bound(A, mass) for A in (system.stiffness(rest), system.damping(rest)))
     return K, D
 
 
 def _row_bound(A, mass: np.ndarray) -> float:
     """Bound the eigenvalues of M⁻¹A; the power method makes the bound small."""
-    size, w, least = abs(A + A.T) / 2, np.ones(len(mass)), math.inf
+    size = abs(A + A.T) / 2
+    w = np.ones(len(mass))
+    least = math.inf
     for _ in range(ROWS):
         product = size @ w / mass
         if not np.isfinite(product).all():
@@ -170,7 +177,8 @@ def _least(K, D, M) -> float:
         if math.isinf(dt):
             break
         damping = dt * D if issparse(K) else aslinearoperator(dt * D)  # K may have dense parts
-        last, dt = dt, min(dt, root(_largest(dt**2 * K + damping, M)[1]))
+        last = dt
+        dt = min(dt, root(_largest(dt**2 * K + damping, M)[1]))
         if dt >= last * (1 - 1e-9):
             break
     return dt
@@ -221,7 +229,8 @@ def _free_operators(system: System, state: State):
         return (A + A.T) / 2
 
     damped = any(term.velocity_dependent for term in system.bound)
-    K, D = free(system.stiffness(state)), free(system.damping(state)) if damped else None
+    K = free(system.stiffness(state))
+    D = free(system.damping(state)) if damped else None
     for c, u in system.dense(state):
         w = math.sqrt(c) * (Z.T @ u.ravel())
         part = LinearOperator(K.shape, lambda y, w=w: w * np.vdot(w, y), dtype=float)
@@ -231,7 +240,8 @@ def _free_operators(system: System, state: State):
 
 def _largest(A, M) -> tuple[float, np.ndarray]:
     """Largest eigenvalue of M⁻¹A, A symmetric, M symmetric and positive definite; a vector."""
-    n, lumped = A.shape[0], M.nnz == M.shape[0]
+    n = A.shape[0]
+    lumped = M.nnz == M.shape[0]
     if n <= 3:  # Lanczos needs more dimensions
         values, vectors = eigh(A @ np.eye(n), M.toarray())
         return float(values[-1]), vectors[:, -1]

@@ -40,24 +40,30 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     if system.mass_kind != "lumped" or not a > 0 or b < 0:
         allowed = "must be an explicit one with a limit, on a lumped mass"
         raise InputError(f"method = {method!r}", allowed, "estimate", "See critical_dt.")
-    products, dt = _Products(system, state, a, b), FIRST
+    products = _Products(system, state, a, b)
+    dt = FIRST
     z = products.noise()
     for _ in range(ROUNDS):
         value, residual, z = _lanczos(products.at(dt), z, 2 * tol)
         if value <= 0:
             return math.inf
-        before, dt = dt, products.root(z, dt, value, residual)
+        before = dt
+        dt = products.root(z, dt, value, residual)
         if not products.damped or abs(dt - before) <= tol * dt:
             break
     return dt
 
 
 def largest_rates(system: System, state: State) -> tuple[float, float]:
-    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth."""
-    # Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
-    # quarter for P1, and that part counts in its place. Raises as `estimate` does.
-    products, weights = _Products(system, state, 1.0, 1.0), ((1.0, 0.0), (0.0, 1.0))
-    noise, rates = products.noise(), [0.0, 0.0]
+    """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth.
+
+    Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
+    quarter for P1, and that part counts in its place. Raises as `estimate` does.
+    """
+    products = _Products(system, state, 1.0, 1.0)
+    weights = ((1.0, 0.0), (0.0, 1.0))
+    noise = products.noise()
+    rates = [0.0, 0.0]
     for i in range(1 + products.damped):
         value, residual, _ = _lanczos(lambda y, i=i: products.product(y, *weights[i]), noise, ROUGH)
         rates[i] = max(0.0, value + residual)
@@ -76,8 +82,13 @@ class _Products:
     def __init__(self, system, state, a, b):
         # A term that remembers, as friction, is as stiff as before it yields.
         self.system = system = system.with_history(system.start_history(state))
-        self.state, self.a, self.b = state, a, b
-        part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
+        self.state = state
+        self.a = a
+        self.b = b
+        if system.mass_kind == "consistent":
+            part = system.cloth.least_mass
+        else:
+            part = 1.0
         self.root_mass = np.sqrt(part * system.diagonal_mass)[:, None]
         self.edge = math.sqrt(system.cloth.area / len(system.cloth.triangles))
         self.damped = any(term.velocity_dependent for term in system.bound)
@@ -95,7 +106,8 @@ class _Products:
         return noise.ravel() / size
 
     def product(self, y, wx, wv) -> np.ndarray:
-        state, z = self.state, y.reshape(-1, 3) / self.root_mass
+        state = self.state
+        z = y.reshape(-1, 3) / self.root_mass
         size = PUSH * self.edge / wx if wx else SLOW / wv  # D changes with x only: v may move far
         push = size / np.abs(z).max()
         pushed = State(state.t, state.x + push * wx * z, state.v + push * wv * z)
@@ -104,7 +116,8 @@ class _Products:
 
     def at(self, dt):
         """The operator whose largest eigenvalue is 1 at the limit."""
-        wx, wv = self.a * dt**2, self.b * dt if self.damped else 0.0
+        wx = self.a * dt**2
+        wv = self.b * dt if self.damped else 0.0
         return lambda y: self.product(y, wx, wv)
 
     def root(self, z, dt, value, residual) -> float:
@@ -114,7 +127,8 @@ class _Products:
             return dt / math.sqrt(more * value)
         k = max(self.a * float(np.vdot(z, self.product(z, 1.0, 0.0))), 0.0)
         d = (value - dt**2 * k) / dt
-        k, d = more * k, more * max(d, 0.0)
+        k = more * k
+        d = more * max(d, 0.0)
         return step_of_rates(k, d)
 
 
@@ -132,7 +146,8 @@ def _lanczos(apply, start, tol):
     """Largest Ritz value, its residual and its vector, once the residual is small to `tol`."""
     basis = np.empty((LONGEST, len(start)))  # takes memory only as its rows are filled
     basis[0] = start / np.linalg.norm(start)
-    diagonal, beside = [], []
+    diagonal = []
+    beside = []
     while True:
         Q = basis[: len(diagonal) + 1]  # (j, 3n)
         r = apply(Q[-1])
@@ -142,7 +157,9 @@ def _lanczos(apply, start, tol):
         for _ in range(2):
             r -= (Q @ r) @ Q
         values, vectors = eigh_tridiagonal(diagonal, beside)
-        value, s, left = values[-1], vectors[:, -1], float(np.linalg.norm(r))
+        value = values[-1]
+        s = vectors[:, -1]
+        left = float(np.linalg.norm(r))
         residual = left * abs(s[-1])
         if residual <= tol * value or len(Q) == LONGEST or left <= 1e-12 * abs(values).max():
             z = s @ Q

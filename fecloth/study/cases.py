@@ -34,8 +34,11 @@ class Progress:
         clock: Callable[[], float] = time.perf_counter,  # seconds since any time
     ):
         self.count, self.cost, self.at_once, self.clock = len(costs), sum(costs), at_once, clock
-        self.in_seconds, self.quiet = in_seconds, quiet
-        self.done, self.spent, self.elapsed = 0, 0.0, 0.0
+        self.in_seconds = in_seconds
+        self.quiet = quiet
+        self.done = 0
+        self.spent = 0.0
+        self.elapsed = 0.0
         self.warm = 0.0, 0.0  # cost and time of the cases that imported and compiled
         self.begin = clock()
         if stored and not quiet:
@@ -53,7 +56,9 @@ class Progress:
         left, (spent, elapsed) = self.cost - self.spent, self.warm
         if self.spent > spent:
             return left * (self.elapsed - elapsed) / (self.spent - spent)
-        return left / self.at_once if self.in_seconds else left * elapsed / spent
+        if self.in_seconds:
+            return left / self.at_once
+        return left * elapsed / spent
 
     def print(self, words: str, result: dict, cost: float) -> None:
         self.add(cost)
@@ -71,7 +76,9 @@ def _describe(result: dict) -> str:
     cause = result["cause"].splitlines()[0] if result["cause"] else ""
     if len(cause) > LONGEST_CAUSE:
         cause = f"{cause[:LONGEST_CAUSE].rpartition(' ')[0]} …"
-    return f"{result['status']}: {cause}" if cause else result["status"]
+    if cause:
+        return f"{result['status']}: {cause}"
+    return result["status"]
 
 
 Number = float | int | str | bool | None
@@ -175,7 +182,10 @@ def run_cases(
     cost_of = dict(
         zip((case.key for case in all_cases), costs or [1.0] * len(all_cases), strict=True)
     )
-    results = {} if fresh or out is None else _read_results(all_cases, Path(out), time_limit)
+    if fresh or out is None:
+        results = {}
+    else:
+        results = _read_results(all_cases, Path(out), time_limit)
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     at_once = min(jobs, len(missing)) or 1
     if scheduler and missing:
@@ -236,8 +246,11 @@ def _read_entry(path: Path) -> dict | None:
     """Return what `_write_result` wrote there, or None if it is not there or cannot be read."""
     try:
         entry = json.loads(path.read_text(encoding="utf-8"))
-        limit, result = entry["time_limit"], entry["result"]
+        limit = entry["time_limit"]
+        result = entry["result"]
         is_whole = isinstance(limit, int | float | None) and isinstance(result["cause"], str)
-        return entry if is_whole and result["status"] in status.REPRODUCIBLE else None
+        if is_whole and result["status"] in status.REPRODUCIBLE:
+            return entry
+        return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None

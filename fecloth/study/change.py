@@ -39,7 +39,9 @@ class Change:
 
 def _toml(value: object) -> str:
     """Return a value as TOML; a text stands for itself, as after --set."""
-    return value if isinstance(value, str) else _inline(value)
+    if isinstance(value, str):
+        return value
+    return _inline(value)
 
 
 def _inline(value: object) -> str:
@@ -89,9 +91,11 @@ AS_IS = Level(sharper=None)  # with the solver of the problem
 def make_levels(
     refine: str, levels: int, ratio: float, space_order: float = 1.0, time_order: float = 1.0
 ) -> list[Level]:
-    """Return the levels, coarse to fine."""
-    # With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
-    # keep their share.
+    """Return the levels, coarse to fine.
+
+    With "both", dt ∝ h^(p/q) for the orders p in space and q in time: then the errors of both
+    keep their share.
+    """
     if refine not in REFINED:
         remedy = did_you_mean(refine, REFINED)
         raise InputError(f"refine = {refine!r}", 'must be "h", "dt" or "both"', "converge", remedy)

@@ -102,7 +102,10 @@ def _plain(name: str) -> str:
 def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
     """Return a setting for each mesh and step; one with the reason if the problem refuses it."""
     cls = ALL_METHODS.get(names["method"])
-    method = "Auto" if names["method"] == "auto" else cls.__name__ if cls else names["method"]
+    if names["method"] == "auto":
+        method = "Auto"
+    else:
+        method = cls.__name__ if cls else names["method"]
     shown = {"method": method} | {n: names[n] for n in ("element", "model", "rtol") if n in names}
     try:
         variant = opened.changed(change_names(opened, names))
@@ -114,7 +117,10 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         shown["method"] = "equilibrium"
     elif not shown["method"]:
         shown["method"] = type(method_of(first.steps)).__name__
-    parts = [2.0**k for k in range(meshes)] if variant.can_refine("h") else [1.0]
+    if variant.can_refine("h"):
+        parts = [2.0**k for k in range(meshes)]
+    else:
+        parts = [1.0]
     steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
     levels = [Level(h, dt, None) for h, dt in product(parts, steps)]
     return [_point(shown, variant, level) for level in levels]

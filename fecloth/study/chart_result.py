@@ -75,7 +75,8 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
 
 def best_rows(rows: Sequence[Mapping], better: float) -> list[Mapping]:
     """Return the rows, the cheapest first, whose error is `better` times all before, or less."""
-    best, least = [], math.inf
+    best = []
+    least = math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], known_error(row))):
         if known_error(row) < better * least:
             best.append(row)
@@ -108,14 +109,18 @@ def describe_chart(table: Table, limit: Convergence) -> str:
         error = f"error {cheapest['error']:.2g} {limit.unit}"
         words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
         return f"{error} {words}; the limit is zero"
-    several, last = len({row.get("model") for row in rows}) > 1, list[str]()
+    several = len({row.get("model") for row in rows}) > 1
+    last = list[str]()
     named: dict[int, tuple[Any, list[str]]] = {}
     for level in LEVELS:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
         if not reached:
             known_to = rows[0]["uncertainty %"]
             last = [f"no setting is proved to reach {level:g} %"]
-            last = [f"the limit is known to {known_to:.2g} % only"] if known_to >= level else last
+            if known_to >= level:
+                last = [f"the limit is known to {known_to:.2g} % only"]
+            else:
+                last = last
             break
         cheapest = min(reached, key=seconds_of)
         named.setdefault(id(cheapest), (cheapest, []))[1].append(f"{level:g}")
@@ -175,7 +180,8 @@ def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
         return -sum(bool(row.get("on front")) for row in points), product
 
     names = sorted(series, key=rank)
-    chosen, rest = names[:MOST_LINES], names[MOST_LINES:]
+    chosen = names[:MOST_LINES]
+    rest = names[MOST_LINES:]
     return {n: series[n] for n in chosen}, {n: series[n] for n in rest}
 
 
@@ -240,5 +246,8 @@ def _points(rows: Iterable[Mapping], unit: str) -> tuple[list, list]:
 
 def bound_of(row: Mapping, unit: str = "") -> float:
     """Return the error of a row; below its uncertainty it is not known, but at most their sum."""
-    error, uncertainty = row[f"error{unit}"], row[f"uncertainty{unit}"]
-    return error if error > uncertainty else error + max(uncertainty, LEAST)
+    error = row[f"error{unit}"]
+    uncertainty = row[f"uncertainty{unit}"]
+    if error > uncertainty:
+        return error
+    return error + max(uncertainty, LEAST)

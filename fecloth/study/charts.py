@@ -91,7 +91,8 @@ def chart(
     """
     study = open_study(problem, shared)
     validation.whole("meshes", meshes, 1, "chart", most=4)
-    opened, timed = study.problem, replace(study.runs(LONGEST_CASE), timed=True)
+    opened = study.problem
+    timed = replace(study.runs(LONGEST_CASE), timed=True)
     runs = replace(timed, time_limit=None, timed=False)
     run_problems.refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
     warned = run_problems.print_warnings(opened)
@@ -126,7 +127,8 @@ def find_limit(
 ) -> Limit | None:
     """Refine the problem in h and dt; with a method of second order, which has the same limit."""
     problem = _for_limit(opened)
-    in_h, is_scene = problem.can_refine("h"), isinstance(problem, SceneProblem)
+    in_h = problem.can_refine("h")
+    is_scene = isinstance(problem, SceneProblem)
     has_steps = problem.can_refine("dt") or (is_scene and problem.is_explicit)
     in_dt = not problem.is_static and has_steps
     refine = "both" if in_h and in_dt else "h" if in_h else "dt"
@@ -146,7 +148,10 @@ def _for_limit(opened: Problem) -> Problem:
         return opened
     if time.dt != "auto" and opened.first.steps.traits.order >= 2:
         return opened
-    dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT if time.dt == "auto" else time.dt
+    if time.dt == "auto":
+        dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT
+    else:
+        dt = time.dt
     names = {"method": "bdf2", "element": opened.scene.cloth.element, "model": "", "dt": dt}
     return opened.changed(change_names(opened, names))
 

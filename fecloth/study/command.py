@@ -28,5 +28,8 @@ def require_packages(*names: str) -> None:
 def missing_package(name: str) -> InputError:
     """Return the error that says how to install a package."""
     extra = EXTRAS.get(name)
-    remedy = f"In the clone, pip install '.[{extra}]'." if extra else f"Install {name}."
+    if extra:
+        remedy = f"In the clone, pip install '.[{extra}]'."
+    else:
+        remedy = f"Install {name}."
     return InputError(f"the package {name}", "is not installed", "", remedy)

@@ -81,7 +81,8 @@ def compare(
     opened, refused = split_refused(listed)
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
-    warned, chosen = run_problems.print_warnings(first), first.choose_quantity(quantity)
+    warned = run_problems.print_warnings(first)
+    chosen = first.choose_quantity(quantity)
 
     def plan(variant: Problem) -> list[Level]:
         variant.check(refine)
@@ -160,7 +161,8 @@ def _conclude(
 ) -> Comparison:
     studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
     first, *others = studies.values() or (None,)
-    scale, numbers = math.nan, True
+    scale = math.nan
+    numbers = True
     if first:
         scale = find_scale(first)
         numbers = is_number(quantity, run_problems.record_at(first.levels[0], quantity))
@@ -193,17 +195,25 @@ def _conclude(
 def _difference(
     a: Convergence, b: Convergence, quantity: Quantity, scale: float, numbers: bool
 ) -> Difference:
-    """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one."""
-    # Fields, paths and vectors have no limit: of them it is the size on the finest level. The
-    # uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
-    # models on one mesh are not independent. But most of their errors is the same: the difference
-    # of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
+    """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one.
+
+    Fields, paths and vectors have no limit: of them it is the size on the finest level. The
+    uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
+    models on one mesh are not independent. But most of their errors is the same: the difference
+    of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
+    """
     values = [_apart(quantity, scale, *pair) for pair in zip(a.levels, b.levels, strict=True)]
-    by, grown, limit = 1.0 if math.isnan(scale) else 100 / abs(scale), 1.0, values[-1]
+    by = 1.0 if math.isnan(scale) else 100 / abs(scale)
+    grown = 1.0
+    limit = values[-1]
     if numbers:
-        first, other = best_value(a), best_value(b)
+        first = best_value(a)
+        other = best_value(b)
         grown = 1.0 if math.isnan(scale) else abs(other / first)
-        limit = other - first if math.isnan(scale) else 100 * (other / first - 1)
+        if math.isnan(scale):
+            limit = other - first
+        else:
+            limit = 100 * (other / first - 1)
     spread = by * (b.uncertainty + grown * a.uncertainty)
     both = Difference(values[0], limit, spread)
     column = "dt" if a.refine == "dt" else "h"
@@ -229,14 +239,18 @@ def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> fl
     a, b = run_problems.record_at(row, quantity), run_problems.record_at(other, quantity)
     if not is_number(quantity, a):
         return difference_of(quantity, a, b) * (1.0 if math.isnan(scale) else 100 / abs(scale))
-    first, second = value_of(quantity, a), value_of(quantity, b)
-    return second - first if math.isnan(scale) else 100 * (second / first - 1)
+    first = value_of(quantity, a)
+    second = value_of(quantity, b)
+    if math.isnan(scale):
+        return second - first
+    return 100 * (second / first - 1)
 
 
 def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> dict:
     if isinstance(variant, dict):
         return variant
-    given, unit = variant.table[0], comparison.unit if math.isnan(comparison.scale) else "%"
+    given = variant.table[0]
+    unit = comparison.unit if math.isnan(comparison.scale) else "%"
     apart = comparison.differences.get(name)
     sizes = f" [{unit}]" if unit else ""
     return {

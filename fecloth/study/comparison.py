@@ -63,7 +63,10 @@ class Comparison(StudyResult):
 
     def describe_files(self, folder: Path, page: Path) -> str:
         """Say which files there are for the browser and for ParaView."""
-        frames = f"wrote {folder / 'overlay' / 'first.pvd'}\n" if self.overlay else ""
+        if self.overlay:
+            frames = f"wrote {folder / 'overlay' / 'first.pvd'}\n"
+        else:
+            frames = ""
         return f"{frames}wrote {page}"
 
     def figure(self):
@@ -75,7 +78,8 @@ class Comparison(StudyResult):
         for i, (name, study) in enumerate(self.studies.items()):
             h = np.array(study.table[size], dtype=float)
             values = np.array(study.table["value"], dtype=float)
-            limit, style = best_value(study), line_style(i)
+            limit = best_value(study)
+            style = line_style(i)
             around = limit - study.uncertainty, limit + study.uncertainty
             ax.axhspan(*around, color=style["color"], alpha=0.15, lw=0)
             ax.plot([0, h[-1]], [limit, values[-1]], ":", color=style["color"])
@@ -93,18 +97,23 @@ class Comparison(StudyResult):
 
 def best_value(study: Convergence) -> float:
     """Return the limit, or the value of the finest level of what has no limit, as a field."""
-    return study.limit if math.isfinite(study.limit) else study.value
+    if math.isfinite(study.limit):
+        return study.limit
+    return study.value
 
 
 def find_scale(study: Convergence) -> float:
     """Return the value that is 100 %; NaN if it is zero within its uncertainty."""
     value = best_value(study)
-    return value if abs(value) > study.uncertainty else math.nan
+    if abs(value) > study.uncertainty:
+        return value
+    return math.nan
 
 
 def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> str:
     """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …"."""
-    first, difference = next(iter(comparison.studies)), comparison.differences[name]
+    first = next(iter(comparison.studies))
+    difference = comparison.differences[name]
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
     if abs(difference.limit) <= difference.uncertainty:
@@ -112,7 +121,10 @@ def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> st
     elif not has_sign:
         text = f"{name} differs from {first} by {size}"
     else:
-        words = ("higher", "lower") if math.isnan(comparison.scale) else ("larger", "smaller")
+        if math.isnan(comparison.scale):
+            words = ("higher", "lower")
+        else:
+            words = ("larger", "smaller")
         text = f"{name} is {size} {words[difference.limit < 0]} than {first}"
     errors = {key: _error_as_given(comparison, key) for key in (first, name)}
     parts = " and ".join(

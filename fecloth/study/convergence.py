@@ -109,17 +109,21 @@ def judge(
     size: float = 0.0,
     doubt: str = "",
 ) -> tuple[bool, str]:
-    """Return whether values converge, and a sentence that says so and why not."""
-    # `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by
-    # a small part of the `size` of the quantity, without an order, that part is what is known.
-    # `doubt` is the warning of the finest run by which its values are no evidence.
+    """Return whether values converge, and a sentence that says so and why not.
+
+    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by
+    a small part of the `size` of the quantity, without an order, that part is what is known.
+    `doubt` is the warning of the finest run by which its values are no evidence.
+    """
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"
-    theory, order = estimate.theory, estimate.order
+    theory = estimate.theory
+    order = estimate.order
     why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""
     if estimate.behaviour == "constant":
         return True, "converges: all levels give the same value to round-off"
-    spread, is_irregular = float(np.ptp(values[-3:])), estimate.behaviour != "monotone"
+    spread = float(np.ptp(values[-3:]))
+    is_irregular = estimate.behaviour != "monotone"
     if spread <= SMALL * size and (is_irregular or order < SLOW):
         return False, f"no order to be seen within {in_percent(spread / size)}"
     if estimate.behaviour == "oscillating":
@@ -128,7 +132,10 @@ def judge(
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
     if order >= (1 - CLOSE) * theory and estimate.scatter < estimate.data_range:
-        how = "faster than its theory" if order > (1 + CLOSE) * theory else "as it should"
+        if order > (1 + CLOSE) * theory:
+            how = "faster than its theory"
+        else:
+            how = "as it should"
         return True, f"converges {how} ({orders})"
     next_level = _level_in_range(np.array(h), np.array(values), theory)
     return False, f"not yet in the asymptotic range ({orders}): {next_level}.{why}"
@@ -137,14 +144,17 @@ def judge(
 def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
     """Return which level would be in the asymptotic range, if the local orders approach theory."""
     fine_first = slice(None, None, -1)
-    h, values = h[fine_first], values[fine_first]
+    h = h[fine_first]
+    values = values[fine_first]
     local = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
     if len(local) < 2 or not np.isfinite(local[:2]).all():
         return "one level more would tell"
-    distance, distance_before = abs(theory - local[0]), abs(theory - local[1])
+    distance = abs(theory - local[0])
+    distance_before = abs(theory - local[1])
     if distance >= distance_before:
         return "the order does not approach the theory from level to level"
-    close, more = CLOSE * theory, 1
+    close = CLOSE * theory
+    more = 1
     if distance > close:
         more = math.ceil(math.log(distance / close) / math.log(distance_before / distance))
     if more > MOST_LEVELS:

@@ -67,7 +67,8 @@ def converge(
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
     study = open_study(problem, shared)
-    opened, runs = study.problem, study.runs()
+    opened = study.problem
+    runs = study.runs()
     opened.check(refine)
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
@@ -89,9 +90,11 @@ POINT_PINS = (
 def refine_graded(
     opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
 ) -> Convergence:
-    """Run the levels on uniform meshes, find gradings from the first, and run graded levels."""
-    # Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
-    # paths and vectors to the result of the finest graded mesh, plus its own error.
+    """Run the levels on uniform meshes, find gradings from the first, and run graded levels.
+
+    Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
+    paths and vectors to the result of the finest graded mesh, plus its own error.
+    """
     _require_gradable(opened, refine)
     runs = replace(runs, timed=True)
     uniform = refine_problem(opened, quantity, refine, levels, ratio, runs)
@@ -128,14 +131,16 @@ def refine_graded(
 
 def _require_gradable(opened: Problem, refine: str) -> None:
     """Raise `InputError` for a problem whose meshes cannot be graded."""
-    what, where = "grade = True", opened.source
+    what = "grade = True"
+    where = opened.source
     if refine == "dt":
         raise InputError(what, 'needs refine = "h" or "both"', where)
     if opened.is_explicit:
         remedy = "Take an implicit method."
         allowed = "is not for explicit methods: the smallest edge limits their step"
         raise InputError(what, allowed, where, remedy)
-    setup, cloth = opened.first, opened.first.cloth
+    setup = opened.first
+    cloth = opened.first.cloth
     error = space_error(setup.system, setup.start)
     if np.isnan(error.density).all():  # its terms have no estimate, whatever the state
         raise InputError(what, f"needs the error in space: {error.reason}", where)
@@ -148,7 +153,8 @@ def _errors_of_uniform(quantity: Quantity, uniform: Convergence, study: Converge
     records = [record_at(row, quantity) for row in uniform.levels]
     if is_number(quantity, records[0]):
         return [abs(value_of(quantity, record) - study.limit) for record in records]
-    finest, rest = record_at(study.levels[-1], quantity), study.table[-1]["error"]
+    finest = record_at(study.levels[-1], quantity)
+    rest = study.table[-1]["error"]
     return [difference_of(quantity, record, finest) + rest for record in records]
 
 
@@ -172,7 +178,10 @@ def _saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) ->
     if not np.isfinite([own, other]).all():
         return "What the grading saves is not known: no error is reached by both kinds of meshes."
     times = other[0] / own[0]
-    saved = f"saves a factor of {times:.2g} in triangles" if times > 1 else "saves no triangles"
+    if times > 1:
+        saved = f"saves a factor of {times:.2g} in triangles"
+    else:
+        saved = "saves no triangles"
     return (
         f"The grading {saved}: an error of {f'{error:.2g} {unit}'.strip()} takes {at_most}"
         f"{own[0]:,.0f} triangles and {own[1]:.2g} CPU seconds, on uniform meshes "
@@ -181,7 +190,8 @@ def _saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) ->
 
 
 def _in_words(grading: Grading) -> str:
-    place = (
-        f'where = "{grading.where}"' if grading.where else f"point = {list(grading.point or ())}"
-    )
+    if grading.where:
+        place = f'where = "{grading.where}"'
+    else:
+        place = f"point = {list(grading.point or ())}"
     return f"Graded: {place}, distance = {grading.distance:.4g}, power = {grading.power:g}."

@@ -101,7 +101,8 @@ class Follower:
         self.along = derived.end
 
     def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
-        rows, ledgers = [], []
+        rows = []
+        ledgers = []
         both = zip(self._setups(sides.size), sides.signed, derived.steps, strict=True)
         for setup, (system, size), step in both:
             old = self.along.shift(info.old, size)
@@ -154,9 +155,11 @@ def derive_run(
     tolerance: float,
     report: Callable[..., None] = lambda *_: None,
 ) -> Derivation:
-    """Run a setup, and follow the derivatives by the parameters."""
-    # `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error
-    # of a derivative over a step.
+    """Run a setup, and follow the derivatives by the parameters.
+
+    `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error
+    of a derivative over a step.
+    """
     followers = [Follower(p, partial(setup_at, p), setup, recorded) for p in parameters]
     if recorded.only_start:
         return Derivation(setup.start, np.array([setup.start.t]), {}, followers)
@@ -175,7 +178,8 @@ def _derive_motion(
     system, t_end, (chosen, solver) = setup.system, setup.t_end, setup.choose()
     assert t_end is not None
     steps = chosen.steps
-    method, tangents = method_of(steps), None
+    method = method_of(steps)
+    tangents = None
     if not (steps.traits.explicit or isinstance(steps, LoadSteps)):
         symmetric = has_symmetric_matrix(system, method)
         tangents = StepTangents(system, symmetric, solver[0], len(followers), tolerance)
@@ -240,7 +244,8 @@ def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, Stat
 def _derive_rest(
     setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
 ) -> Derivation:
-    system, start = setup.system, setup.start
+    system = setup.system
+    start = setup.start
     whole = _whole(system, start)
     state, tangent = _polish(equilibrium(system, start, report=report), whole)
     solved = SolvedIncrement(whole, state.x)

@@ -59,7 +59,8 @@ class Sought:
 
 def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
     """Run the problem with derivatives: values, slopes by parameters over their widths, steps."""
-    begin, asked = time.process_time(), Sought.of(*sought)
+    begin = time.process_time()
+    asked = Sought.of(*sought)
     setup = _sharpened(problem.setup(), asked.tolerance * OF_NEWTON)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
@@ -85,7 +86,8 @@ def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -
     state = getattr(derivation.result, "state", setup.start)
     count = max(quantity.mode for quantity in sought.quantities)
     shapes = modes(setup.system, state, count=count) if count else None
-    values, rows = [], []
+    values = []
+    rows = []
     for quantity in sought.quantities:
         if shapes and quantity.how == "mode":
             value: Any = shapes.frequencies[quantity.mode - 1]
@@ -116,7 +118,9 @@ def run_twin(
     method: str,
 ) -> dict:
     """Run the problem with all parameters changed, in units of their widths, and the same steps."""
-    begin, asked, base = time.process_time(), Sought.of(*sought), problem.setup()
+    begin = time.process_time()
+    asked = Sought.of(*sought)
+    base = problem.setup()
     pairs = zip(asked.parameters, changes, strict=True)
     setup = setup_with(problem, {p.name: p.at(change) for p, change in pairs}, base)
     setup = _sharpened(setup, OF_TWINS)
@@ -191,7 +195,8 @@ class Slopes:
     def _size(self, quantity: Quantity, number: int) -> float:
         """The change of the parameter by which values move by a small part."""
         d = self.derivation
-        start, follower = self.setup.start.x, d.followers[number]
+        start = self.setup.start.x
+        follower = d.followers[number]
         pairs = [(start, follower.along.x), (start, self._moved(number).x)]
         kind = quantity.column.split(".")[0]
         for name, values in d.columns.items():
@@ -209,7 +214,8 @@ class Slopes:
 
     def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
         d = self.derivation
-        slopes, moved = d.followers[number].slopes, self._moved(number)
+        slopes = d.followers[number].slopes
+        moved = self._moved(number)
         columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
         state = d.result.state
         fields = {
@@ -223,7 +229,8 @@ class Slopes:
         return self.read(quantity, record)
 
     def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
-        result, end = self.derivation.result, self.derivation.followers[number].along
+        result = self.derivation.result
+        end = self.derivation.followers[number].along
         if isinstance(result, Equilibrium):
             return replace(result, x=result.x + size * end.x)
         energies = {name: columns[name] for name in result.energies}
@@ -238,12 +245,15 @@ def _largest(values: np.ndarray) -> float:
 
 
 def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides: Sides) -> float:
-    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1."""
-    # It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
-    # with the states there, which `end` has the derivatives of.
-    # Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
-    # It raises `InputError` for an unstable mode, or a mode without stiffness.
-    omega2, f = float(shapes.eigenvalues[mode - 1]), float(shapes.frequencies[mode - 1])
+    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1.
+
+    It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
+    with the states there, which `end` has the derivatives of.
+    Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
+    It raises `InputError` for an unstable mode, or a mode without stiffness.
+    """
+    omega2 = float(shapes.eigenvalues[mode - 1])
+    f = float(shapes.frequencies[mode - 1])
     if not omega2 > 0:
         what = f"frequency({mode}) = {f:.3g} Hz"
         raise InputError(what, "must be > 0 for a derivative", "sensitivity")

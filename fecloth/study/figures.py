@@ -39,7 +39,8 @@ def use_plain_ticks(ax) -> None:
         low, high = axis.get_view_interval()
         if axis.get_scale() != "log" or high / low >= 100:
             continue
-        few, many = (1, 2, 5), (1, 1.5, 2, 2.5, 3, 4, 5, 7)
+        few = (1, 2, 5)
+        many = (1, 1.5, 2, 2.5, 3, 4, 5, 7)
         subs = (1, 3) if high / low > 15 else few if high / low > 3 else many
         axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -20,7 +20,8 @@ def load_function(file: str, name: str):
 
 def module_of(file: Path) -> tuple[Path, str]:
     """Return the folder to import a file from, and the dotted name of its module."""
-    folder, names = file.parent, [file.stem]
+    folder = file.parent
+    names = [file.stem]
     while (folder / "__init__.py").exists():
         names.insert(0, folder.name)
         folder = folder.parent
@@ -29,9 +30,11 @@ def module_of(file: Path) -> tuple[Path, str]:
 
 @cache
 def source_hash(file: str | Path) -> str:
-    """Return the hash of the package and of what a study's file imports and reads."""
-    # Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
-    # imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
+    """Return the hash of the package and of what a study's file imports and reads.
+
+    Contents count, paths do not: the hash covers the sources of fecloth, the file, the files it
+    imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
+    """
     root, module = module_of(Path(file).resolve())
     folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
     scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
@@ -46,14 +49,18 @@ def source_hash(file: str | Path) -> str:
 def _imported_files(file: Path) -> set[Path]:
     """Return the file and what it imports, directly or not, from the folder of its package."""
     root, _ = module_of(file.resolve())
-    files, waiting = set(), [file.resolve()]
+    files = set()
+    waiting = [file.resolve()]
     while waiting:
         source = waiting.pop()
         if source in files or not source.exists():
             continue
         files.add(source)
         for node in ast.walk(ast.parse(source.read_bytes())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                names = []
             if isinstance(node, ast.ImportFrom) and node.module:
                 names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
             waiting += [root.joinpath(*name.split(".")).with_suffix(".py") for name in names]

@@ -116,11 +116,14 @@ class FunctionProblem(CommonProblem):
 
     def refined(self, level: Level) -> "FunctionProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
-        h, dt = self.h and self.h / level.h, self.dt
+        h = self.h and self.h / level.h
+        dt = self.dt
         if dt is not None and self.t_end is not None:
             dt = self.t_end / round(math.ceil(self.t_end / dt - 1e-9) * level.dt)
         finer = replace(self, h=h, dt=dt, sharper=level.sharper)
-        return finer.changed(Change(edits=level.edits)) if level.edits else finer
+        if level.edits:
+            return finer.changed(Change(edits=level.edits))
+        return finer
 
     def graded(self, gradings: Sequence[Grading]) -> "FunctionProblem":
         """Return the problem with the argument `grading`, as JSON's types."""
@@ -134,7 +137,8 @@ class FunctionProblem(CommonProblem):
 
     def arguments(self) -> tuple[dict[str, object], float | None]:
         """Return the arguments of the function, with h and dt, and dt, of equal steps."""
-        settings, dt = dict(self.settings), self.dt
+        settings = dict(self.settings)
+        dt = self.dt
         if self.h is not None:
             settings["h"] = self.h
         if dt is not None:
@@ -148,7 +152,9 @@ class FunctionProblem(CommonProblem):
         settings, dt = self.arguments()
         run = self.function, settings, dt, self.t_end
         made = setups.setup_of_function(*run, self.placed, self.sharper)
-        return made if self.terms is None else setups.with_terms(made, self.terms)
+        if self.terms is None:
+            return made
+        return setups.with_terms(made, self.terms)
 
     @property
     def is_importable(self) -> bool:
@@ -158,7 +164,8 @@ class FunctionProblem(CommonProblem):
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
-        file, name = _importable(self.function) or "", self.function.__name__
+        file = _importable(self.function) or ""
+        name = self.function.__name__
         known_functions[file, name] = self.function
         settings, dt = self.arguments()
         return {
@@ -183,7 +190,9 @@ class FunctionProblem(CommonProblem):
         return cls(function, None, placed=placed, settings=settings, **more)
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        return self.first.cloth if quantity.is_field else None
+        if quantity.is_field:
+            return self.first.cloth
+        return None
 
 
 def _importable(function: Callable) -> str | None:
@@ -194,4 +203,6 @@ def _importable(function: Callable) -> str | None:
     except TypeError:
         return None
     at_top = "<" not in name and "." not in name
-    return str(Path(file).resolve()) if at_top and file and Path(file).exists() else None
+    if at_top and file and Path(file).exists():
+        return str(Path(file).resolve())
+    return None

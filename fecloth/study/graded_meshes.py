@@ -49,20 +49,24 @@ class _Prediction:
 def choose_gradings(
     setup: Setup, state: State, h: float, least_saved: float = LEAST_SAVED
 ) -> tuple[Grading, ...]:
-    """Return the gradings of a cloth with which the fewest triangles have the same error."""
-    # The energy of the error of a triangle, e_t of `space_error`, goes like its size to the power
-    # 2p; p is the order of stress. With sizes c h s, N ∝ c⁻² Σ A_t/s_t² triangles have the error
-    # E ∝ c^2p Σ e_t s_t^2p. So N E^(1/p) does not depend on c; it is least where all triangles have
-    # the same error. Greedily the place, the distance and the power of `Grading` are added that
-    # reduce it most: first corners of the border and the ends of pins on it, then pinned curves.
-    # A node that is pinned alone is no such place: a membrane has no finite stiffness there, and
-    # with smaller triangles it only gives way further.
-    #
-    # `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings. If
-    # all gradings together save less than the share `least_saved` of the triangles, there are none.
-    error, cloth = space_error(setup.system, state), setup.cloth
+    """Return the gradings of a cloth with which the fewest triangles have the same error.
+
+    The energy of the error of a triangle, e_t of `space_error`, goes like its size to the power
+    2p; p is the order of stress. With sizes c h s, N ∝ c⁻² Σ A_t/s_t² triangles have the error
+    E ∝ c^2p Σ e_t s_t^2p. So N E^(1/p) does not depend on c; it is least where all triangles have
+    the same error. Greedily the place, the distance and the power of `Grading` are added that
+    reduce it most: first corners of the border and the ends of pins on it, then pinned curves.
+    A node that is pinned alone is no such place: a membrane has no finite stiffness there, and
+    with smaller triangles it only gives way further.
+
+    `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings. If
+    all gradings together save less than the share `least_saved` of the triangles, there are none.
+    """
+    error = space_error(setup.system, state)
+    cloth = setup.cloth
     if error.reason:
-        what, remedy = "grade = True", "Leave grade out, or take other terms."
+        what = "grade = True"
+        remedy = "Leave grade out, or take other terms."
         raise InputError(what, f"needs the error in space: {error.reason}", "converge", remedy)
     area = cloth.weights.sum(axis=1)
     order = 2.0 if cloth.element == "P2" and not has_bending(setup) else 1.0
@@ -91,7 +95,8 @@ def _add_greedily(
         fewest = min(tried, key=predicted.triangles)
         if predicted.triangles(fewest) > (1 - LEAST_SAVED) * least:
             break
-        chosen, least = fewest, predicted.triangles(fewest)
+        chosen = fewest
+        least = predicted.triangles(fewest)
     return chosen
 
 
@@ -116,7 +121,8 @@ def _places(setup: Setup) -> tuple[list[_Place], list[_Place]]:
 
 def alone(setup: Setup) -> np.ndarray:
     """Return the pinned nodes none of whose neighbours is pinned."""
-    cloth, pinned = setup.cloth, setup.system.constraints.nodes
+    cloth = setup.cloth
+    pinned = setup.system.constraints.nodes
     ends = np.concatenate([cloth.parts[:, [i, (i + 1) % 3]] for i in range(3)])
     both = ends[np.isin(ends, pinned).all(axis=1)]
     return np.setdiff1d(pinned, both)
@@ -131,7 +137,8 @@ def _ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:
 
 def _distance(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
     """(p,) the distance of points (p, 2) to the nearest of the segments (k, 2, 2) [m]."""
-    start, along = segments[:, 0], np.diff(segments, axis=1)[:, 0]
+    start = segments[:, 0]
+    along = np.diff(segments, axis=1)[:, 0]
     away = points[:, None] - start
     part = np.clip((away * along).sum(axis=2) / (along**2).sum(axis=1), 0, 1)
     return np.linalg.norm(away - part[..., None] * along, axis=2).min(axis=1)

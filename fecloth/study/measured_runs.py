@@ -34,7 +34,8 @@ def measure_problem(
     problem: Any, recorded: Sequence[str], modes: int = 0, disturbed: int | None = None, **more: Any
 ) -> dict:
     """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs."""
-    begin, setup = time.process_time(), problem.setup()
+    begin = time.process_time()
+    setup = problem.setup()
     setup = setup if disturbed is None else setup.disturbed(disturbed)
     row = measure(setup, recorded, modes, **more)
     return row | {"case_seconds": time.process_time() - begin}
@@ -65,13 +66,18 @@ def measure(
             row, seconds = _run_timed(solve, setup, repeats, most)
         else:
             row, seconds = _run_once(solve, setup, most)
-        result, all_columns, end = row.pop("result"), row.pop("columns"), row.pop("end")
+        result = row.pop("result")
+        all_columns = row.pop("columns")
+        end = row.pop("end")
         row["cpu_seconds"] = seconds
         row["ends"] = {key: [float(v[0]), float(v[-1])] for key, v in all_columns.items()}
         wanted = {*recorded, *(f"{name}.{c}" for name in recorded for c in "xyz")}
         row["energies"] = setup.energies
         row["columns"] = {k: v.tolist() for k, v in all_columns.items() if k in wanted}
-        row["times"] = row["times"].tolist() if wanted else [row["times"][0], row["times"][-1]]
+        if wanted:
+            row["times"] = row["times"].tolist()
+        else:
+            row["times"] = [row["times"][0], row["times"][-1]]
         row["displacement"] = (end.x - setup.start.x).tolist()
         row["velocity"] = end.v.tolist()
         if modes:

@@ -66,7 +66,8 @@ class Modes(StudyResult):
         The frame of time i shows mode i with a largest displacement of a tenth of the extent;
         its point array `shape`, 1 at most, is for `Warp By Vector` with another factor.
         """
-        folder, cloth = Path(folder), self.system.cloth
+        folder = Path(folder)
+        cloth = self.system.cloth
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         frames = Frames(folder / "modes", cloth, stem="frames/mode")
@@ -158,7 +159,9 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
 
 
 def _verdict(f: np.ndarray, zero: float) -> str:
-    unstable, soft, count = int((f < -zero).sum()), int((f <= zero).sum()), len(f)
+    unstable = int((f < -zero).sum())
+    soft = int((f <= zero).sum())
+    count = len(f)
     if unstable:
         return (
             f"unstable: {unstable} of the {count} lowest modes grow, the first by the factor e "
@@ -185,7 +188,9 @@ def _unbalanced(system: System, state: State) -> float:
     equation = StaticEquation(system, state)
     f, scale = equation.forces(equation.at(state.x))
     size = system.sums.norm(f)
-    return size / scale if size > ROUND_OFF * equation.round_off(state.x) else 0.0
+    if size > ROUND_OFF * equation.round_off(state.x):
+        return size / scale
+    return 0.0
 
 
 def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
@@ -213,11 +218,14 @@ PANEL = 2.6  # inches
 
 
 def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Figure:
-    """Draw the first twelve shapes on the flat cloth."""
-    # The colour is the displacement along the direction in which the mode moves most, relative to
-    # the largest one.
+    """Draw the first twelve shapes on the flat cloth.
+
+    The colour is the displacement along the direction in which the mode moves most, relative to
+    the largest one.
+    """
     count = min(len(shapes), MOST)
-    columns, rows = min(count, COLUMNS), math.ceil(count / COLUMNS)
+    columns = min(count, COLUMNS)
+    rows = math.ceil(count / COLUMNS)
     width, height = np.ptp(cloth.X, axis=0)
     tall = PANEL * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
     figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, max(tall * rows, PANEL)))

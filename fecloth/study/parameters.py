@@ -51,9 +51,11 @@ class Parameter:
 def choose_parameters(
     problem: Problem, asked: Asked | None, scale: Mapping[str, float]
 ) -> tuple[Parameter, ...]:
-    """The parameters that are asked for, or all numbers of fabric and terms that are not 0."""
-    # It raises `InputError` for a name that is no number of the problem, for a number that changes
-    # the mesh, the steps or the solver, and for a value of 0 without a scale.
+    """The parameters that are asked for, or all numbers of fabric and terms that are not 0.
+
+    It raises `InputError` for a name that is no number of the problem, for a number that changes
+    the mesh, the steps or the solver, and for a value of 0 without a scale.
+    """
     if not isinstance(asked, str | Sequence | Mapping | None):
         raise InputError(f"parameters = {brief(asked)}", "must be names, or a mapping", WHERE)
     known = dict(numbers_of(problem))
@@ -84,7 +86,10 @@ def _parameter(
     value = known[name]
     width = scale.get(name, abs(value))
     if not (is_number(width) and width > 0):
-        what = f"scale of {name!r} = {width!r}" if name in scale else f"parameter {name!r} = 0"
+        if name in scale:
+            what = f"scale of {name!r} = {width!r}"
+        else:
+            what = f"parameter {name!r} = 0"
         remedy = f"Give the size of a usual change, as scale={{{name!r}: 0.01}}."
         raise InputError(what, "needs a change > 0 to compare with", WHERE, remedy)
     return Parameter(name, value, float(width))
@@ -143,7 +148,8 @@ def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Se
     except InputError as error:
         allowed = "needs values on both sides of its own: " + str(error)
         raise InputError(f"parameter {' and '.join(values)}", allowed, WHERE) from None
-    cloth, system = setup.cloth, setup.system
+    cloth = setup.cloth
+    system = setup.system
     same = np.array_equal(cloth.triangles, base.cloth.triangles)
     if not (same and np.array_equal(system.constraints.nodes, base.system.constraints.nodes)):
         what = " and ".join(values)
@@ -156,7 +162,8 @@ def grouped(problem: Problem, values: Mapping[str, float]) -> dict[str, object]:
     """Values by the arguments of a function: items of a list together; of a scene as they are."""
     if isinstance(problem, SceneProblem):
         return dict(values)
-    arguments, changed = _arguments(problem), dict[str, object]()
+    arguments = _arguments(problem)
+    changed = dict[str, object]()
     for name, value in values.items():
         key, *rest = name.split(".")
         changed[key] = _replaced(changed.get(key, arguments[key]), rest, value)

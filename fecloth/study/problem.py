@@ -60,7 +60,10 @@ class CommonProblem:
 
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""
-        time = 1.0 if self.is_static else float(self.first.steps.traits.order or 1)
+        if self.is_static:
+            time = 1.0
+        else:
+            time = float(self.first.steps.traits.order or 1)
         return space_order(quantity, self.first), time
 
     def choose_quantities(self, asked: Asked | Sequence[Asked] | None) -> tuple[Quantity, ...]:
@@ -92,10 +95,12 @@ def quantities_of(probes: Sequence[str], static: bool) -> tuple[Quantity, ...]:
 
 
 def space_order(quantity: Quantity, setup: Setup) -> float:
-    """Return the theoretical order in h, for a smooth solution."""
-    # For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2, and 4
-    # of energies, frequencies, areas, volumes and reactions. With bending or a round border of
-    # straight edges it is at most 2. `find_obstacles` says where point values have order 2 only.
+    """Return the theoretical order in h, for a smooth solution.
+
+    For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2, and 4
+    of energies, frequencies, areas, volumes and reactions. With bending or a round border of
+    straight edges it is at most 2. `find_obstacles` says where point values have order 2 only.
+    """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":
         return 1.0 if is_gradient else 2.0
@@ -110,12 +115,14 @@ def space_order(quantity: Quantity, setup: Setup) -> float:
 def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
     """Return the edges of the border (b, 2), and by how much it turns at each node (n,), |sin|."""
     edges = np.concatenate([cloth.triangles[:, [i, (i + 1) % 3]] for i in range(3)]).astype(int)
-    key, back = edges @ [len(cloth.X), 1], edges @ [1, len(cloth.X)]
+    key = edges @ [len(cloth.X), 1]
+    back = edges @ [1, len(cloth.X)]
     edges = edges[~np.isin(key, back)]  # of one triangle only, with the cloth on their left
     along = np.diff(cloth.X[edges], axis=1)[:, 0]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     arriving, leaving = np.zeros((2, len(cloth.X), 2))
-    leaving[edges[:, 0]], arriving[edges[:, 1]] = along, along
+    leaving[edges[:, 0]] = along
+    arriving[edges[:, 1]] = along
     return edges, np.abs(arriving[:, 0] * leaving[:, 1] - arriving[:, 1] * leaving[:, 0])
 
 
@@ -133,7 +140,8 @@ FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
     """Return a sentence for each feature of a system that limits or prevents convergence in h."""
     # `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the end.
-    system, remarks = setup.system, []
+    system = setup.system
+    remarks = []
     for name, (_, nodes) in system.constraints.groups.items():
         if len(nodes) == 1:
             remarks.append(

@@ -20,7 +20,9 @@ from fecloth.study.fingerprint import load_function, source_hash
 # The system ends a late process after this many times its CPU time: a case that looks at its limit
 # by itself comes before it. A process that hangs is stopped after this many times its limit by the
 # clock, and at least so many seconds [s].
-LATER, HANGING, LEAST_HANGING = 1.2, 30.0, 60.0
+LATER = 1.2
+HANGING = 30.0
+LEAST_HANGING = 60.0
 ENDED_BY_TIMER = -signal.SIGPROF if os.name == "posix" else None
 
 
@@ -34,8 +36,12 @@ def run_in_processes(
 ) -> Iterator[tuple[Any, dict]]:
     """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
     # The limit is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
-    hanging = None if time_limit is None else max(HANGING * time_limit, LEAST_HANGING)
-    first, context = cases[0], multiprocessing.get_context("spawn")
+    if time_limit is None:
+        hanging = None
+    else:
+        hanging = max(HANGING * time_limit, LEAST_HANGING)
+    first = cases[0]
+    context = multiprocessing.get_context("spawn")
     pool = ProcessPool(count, 0, _start_worker, (first.file, first.name), context)
     with _one_thread_environment():
         try:
@@ -100,9 +106,11 @@ PATIENCE = 10.0  # s to reach the scheduler and its first worker
 
 
 def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
-    """Yield (case, result) as the cases finish on a Dask cluster."""
-    # The workers need fecloth installed, and the file of the study under the same path; they import
-    # the study's function from that file.
+    """Yield (case, result) as the cases finish on a Dask cluster.
+
+    The workers need fecloth installed, and the file of the study under the same path; they import
+    the study's function from that file.
+    """
     require_packages("distributed")
     from distributed import as_completed
 
@@ -127,9 +135,11 @@ def run_checked_case(
 
 
 def find_mistake(file: str, source: str) -> str:
-    """Return why this process cannot run the cases of a file; "" if it can."""
-    # A worker that was started before an edit, or that has another fecloth installed, would give
-    # results of other sources. The hash is kept from the first call, as imported modules are.
+    """Return why this process cannot run the cases of a file; "" if it can.
+
+    A worker that was started before an edit, or that has another fecloth installed, would give
+    results of other sources. The hash is kept from the first call, as imported modules are.
+    """
     if not Path(file).exists():
         return f"does not see the file {file}"
     if source_hash(file) != source:

@@ -44,14 +44,19 @@ def levels_to_run(
 
 
 def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return cases on the first level: finer in what is not refined, and a sharper solver."""
-    # Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
-    # halved in one of them.
+    """Return cases on the first level: finer in what is not refined, and a sharper solver.
+
+    Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
+    halved in one of them.
+    """
     gaps = [Level(gap=2.0)] if opened.has_contact else []
     if opened.is_static or quantity.how == "mode":
         return gaps
     other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
-    cases = [other] if other and opened.can_refine("dt" if refine == "h" else "h") else []
+    if other and opened.can_refine("dt" if refine == "h" else "h"):
+        cases = [other]
+    else:
+        cases = []
     if refine == "h" and opened.rtol:
         cases = [Level(rtol=CLOSER)]
     return cases + gaps + ([] if opened.is_explicit else [Level(sharper=100.0)])
@@ -79,7 +84,10 @@ def summarise(
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
     failed = [row for row in rows if row["status"] != OK]
     if failed:
-        cause = failed[0]["cause"].splitlines()[0] if failed[0]["cause"] else failed[0]["status"]
+        if failed[0]["cause"]:
+            cause = failed[0]["cause"].splitlines()[0]
+        else:
+            cause = failed[0]["status"]
         verdict = f"not known: {len(failed)} of {len(rows)} levels failed; the first: {cause}"
         return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
     values, sequence = _values_of_levels(quantity, rows)
@@ -122,9 +130,11 @@ def summarise(
 
 
 def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
-    """Return the values, and the numbers that are judged."""
-    # These are the values or, of fields, paths and vectors, the sum of the differences between
-    # levels up to the finest one: it falls with the same order, to the error of the finest level.
+    """Return the values, and the numbers that are judged.
+
+    These are the values or, of fields, paths and vectors, the sum of the differences between
+    levels up to the finest one: it falls with the same order, to the error of the finest level.
+    """
     records = [record_at(row, quantity) for row in rows]
     values = [value_of(quantity, record) for record in records]
     if is_number(quantity, records[0]):
@@ -176,7 +186,8 @@ def other_shares(
 def _table_row(row: Mapping) -> dict:
     """Return the columns of a level that a reader wants."""
     names = ("triangles", "steps", "newton", "cpu_seconds")
-    problem, level = row["point"].problem, row["point"].level
+    problem = row["point"].problem
+    level = row["point"].level
     dt = None if problem.is_static else problem.first.steps.dt
     sizes = {"h": row["h"], "dt": row.get("step", dt and dt / level.dt)}
     if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
@@ -197,13 +208,19 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             )
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
         estimated = rows[-1]["time_error"]
-        known = f"at {100 * estimated:.2g} % of the motion" if estimated >= 0 else "not at all"
+        if estimated >= 0:
+            known = f"at {100 * estimated:.2g} % of the motion"
+        else:
+            known = "not at all"
         lines.append(
             f"The finest run estimates its error in time {known}: the uncertainty does not "
             "contain it."
         )
     warned = [words for row in rows for words in row.get("warnings", ())]
     if warned:
-        words = "1 warning" if len(warned) == 1 else f"{len(warned)} warnings; the first"
+        if len(warned) == 1:
+            words = "1 warning"
+        else:
+            words = f"{len(warned)} warnings; the first"
         lines.append(f"The runs gave {words}: {warned[0]}")
     return lines

@@ -67,7 +67,9 @@ class Table(Sequence[Mapping[str, Cell]]):
 
     def __getitem__(self, key):
         """Return a row by its number, or a column by its name."""
-        return [row.get(key) for row in self.rows] if isinstance(key, str) else self.rows[key]
+        if isinstance(key, str):
+            return [row.get(key) for row in self.rows]
+        return self.rows[key]
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -102,13 +104,17 @@ def _digits(row: Mapping[str, Cell]) -> dict[str, str]:
 
 
 def _head(column: str) -> str:
-    return f"{column} [{UNITS[column]}]" if column in UNITS else column
+    if column in UNITS:
+        return f"{column} [{UNITS[column]}]"
+    return column
 
 
 def _text(value: object) -> str:
     if value is None:
         return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +151,14 @@ class StudyResult:
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if a row of the table has no result, else 0."""
-        return errors.FAILED if any(row.get("status", OK) != OK for row in self.table) else 0
+        if any(row.get("status", OK) != OK for row in self.table):
+            return errors.FAILED
+        return 0
 
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, the figure and the scene, if any; return the page."""
-        folder, drawing = Path(folder), self.figure()
+        folder = Path(folder)
+        drawing = self.figure()
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self.table.to_csv(folder / "results.csv")
@@ -212,11 +221,16 @@ def read_tolerance(value: float | str) -> float:
     except ValueError:
         number = 0.0
     if not 0 < number < 1:
-        remedy = f"For {number:g} percent write {number:g}%." if 1 <= number < 100 else ""
+        if 1 <= number < 100:
+            remedy = f"For {number:g} percent write {number:g}%."
+        else:
+            remedy = ""
         allowed = "must lie between 0 and 100 %, as 1% or 0.01"
         raise InputError(f"tolerance = {value}", allowed, "", remedy)
     return number
 
 
 def in_percent(value: float) -> str:
-    return f"{100 * value:.2g} %" if abs(value) < 1 else f"{100 * value:.0f} %"
+    if abs(value) < 1:
+        return f"{100 * value:.2g} %"
+    return f"{100 * value:.0f} %"

@@ -123,7 +123,9 @@ def judged(row: Mapping) -> dict:
     """Return a row, as failed if its run warns not to trust its motion."""
     doubts = (words for words in row.get("warnings", ()) if DISTRUST in words)
     cause = next(doubts, "") if row["status"] == status.OK else ""
-    return {**row, **status.failure(status.FAILED, cause)} if cause else {**row}
+    if cause:
+        return {**row, **status.failure(status.FAILED, cause)}
+    return {**row}
 
 
 def _timing(point: Point, runs: Runs) -> dict:
@@ -189,7 +191,8 @@ def _run_stored(tasks: Sequence[Task], runs: Runs) -> list[dict]:
 
 
 def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
-    costs, rows = [task.size.seconds for task in tasks], list[dict]()
+    costs = [task.size.seconds for task in tasks]
+    rows = list[dict]()
     progress = Progress(costs, in_seconds=True, quiet=runs.quiet)
     for task, cost in zip(tasks, costs, strict=True):
         arguments = {"problem": task.problem, **task.settings}
@@ -201,7 +204,8 @@ def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
 def end_of(row: Mapping) -> tuple[System, State]:
     """Return the system and the last state of a run, of a row of `run_points`."""
     setup = row["point"].problem.first
-    moved, v = np.array(row["displacement"]), np.array(row["velocity"])
+    moved = np.array(row["displacement"])
+    v = np.array(row["velocity"])
     return setup.system, State(row["times"][-1], setup.start.x + moved, v)
 
 

@@ -61,11 +61,15 @@ class SceneProblem(CommonProblem):
     def span(self) -> float | None:  # type: ignore[override]  # read only
         """Length of the run [s]; None of an equilibrium."""
         time = self.scene.time
-        return None if self.scene.equilibrium else time.t_end - time.t_start
+        if self.scene.equilibrium:
+            return None
+        return time.t_end - time.t_start
 
     @property
     def interest(self) -> tuple[Quantity, ...]:
-        return tuple(self.scene.interest.all) if self.scene.interest else ()
+        if self.scene.interest:
+            return tuple(self.scene.interest.all)
+        return ()
 
     @property
     def rtol(self) -> float:
@@ -74,7 +78,9 @@ class SceneProblem(CommonProblem):
         if self.scene.equilibrium or time.dt != "auto":
             return 0.0
         stable = time.method.type in EXPLICIT and time.rtol is None
-        return 0.0 if stable else Adaptive.rtol if time.rtol is None else time.rtol
+        if stable:
+            return 0.0
+        return Adaptive.rtol if time.rtol is None else time.rtol
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
@@ -84,7 +90,9 @@ class SceneProblem(CommonProblem):
     def ratio(self, refine: str) -> float:
         """Return the usual ratio of two levels; for nested meshes it is 2."""
         nested = getattr(self.scene.cloth, "pattern", "unstructured") != "unstructured"
-        return 2.0 if nested or refine == "dt" else math.sqrt(2)
+        if nested or refine == "dt":
+            return 2.0
+        return math.sqrt(2)
 
     @cached_property
     def size(self) -> Workload:
@@ -98,7 +106,8 @@ class SceneProblem(CommonProblem):
             finer = 1.0
         elif self.scene.time.dt == "auto":
             finer = level.h * math.sqrt(level.rtol)
-        triangles, steps = self.size.triangles * level.h**2, math.ceil(self.size.steps * finer)
+        triangles = self.size.triangles * level.h**2
+        steps = math.ceil(self.size.steps * finer)
         return replace(self.size, triangles=triangles, steps=steps)
 
     def check(self, refine: str) -> None:
@@ -139,7 +148,8 @@ class SceneProblem(CommonProblem):
 
     def refined(self, level: Level) -> "SceneProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
-        scene, values = self.scene, dict[str, object]()
+        scene = self.scene
+        values = dict[str, object]()
         if level.h != 1 and self.h is not None:
             values["cloth.h"] = self.h / level.h
         if level.dt != 1 and self.span is not None and self.dt is not None:
@@ -153,7 +163,9 @@ class SceneProblem(CommonProblem):
         elif level.sharper is not None:  # "auto" may leave more than levels differ by
             values["solver.tolerance"] = scene.solver.make().residual / level.sharper
         edits = level.edits
-        return self.changed(Change(values=values, edits=edits)) if values or edits else self
+        if values or edits:
+            return self.changed(Change(values=values, edits=edits))
+        return self
 
     def graded(self, gradings: Sequence[Grading]) -> "SceneProblem":
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
@@ -185,7 +197,8 @@ class SceneProblem(CommonProblem):
             tables["fabric"] = _constants(tables["fabric"])
         if "fabrics" in tables:
             tables["fabrics"] = {name: _constants(f) for name, f in tables["fabrics"].items()}
-        digest, trust_geo = digest_of_files(self.scene), self.scene.trusts_geo
+        digest = digest_of_files(self.scene)
+        trust_geo = self.scene.trusts_geo
         return {"tables": tables, "digest": digest, "trust_geo": trust_geo}
 
     @classmethod
@@ -194,7 +207,9 @@ class SceneProblem(CommonProblem):
         return cls(scene_of(tables, trust_geo), "scene")
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
-        return self.scene.mesh() if quantity.is_field else None
+        if quantity.is_field:
+            return self.scene.mesh()
+        return None
 
 
 def _constants(fabric: dict) -> dict:

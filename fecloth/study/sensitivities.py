@@ -114,7 +114,8 @@ def sensitivity(
     [-1.  1.] True
     """
     study = open_study(problem, shared)
-    opened, runs = study.problem, study.runs()
+    opened = study.problem
+    runs = study.runs()
     relative = read_tolerance(tolerance)
     if not 1e-9 <= relative <= LOOSE:
         allowed = f"must lie between 1e-9 and {LOOSE:g}"
@@ -143,17 +144,20 @@ def _answer(
     single: bool = False,
     warned: tuple[str, ...] = (),
 ) -> Sensitivity:
-    size, count = opened.workload(FIRST), len(sought.parameters)
+    size = opened.workload(FIRST)
+    count = len(sought.parameters)
     cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
-    words, settings = f"run and {amount(count, 'derivative')}", {"sought": sought.settings()}
+    words = f"run and {amount(count, 'derivative')}"
+    settings = {"sought": sought.settings()}
     task = Task(derive_case, opened, settings, words, cost)
     (row,) = run_tasks([task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
     shape = len(sought.quantities), count
     slopes = np.array(row.get("slopes", np.full(shape, np.nan)))
-    checked, why = np.full(len(slopes), np.nan), row.get("why", "")
+    checked = np.full(len(slopes), np.nan)
+    why = row.get("why", "")
     for step in STEPS if row["status"] == OK and check else ():
         checked, why = _check(opened, sought, slopes, row, size, runs, step)
         if not (checked > DOUBTFUL).any():
@@ -177,10 +181,15 @@ def _lost(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
 def describe_weak_terms(
     opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
 ) -> str:
-    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or ""."""
-    # Hardly means: a number that doubles, or falls to zero, would change no quantity by more than
-    # the tolerance, by its derivative.
-    listed = choose_parameters(opened, None, {}) if isinstance(opened, SceneProblem) else ()
+    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or "".
+
+    Hardly means: a number that doubles, or falls to zero, would change no quantity by more than
+    the tolerance, by its derivative.
+    """
+    if isinstance(opened, SceneProblem):
+        listed = choose_parameters(opened, None, {})
+    else:
+        listed = ()
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:
         return ""
@@ -195,7 +204,9 @@ def describe_weak_terms(
     types = [table["type"] for table in opened.tables["terms"]]
     names = [p.name for p, is_weak in zip(chosen, weak, strict=True) if is_weak]
     words = [f"{name} of {types[int(name.split('.')[1])]}" for name in names]
-    return f"the quantities hardly depend on {', '.join(words)}" if words else ""
+    if words:
+        return f"the quantities hardly depend on {', '.join(words)}"
+    return ""
 
 
 def _check(
@@ -212,7 +223,8 @@ def _check(
     same = {"sought": sought.settings(), **{key: row[key] for key in OF_STEPS}}
     tasks = []
     for sign, change in ("+", step * signs), ("-", -step * signs):
-        words, settings = f"twin run, numbers {sign} {100 * step:g} %", {"changes": change.tolist()}
+        words = f"twin run, numbers {sign} {100 * step:g} %"
+        settings = {"changes": change.tolist()}
         tasks.append(Task(run_twin, opened, same | settings, words, size))
     plus, minus = run_tasks(tasks, runs)
     if failed := next((each for each in (plus, minus) if each["status"] != OK), None):

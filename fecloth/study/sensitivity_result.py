@@ -40,11 +40,14 @@ class Sensitivity(StudyResult):
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if a quantity has no derivative, else 0."""
-        return 0 if np.isfinite(self.derivative).all() else FAILED
+        if np.isfinite(self.derivative).all():
+            return 0
+        return FAILED
 
     def figure(self) -> Figure:
         """Return a panel of bars for each quantity, the largest elasticity first."""
-        elasticity, signs = np.atleast_2d(self.elasticity), np.sign(np.atleast_1d(self.value))
+        elasticity = np.atleast_2d(self.elasticity)
+        signs = np.sign(np.atleast_1d(self.value))
         count = min(SHOWN, len(self.parameters))
         size = 8.0, (1.2 + 0.3 * count) * len(self.quantities)
         drawing, axes = new_figure(len(self.quantities), 1, size)
@@ -66,7 +69,8 @@ def make_result(
     single: bool,
 ) -> Sensitivity:
     """The result of a run with derivatives, whose `slopes` are by parameters over their widths."""
-    parameters, quantities = sought.parameters, sought.quantities
+    parameters = sought.parameters
+    quantities = sought.quantities
     values = np.array(row.get("values", np.full(len(quantities), np.nan)))
     slopes = np.where((checked > DOUBTFUL)[:, None], np.nan, slopes)
     derivative = slopes / np.array([p.width for p in parameters])
@@ -124,8 +128,14 @@ def _verdict(
         return f"{begin}: no derivative here: twin runs differ by {far} from the derivatives"
     order = np.argsort(-np.nan_to_num(np.abs(slopes)), kind="stable")[:3]
     parts = [_change(parameters[k], slopes[k], value, unit) for k in order if abs(slopes[k]) > 0]
-    words = f"it changes for {', '.join(parts)}" if parts else "depends on none of them"
-    proof = "not checked" if np.isnan(checked) else f"checked by twin runs: {checked:.0e}"
+    if parts:
+        words = f"it changes for {', '.join(parts)}"
+    else:
+        words = "depends on none of them"
+    if np.isnan(checked):
+        proof = "not checked"
+    else:
+        proof = f"checked by twin runs: {checked:.0e}"
     return f"{begin}; {words}; {proof}"
 
 

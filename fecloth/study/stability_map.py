@@ -52,7 +52,10 @@ class StabilityMap(StudyResult):
         ]
         if stopped := [row for row in self.cells if row["status"] not in JUDGED]:
             words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
-            count = "1 run says" if len(stopped) == 1 else f"{len(stopped)} runs say"
+            if len(stopped) == 1:
+                count = "1 run says"
+            else:
+                count = f"{len(stopped)} runs say"
             lines.append(f"{count} nothing about the step; the first: {words}")
         if len(self.methods) > MOST_PANELS:
             lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
@@ -109,7 +112,8 @@ def stability(
     ranges = variants.read_ranges(over) if over else {}
     combinations = variants.combine(ranges)
     study = open_study(problem, shared)
-    opened, runs = variants.with_first_values(study.problem, ranges), study.runs(LONGEST_CASE)
+    opened = variants.with_first_values(study.problem, ranges)
+    runs = study.runs(LONGEST_CASE)
     refuse_huge(opened, runs)
     warned = print_warnings(opened)
     listed = variants.make_or_refuse(
@@ -142,9 +146,13 @@ def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Ma
 
 def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
     own = _cells_of(method, values, cells)
-    longest, predicted = range_of(own), own[0]["predicted"]
+    longest = range_of(own)
+    predicted = own[0]["predicted"]
     first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]
-    above = f"{first[0]['status']}: {stability_words.shorten(first[0]['cause'])}" if first else ""
+    if first:
+        above = f"{first[0]['status']}: {stability_words.shorten(first[0]['cause'])}"
+    else:
+        above = ""
     if own[0]["status"] == REFUSED:
         above = f"{REFUSED}: {own[0]['cause']}"
     return {
@@ -166,5 +174,7 @@ def _verdict(combinations: Sequence[Mapping], methods: Sequence[str], cells: Seq
         words[describe_values(values)] = stability_words.describe_best(ranges)
     if len(set(words.values())) == 1:
         (best,) = set(words.values())
-        return best if len(words) == 1 else f"at every value {best}"
+        if len(words) == 1:
+            return best
+        return f"at every value {best}"
     return "\n".join(f"{name}: {best}" for name, best in words.items())

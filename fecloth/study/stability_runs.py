@@ -42,13 +42,17 @@ def span_of(setup: Setup) -> float:
 
 def make_method(name: str):
     """Return the method with its defaults; explicit methods may exceed their limit."""
-    return ALL_METHODS[name](beyond_limit=True) if name in EXPLICIT else ALL_METHODS[name]()
+    if name in EXPLICIT:
+        return ALL_METHODS[name](beyond_limit=True)
+    return ALL_METHODS[name]()
 
 
 def counts_of(span: float, predicted: float | None) -> list[int]:
-    """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one."""
-    # With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
-    # next to the limit are so close to it that this is seen within the run.
+    """Return the numbers of steps: around a predicted limit, or from 8 to 256 without one.
+
+    With steps of r limits the stiffest mode grows by exp(2 arcosh r) in each step: the two runs
+    next to the limit are so close to it that this is seen within the run.
+    """
     if not predicted or math.isinf(predicted):
         return list(COUNTS)
     r = min(max(math.cosh(min(GROWTH * predicted / span, 1.0)), CLOSE[0]), CLOSE[1])
@@ -58,8 +62,10 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
 
 def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[str]) -> list[Task]:
     """Return the runs of a problem, with these values of its keys, by each method."""
-    problem, listed = problem.refined(FIRST), list[Task]()
-    setup, span = problem.first, span_of(problem.first)
+    problem = problem.refined(FIRST)
+    listed = list[Task]()
+    setup = problem.first
+    span = span_of(problem.first)
     for name in methods:
         limit = None
         with suppress(SolveFailed):  # then it is not known
@@ -77,7 +83,8 @@ def run_all(listed: Sequence[Task], runs: Runs) -> list[dict]:
     """Return a row for each run; first print the size of all."""
     less = offer_less(listed, runs.jobs)
     remedy = f"{less or 'fewer methods or values'}; {ANYWAY}"
-    sizes, where = [run.size for run in listed], listed[0].problem.source
+    sizes = [run.size for run in listed]
+    where = listed[0].problem.source
     check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
     if less:
         print(less, file=sys.stderr, flush=True)
@@ -99,7 +106,9 @@ def offer_less(listed: Sequence[Task], jobs: int) -> str:
         if h and sum(run.size.coarser(k).seconds for run in listed) <= MINUTE * jobs:
             ways.append(f"all methods with h = {k * h:.3g} m")
             break
-    return f"within a minute: {', or '.join(ways)}" if ways else ""
+    if ways:
+        return f"within a minute: {', or '.join(ways)}"
+    return ""
 
 
 def run_with(problem: Problem, method: str, count: int) -> dict:
@@ -131,10 +140,13 @@ def _row(run: Task, row: Mapping) -> dict:
     """Return the row of a run: status "ok", "wrong", "failed", or as a stopped case has it."""
     cells = dict(run.cells)
     last = {"predicted": cells.pop("predicted")}
-    state, cause = row["status"], str(row["cause"]).partition("\n")[0]
+    state = row["status"]
+    cause = str(row["cause"]).partition("\n")[0]
     if state == OK and row["made"] > ENERGY:
-        state, cause = WRONG, f"the method made {row['made']:.2g} of the energy that moved"
+        state = WRONG
+        cause = f"the method made {row['made']:.2g} of the energy that moved"
     elif state == OK and row["warning"]:
-        state, cause = WRONG, row["warning"].partition("\n")[0]
+        state = WRONG
+        cause = row["warning"].partition("\n")[0]
     numbers = {"energy made": row.get("made"), "cpu_seconds": row.get("cpu_seconds")}
     return cells | {"status": state, "cause": cause} | numbers | last

@@ -13,9 +13,11 @@ Range = tuple[float, float]  # longest dt that holds, shortest longer one that d
 
 
 def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
-    """Return the longest dt at and below which all runs are good, and the next one, that is not."""
-    # The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
-    # without a run that says something.
+    """Return the longest dt at and below which all runs are good, and the next one, that is not.
+
+    The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
+    without a run that says something.
+    """
     longest = 0.0
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
         if cell["status"] not in JUDGED:
@@ -29,7 +31,9 @@ def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) 
 def describe_range(longest: Range) -> str:
     low, high = longest
     if low == 0.0:
-        return "not known" if math.isinf(high) else f"< {in_seconds(high)}"
+        if math.isinf(high):
+            return "not known"
+        return f"< {in_seconds(high)}"
     if math.isinf(high):
         return f"≥ {in_seconds(low)}"
     number, unit = _scaled(high)
@@ -51,7 +55,9 @@ def describe_ratio(longest: Range, predicted: float | None) -> str:
 def describe_limit(predicted: float | None) -> str:
     if predicted is None:
         return "not known"
-    return "none" if math.isinf(predicted) else in_seconds(predicted) if predicted else "0 s"
+    if math.isinf(predicted):
+        return "none"
+    return in_seconds(predicted) if predicted else "0 s"
 
 
 def describe_best(ranges: Mapping[str, Range]) -> str:
@@ -69,10 +75,16 @@ def describe_best(ranges: Mapping[str, Range]) -> str:
         return f"{name} holds the longest step, {describe_range(longest_ranges[name])}{tried}"
     names = f"{', '.join(list(longest_ranges)[:-1])} and {list(longest_ranges)[-1]} tie"
     if min(lows) > longest * (1 - 1e-9) and len(set(highs)) == 1:
-        tried = ", the longest step that was tried" if math.isinf(highs[0]) else ""
+        if math.isinf(highs[0]):
+            tried = ", the longest step that was tried"
+        else:
+            tried = ""
         return f"{names} at {describe_range(next(iter(longest_ranges.values())))}{tried}"
     upper = "" if math.isinf(max(highs)) else f" and {in_seconds(max(highs))}"
-    where = f"between {in_seconds(min(lows))}{upper}" if upper else f"above {in_seconds(min(lows))}"
+    if upper:
+        where = f"between {in_seconds(min(lows))}{upper}"
+    else:
+        where = f"above {in_seconds(min(lows))}"
     return f"{names}: their ranges overlap {where}"
 
 
@@ -117,14 +129,16 @@ def draw_map(stability: Any) -> Figure:
     rows = math.ceil(len(methods) / columns)
     size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
     drawing, axes = new_figure(rows, columns, size, squeeze=False, sharex=True, sharey=True)
-    panels, cells = axes.ravel(), stability.cells
+    panels = axes.ravel()
+    cells = stability.cells
     values = [tuple(cell[key] for key in stability.keys) for cell in cells]
     x = _places(values)
     for ax, method in zip(panels, methods, strict=False):
         own = [i for i, cell in enumerate(cells) if cell["method"] == method]
         _draw_runs(ax, [cells[i] for i in own], [x[i] for i in own])
         ax.set_title(method.replace("_", " "), fontsize=11)
-    steps, numbers = [cell["dt"] for cell in cells if cell["dt"]], not isinstance(x[0], str)
+    steps = [cell["dt"] for cell in cells if cell["dt"]]
+    numbers = not isinstance(x[0], str)
     first = panels[0]
     first.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
     if numbers and max(x) >= 10 * min(x):

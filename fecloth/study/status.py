@@ -26,7 +26,8 @@ class TimeLimit(FeclothError):
 
 def check_time_limit(*_: object) -> None:
     """Raise `TimeLimit` if the case is over its CPU time; fits as a `report` callback."""
-    limit, end = getattr(_current_case, "limit", None), getattr(_current_case, "end", None)
+    limit = getattr(_current_case, "limit", None)
+    end = getattr(_current_case, "end", None)
     if end is not None and limit is not None and time.process_time() > end:
         raise TimeLimit(describe_time_limit(limit))
 
@@ -45,7 +46,10 @@ def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
     """Return the result of `function(**settings)` with the status "ok", or that of its failure."""
     # The time limit [CPU s] works only where the function calls `check_time_limit`.
     _current_case.limit = time_limit
-    _current_case.end = None if time_limit is None else time.process_time() + time_limit
+    if time_limit is None:
+        _current_case.end = None
+    else:
+        _current_case.end = time.process_time() + time_limit
     try:
         return {**function(**settings), "status": OK, "cause": ""}
     except Exception as error:
@@ -53,7 +57,10 @@ def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
         status = next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)
         if status == ERROR:
             traceback.print_exc(file=sys.stderr)
-        prefix = f"{type(error).__name__}: " if status in (FAILED, ERROR) else ""
+        if status in (FAILED, ERROR):
+            prefix = f"{type(error).__name__}: "
+        else:
+            prefix = ""
         return {"status": status, "cause": f"{prefix}{error}".strip()}
     finally:
         _current_case.end = None

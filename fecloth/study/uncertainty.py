@@ -29,7 +29,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from fecloth.errors import InputError, amount
 
-SAFE, UNSAFE = 1.25, 3.0
+SAFE = 1.25
+UNSAFE = 3.0
 LEAST, ABOVE = 0.5, 0.1  # orders that are trusted: from 0.5 to the theoretical one + 0.1
 SEARCHED = 0.05, 12.0  # orders that are searched
 ROUND_OFF = 1e-11  # relative to the values; what solvers leave
@@ -55,7 +56,8 @@ def estimate_uncertainty(
 ) -> Estimate:
     """Return the estimate from three or more different levels in any order, or `InputError`."""
     order = np.argsort(sizes)
-    h, fine_first = np.asarray(sizes, float)[order], np.asarray(values, float)[order]
+    h = np.asarray(sizes, float)[order]
+    fine_first = np.asarray(values, float)[order]
     if len(h) < 3 or not (np.diff(h) > 0).all():
         what = f"{amount(len(np.unique(h)), 'level')} of different size"
         raise InputError(what, "must be at least 3", "estimate_uncertainty")
@@ -76,16 +78,22 @@ def is_reasonable(order: float, theory: float) -> bool:
 
 
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    fine, coarse = values[1] - values[0], values[2] - values[1]
-    name, spread = "grid convergence index", float(np.ptp(values))
-    first, half = float(values[0]), spread / 2
+    fine = values[1] - values[0]
+    coarse = values[2] - values[1]
+    name = "grid convergence index"
+    spread = float(np.ptp(values))
+    first = float(values[0])
+    half = spread / 2
     nothing = Estimate(first, first, 3 * spread, math.nan, theory, "", 0.0, half, name)
     if fine * coarse <= 0:
         return replace(nothing, behaviour="oscillating")
     order = observed_order(h, values)
     if not order > 0:
         return replace(nothing, order=order, behaviour="diverging")
-    p, factor = (order, SAFE) if is_reasonable(order, theory) else (theory, UNSAFE)
+    if is_reasonable(order, theory):
+        p, factor = (order, SAFE)
+    else:
+        p, factor = (theory, UNSAFE)
     error = float(fine / ((h[1] / h[0]) ** p - 1))  # φ₁ − φ₀ with the sign reversed
     return replace(
         nothing,
@@ -99,19 +107,25 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁."""
     # It is negative where the differences grow, and NaN where their sign changes.
-    fine, coarse = values[1] - values[0], values[2] - values[1]
+    fine = values[1] - values[0]
+    coarse = values[2] - values[1]
     if fine * coarse <= 0:
         return math.nan
     x = np.log(h / h[0])
 
     def mismatch(p: float) -> float:
-        low, high = np.expm1(p * x[1]), np.exp(p * x[1]) * np.expm1(p * (x[2] - x[1]))
+        low = np.expm1(p * x[1])
+        high = np.exp(p * x[1]) * np.expm1(p * (x[2] - x[1]))
         return math.log(high / low) - math.log(coarse / fine)
 
     at_zero = math.log((x[2] - x[1]) / x[1]) - math.log(coarse / fine)
     if at_zero >= 0:
-        return -1.0 if mismatch(-1.0) > 0 else float(brentq(mismatch, -1.0, -1e-9))
-    return SEARCHED[1] if mismatch(SEARCHED[1]) < 0 else float(brentq(mismatch, 1e-9, SEARCHED[1]))
+        if mismatch(-1.0) > 0:
+            return -1.0
+        return float(brentq(mismatch, -1.0, -1e-9))
+    if mismatch(SEARCHED[1]) < 0:
+        return SEARCHED[1]
+    return float(brentq(mismatch, 1e-9, SEARCHED[1]))
 
 
 @dataclass(frozen=True)
@@ -129,9 +143,11 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
     free = [_fit_order(h, values, w) for w in weights]
     reasonable = [fit for fit in free if is_reasonable(fit.order, theory)]
     closest = min(reasonable or free, key=lambda fit: fit.deviation)
-    spread, behaviour = float(np.ptp(values)) / (len(h) - 1), _behaviour(values)
+    spread = float(np.ptp(values)) / (len(h) - 1)
+    behaviour = _behaviour(values)
     if reasonable:
-        fit, uncertainty = closest, _uncertainty(closest, values[0], spread, SAFE)
+        fit = closest
+        uncertainty = _uncertainty(closest, values[0], spread, SAFE)
     else:
         powers = _powers(closest.order, theory)
         fits = [_fit_powers(h, values, w, p) for w in weights for p in powers]
@@ -141,7 +157,8 @@ def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate
             fit, uncertainty = _take_smaller(fit, uncertainty, closest, h, values, theory)
     limit = fit.limit
     if behaviour != "monotone":
-        uncertainty, limit = max(uncertainty, UNSAFE * np.ptp(values[:3])), float(values[0])
+        uncertainty = max(uncertainty, UNSAFE * np.ptp(values[:3]))
+        limit = float(values[0])
     return Estimate(
         value=float(values[0]),
         limit=limit,
@@ -179,12 +196,17 @@ def _behaviour(values: np.ndarray) -> str:
     steps = np.diff(values)
     if (steps[:2] * steps[1:3] < 0).all():
         return "oscillating"
-    return "diverging" if abs(steps[0]) >= np.abs(steps[1:]).max() else "monotone"
+    if abs(steps[0]) >= np.abs(steps[1:]).max():
+        return "diverging"
+    return "monotone"
 
 
 def _powers(order: float, theory: float) -> list[tuple[float, ...]]:
     """Return the powers of the fits with fixed order, where the free one is unreasonable."""
-    low, high = (max(theory - 1, 1.0), theory) if order > theory else (1.0, max(theory, 2.0))
+    if order > theory:
+        low, high = (max(theory - 1, 1.0), theory)
+    else:
+        low, high = (1.0, max(theory, 2.0))
     single: list[tuple[float, ...]] = [(low,), (high,)]
     return single + ([(low, high)] if order < LEAST else [])
 

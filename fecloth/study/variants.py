@@ -82,12 +82,15 @@ def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Proble
 
 def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
     """Return the problem with a combination of values, without its mesh."""
-    return opened.changed(Change.of(values)) if values else opened
+    if values:
+        return opened.changed(Change.of(values))
+    return opened
 
 
 def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
     """Return what each value makes, a row with the reason if refused; `InputError` if all are."""
-    made, refusals = list[Made | dict](), list[InputError]()
+    made = list[Made | dict]()
+    refusals = list[InputError]()
     for value in values:
         try:
             made.append(make(value))
@@ -123,4 +126,6 @@ def _name_value(key: str, value: object) -> str:
     if isinstance(value, Mapping):
         more = describe_values({k: v for k, v in value.items() if k != "type"})
         return f"{value.get('type', key)}{f' ({more})' if more else ''}"
-    return value if isinstance(value, str) else f"{key.rpartition('.')[2]} = {value}"
+    if isinstance(value, str):
+        return value
+    return f"{key.rpartition('.')[2]} = {value}"

@@ -12,8 +12,12 @@ from fecloth.simulation.dimensionless import wave_speed
 
 # CPU seconds per triangle, and the stable step of central differences over h / wave speed, of StVK
 # and hinges; and CPU seconds of a step on any mesh, with plates, damping, energies and a probe.
-IMPLICIT_STEP, EXPLICIT_STEP, BINDING, STABLE = 1e-5, 2e-7, 3e-5, 0.4
-IMPLICIT_LEAST, EXPLICIT_LEAST = 2e-3, 8e-4
+IMPLICIT_STEP = 1e-5
+EXPLICIT_STEP = 2e-7
+BINDING = 3e-5
+STABLE = 0.4
+IMPLICIT_LEAST = 2e-3
+EXPLICIT_LEAST = 8e-4
 LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself
 STEPS = 300  # of a run that chooses its steps by their error
 ITERATIONS = "Newton iterations"  # of an equilibrium
@@ -36,9 +40,11 @@ class Workload:
     @property
     def seconds(self) -> float:
         """Predicted CPU time [s]: right within a factor of about three."""
-        step, least = IMPLICIT_STEP, IMPLICIT_LEAST
+        step = IMPLICIT_STEP
+        least = IMPLICIT_LEAST
         if self.is_explicit:
-            step, least = EXPLICIT_STEP, EXPLICIT_LEAST
+            step = EXPLICIT_STEP
+            least = EXPLICIT_LEAST
         return self.triangles * BINDING + self.steps * (least + self.triangles * step)
 
     def coarser(self, k: float) -> "Workload":
@@ -84,12 +90,17 @@ def count_steps(scene: Scene) -> float:
         return LOAD_STEP * scene.equilibrium.load_steps
     if scene.time.dt != "auto":
         return math.ceil(_span(scene) / scene.time.dt - 1e-9)
-    return _explicit_steps(scene) if scene.time.method.type in EXPLICIT else STEPS
+    if scene.time.method.type in EXPLICIT:
+        return _explicit_steps(scene)
+    return STEPS
 
 
 def _explicit_steps(scene: Scene) -> float:
     """Return the number of steps at the limit of waves of stretching, h / c."""
-    tables = [scene.fabric] if scene.fabric else list((scene.fabrics or {}).values())
+    if scene.fabric:
+        tables = [scene.fabric]
+    else:
+        tables = list((scene.fabrics or {}).values())
     speed = max(wave_speed(table.make()) for table in tables if table)
     h = scene.cloth.h or math.sqrt(EQUILATERAL * scene.mesh().area / count_triangles(scene))
     h *= min([1.0, *(table.make().smallest(h) for table in scene.cloth.grading)])

@@ -68,4 +68,6 @@ class _ClampedGroup:
     def _displacement(self, t: float) -> np.ndarray:
         """(3,) or (c, 3) [m]; of an edge, the mean of its ends."""
         value = self.pin.displacement(t)
-        return value[self.ends].mean(axis=1) if value.ndim == 2 and len(value) > 1 else value
+        if value.ndim == 2 and len(value) > 1:
+            return value[self.ends].mean(axis=1)
+        return value

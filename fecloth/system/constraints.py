@@ -21,7 +21,8 @@ class _MovedGroup:
     """A pin with a motion and its nodes; the end of a step is the start of the next one."""
 
     def __init__(self, pin: Pin, nodes: np.ndarray):
-        self.pin, self.nodes = pin, nodes
+        self.pin = pin
+        self.nodes = nodes
         self.expected = np.empty(0)
         self._last: tuple[float, np.ndarray] | None = None
         self._ahead: dict[float, tuple[np.ndarray, np.ndarray]] = {}
@@ -29,7 +30,9 @@ class _MovedGroup:
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
         last = self._last
-        return last[1] if last and last[0] == t else self.pin.displacement(t)
+        if last and last[0] == t:
+            return last[1]
+        return self.pin.displacement(t)
 
     def end(self, t: float, since: float) -> tuple[np.ndarray, np.ndarray]:
         """Displacement [m] and speed [m/s] at the end of a step from `since`."""
@@ -76,7 +79,10 @@ class Constraints:
         for number, pin in enumerate(pins):
             if isinstance(pin, str):
                 pin = Pin(pin)
-            default = pin.where if isinstance(pin.where, str) else f"pin{number}"
+            if isinstance(pin.where, str):
+                default = pin.where
+            else:
+                default = f"pin{number}"
             name = _free_name(pin.name or default, groups)
             nodes = cloth.nodes(pin.where)
             groups[name] = (pin.at(cloth.X[nodes]), nodes)
@@ -108,7 +114,8 @@ class Constraints:
         """P A P of a matrix (3n, 3n)."""
         held = np.eye(3) - self.projectors
         dofs = 3 * self.nodes[:, None] + np.arange(3)
-        rows, columns = np.repeat(dofs, 3, axis=1).ravel(), np.tile(dofs, (1, 3)).ravel()
+        rows = np.repeat(dofs, 3, axis=1).ravel()
+        columns = np.tile(dofs, (1, 3)).ravel()
         fixed = sparse.csr_matrix((held.ravel(), (rows, columns)), shape=A.shape)
         P = sparse.identity(A.shape[0], format="csr") - fixed
         projected: sparse.csr_matrix = P @ A @ P
@@ -131,9 +138,11 @@ class Constraints:
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Prescribed position and velocity (n, 3) at t + dt of nodes that are at x at time t."""
-        # They are meaningful in the constrained directions only. If no pin moves, the position is x
-        # itself, not a copy.
+        """Prescribed position and velocity (n, 3) at t + dt of nodes that are at x at time t.
+
+        They are meaningful in the constrained directions only. If no pin moves, the position is x
+        itself, not a copy.
+        """
         v = np.zeros_like(x)
         if self._moved:
             x = x.copy()
@@ -177,7 +186,8 @@ class Constraints:
         others = np.setdiff1d(np.arange(n), self.nodes)
         values, vectors = np.linalg.eigh(self.projectors)  # columns of vectors
         at, which = np.nonzero(values > 0.5)
-        nodes, free = np.concatenate([others, self.nodes[at]]), 3 * len(others)
+        nodes = np.concatenate([others, self.nodes[at]])
+        free = 3 * len(others)
         rows = (3 * nodes[:, None] + np.arange(3)).ravel()
         columns = np.concatenate([np.arange(free), np.repeat(free + np.arange(len(at)), 3)])
         data = np.concatenate([np.ones(free), vectors[at, :, which].ravel()])
@@ -205,9 +215,11 @@ def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
 
 
 def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
-    """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on."""
-    # `before` and `after` are the displacements of its motion at the two times. The velocity is
-    # that of the rotation alone.
+    """Positions and velocities (k, 3) at `later` of points that a pin turns and moves from t on.
+
+    `before` and `after` are the displacements of its motion at the two times. The velocity is
+    that of the rotation alone.
+    """
     rotation = pin.rotate
     assert rotation is not None
     arm = (points - rotation.point - before) @ rotation.matrix(later, since=t).T
@@ -234,7 +246,8 @@ class MatrixProjection:
         c = len(constraints.nodes)
         which = np.full(len(pattern), c)
         which[constraints.nodes] = np.arange(c)
-        left, right = which[pattern.rows], which[pattern.indices]
+        left = which[pattern.rows]
+        right = which[pattern.indices]
         blocks = np.flatnonzero((left < c) | (right < c))
         projectors = np.concatenate([constraints.projectors, np.eye(3)[None]])
         diagonal = pattern.diagonal[constraints.nodes].astype(np.int64)
@@ -242,7 +255,8 @@ class MatrixProjection:
 
     @QUIET
     def apply(self, A: BlockMatrix) -> None:
-        scale, P = np.einsum("cii->c", A.values[self.diagonal]) / 3, self.projectors
+        scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
+        P = self.projectors
         A.values[self.blocks] = P[self.left] @ A.values[self.blocks] @ P[self.right]
         A.values[self.diagonal] += scale[:, None, None] * (np.eye(3) - P[:-1])
 
@@ -269,9 +283,11 @@ class MotionRows:
     @classmethod
     def evaluate(cls, constraints: Constraints, times: np.ndarray, sizes: np.ndarray) -> Self:
         """Evaluate the motion at the `times` (s + 1,) of steps of `sizes` (s,)."""
-        moved, reached = constraints._moved, times[:-1] + sizes
+        moved = constraints._moved
+        reached = times[:-1] + sizes
         shape = len(sizes) if moved else 1, len(constraints.nodes), 3
-        path, speed = np.zeros(shape), np.zeros(shape)
+        path = np.zeros(shape)
+        speed = np.zeros(shape)
         for group in moved:
             at = np.searchsorted(constraints.nodes, group.nodes)
             for first in range(0, len(sizes), AT_ONCE):

@@ -50,7 +50,8 @@ def lay_down(system: System, state: State) -> State:
 
 def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
     """x (n, 3) with one piece laid down."""
-    load, still = np.zeros_like(x), np.zeros_like(x)
+    load = np.zeros_like(x)
+    still = np.zeros_like(x)
     for term in system.bound:
         if term.load:
             term.add_force(x, still, t, load)
@@ -83,9 +84,11 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
     brentq = scipy.optimize.brentq
     for _ in range(TURNS):
         p = push(x)
-        n, along = p / np.linalg.norm(p), np.zeros_like(x)
+        n = p / np.linalg.norm(p)
+        along = np.zeros_like(x)
         along[nodes] = n
-        low, high = -system.cloth.extent, 1e-6 * system.cloth.extent
+        low = -system.cloth.extent
+        high = 1e-6 * system.cloth.extent
         low *= part(x, low * along)
         while n @ (push(x + high * along) + f) > 0:
             high *= 2

@@ -25,13 +25,16 @@ class Piece:
     outside: np.ndarray  # (h, 3, 3) projectors I − P onto the held directions of each held node
 
     def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
-        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s]."""
-        # A free piece has the linear and angular momentum of its nodes. A held one follows its
-        # pins: Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions
-        # in which no pin holds it, u has its linear momentum. x and p (n, 3) are positions [m] and
-        # momenta M v [kg m/s], `mass` (n,) and `mass_x` (n, 3) row sums of M [kg] and M x [kg m],
-        # `held_v` (n, 3) velocities of the pins, of which only the held directions count.
-        m, r = mass[self.nodes], x[self.nodes]
+        """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].
+
+        A free piece has the linear and angular momentum of its nodes. A held one follows its
+        pins: Σ |(I − P)(v − u − ω × r)|² over the held nodes is least, and along the directions
+        in which no pin holds it, u has its linear momentum. x and p (n, 3) are positions [m] and
+        momenta M v [kg m/s], `mass` (n,) and `mass_x` (n, 3) row sums of M [kg] and M x [kg m],
+        `held_v` (n, 3) velocities of the pins, of which only the held directions count.
+        """
+        m = mass[self.nodes]
+        r = x[self.nodes]
         if len(self.held):
             centre = x[self.held].mean(axis=0)
             basis = turns(x[self.held] - centre)
@@ -66,9 +69,11 @@ class Piece:
 def movable_pieces(
     cloth: Cloth, stencils: Sequence[np.ndarray], constraints: Constraints
 ) -> tuple[Piece, ...]:
-    """Return the pieces that are free, held by pins that move, or free to slide as a whole."""
-    # Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
-    # two triangles.
+    """Return the pieces that are free, held by pins that move, or free to slide as a whole.
+
+    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
+    two triangles.
+    """
     count, label = _connect(len(cloth.X), [cloth.stencil, *stencils])
     moved = np.zeros(len(label), bool)
     for pin, nodes in constraints.groups.values():
@@ -87,7 +92,8 @@ def movable_pieces(
 
 def _connect(n: int, stencils: Iterable[np.ndarray]) -> tuple[int, np.ndarray]:
     """Number of the pieces of n nodes, and the piece of each node, by their lowest nodes."""
-    count, label = n, np.arange(n)
+    count = n
+    label = np.arange(n)
     for stencil in stencils:
         if count == 1:
             break
@@ -107,9 +113,11 @@ def turns(y: np.ndarray) -> np.ndarray:
 def fit_motion(
     outside: np.ndarray, basis: np.ndarray, way: np.ndarray, rank: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all."""
-    # `outside` (h, 3, 3) are I − P, `basis` (h, 3, k); a singular value that is less than `rank`
-    # times the largest counts as zero.
+    """u (3,) and a (k,) with the least Σ |(I − P)(u + basis a − way)|², the shortest of all.
+
+    `outside` (h, 3, 3) are I − P, `basis` (h, 3, k); a singular value that is less than `rank`
+    times the largest counts as zero.
+    """
     size = np.abs(basis).max() or 1.0
     A = np.concatenate([outside, outside @ basis / size], axis=2)
     b = np.einsum("hij,hj->hi", outside, way)

@@ -56,7 +56,8 @@ class Motion:
     def check(self, times: np.ndarray) -> None:
         """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s]."""
         self(times)
-        start, later = times[0], times[1:]
+        start = times[0]
+        later = times[1:]
         try:
             self.velocity(later)
         except InputError:  # the velocity is then a difference quotient
@@ -75,7 +76,9 @@ class Motion:
         if self.by_place and self.X is not None:
             at = {"t": at["t"][:, None], "X": self.X[:, 0], "Y": self.X[:, 1]}
         values = np.stack([part(**at) for part in parts], axis=-1)
-        return values[: np.size(t)] if np.ndim(t) else values[0]
+        if np.ndim(t):
+            return values[: np.size(t)]
+        return values[0]
 
 
 def _refused(parts: object, name: str) -> InputError:
@@ -176,14 +179,18 @@ class Pin:
     def sample(self, t: float, size: float) -> np.ndarray:
         """(k, 3) displacements and, where it turns, three arms of `size` that turn [m]."""
         rows = self.displacement(t).reshape(-1, 3)
-        return rows if self.rotate is None else np.vstack([rows, size * self.rotate.matrix(t)])
+        if self.rotate is None:
+            return rows
+        return np.vstack([rows, size * self.rotate.matrix(t)])
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m]."""
         if not callable(self.motion):  # None: `__post_init__` makes formulas a `Motion`
             return np.zeros(3)
         is_formula = isinstance(self.motion, Motion)  # its values are finite and of this shape
-        return self.motion(t) if is_formula else self._checked(self.motion, t, "motion")
+        if is_formula:
+            return self.motion(t)
+        return self._checked(self.motion, t, "motion")
 
     def speed(self, t: float, since: float = -math.inf) -> np.ndarray:
         """(3,) or (k, 3) velocity [m/s]; a difference takes no displacement before `since`."""
@@ -198,7 +205,8 @@ class Pin:
 
     def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Displacements and speeds (m, 1 or k, 3) at times (m,); None if times need a call each."""
-        motion, velocity = self.motion, self.velocity
+        motion = self.motion
+        velocity = self.velocity
         if not isinstance(motion, Motion) or not isinstance(velocity, Motion | None):
             return None
         with suppress(InputError):

@@ -142,7 +142,8 @@ def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     folds as fine as the triangles.
     """
     edges = cloth.edge_slopes.edges
-    hinges, n = edges.hinges, len(edges.X)
+    hinges = edges.hinges
+    n = len(edges.X)
     angle = angles_of_curvature(edges.X, hinges)
     h = len(angles)
     place = hinges.nodes.ravel(), np.repeat(np.arange(h), 4)
@@ -150,9 +151,12 @@ def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     around = around[np.diff(around.indptr) >= ENOUGH]
     gram = (around @ (angle[:, :, None] * angle[:, None, :]).reshape(h, 9)).reshape(-1, 3, 3)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    right, total = around @ (angle * angles[:, None]), float((around @ angles**2).sum())
+    right = around @ (angle * angles[:, None])
+    total = float((around @ angles**2).sum())
     explained = np.einsum("ni,ni->", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0])
-    return float(np.sqrt(max(total - explained, 0.0) / total)) if total else 0.0
+    if total:
+        return float(np.sqrt(max(total - explained, 0.0) / total))
+    return 0.0
 
 
 def angles_of_curvature(X: np.ndarray, hinges) -> np.ndarray:

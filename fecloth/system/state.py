@@ -26,7 +26,8 @@ class State:
 
 def make_state(nodes: int, x, v=None, t: float = 0.0) -> State:
     """A state from positions (n, 3) [m] and velocities (n, 3) [m/s], zero by default."""
-    shape, where = (nodes, 3), "System.state"
+    shape = (nodes, 3)
+    where = "System.state"
     x = floats("x", x, where)
     v = np.zeros(shape) if v is None else floats("v", v, where)
     for name, value in (("x", x), ("v", v)):

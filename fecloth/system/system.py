@@ -140,7 +140,8 @@ class System(Arguments):
         start = self.rest() if self.start is None else self.start
         clamps = find_clamps(self.constraints, self.cloth, start)
         if clamps and not any(traits_of(term).holds_normals for term in self.terms):
-            what, allowed = "a pin with clamp = true", "needs a bending term that holds normals"
+            what = "a pin with clamp = true"
+            allowed = "needs a bending term that holds normals"
             raise InputError(what, allowed, "System", "Add PlateBending, or pin without a clamp.")
         own: dict[str, Any] = {"mass": self.mass_kind, "team": self.team, "counted": self.counted}
         return replace(panel, start=self.start.x if self.start else None, clamps=clamps, **own)
@@ -152,7 +153,9 @@ class System(Arguments):
 
     def mass_times(self, v: np.ndarray) -> np.ndarray:
         """M v, (n, 3); the lumped mass needs no sparse product."""
-        return self.mass_rows * v if self.mass_kind == "lumped" else self.scalar_mass @ v
+        if self.mass_kind == "lumped":
+            return self.mass_rows * v
+        return self.scalar_mass @ v
 
     @cached_property
     def mass_rows(self) -> np.ndarray:
@@ -271,7 +274,9 @@ class System(Arguments):
         if state.history and len(state.history) == len(records):
             pairs = zip(state.history, records, strict=True)
             records = tuple(kept if type(kept) is type(own) else own for kept, own in pairs)
-        return None if all(record is None for record in records) else records
+        if all(record is None for record in records):
+            return None
+        return records
 
     def with_history(self, history: History | None) -> Self:
         """The system between two steps, whose terms act with their records.
@@ -373,12 +378,16 @@ class System(Arguments):
         at = state.x, state.v, state.t, wx, wv, definite
         coupled = [term.coupling(*at) for term in self.bound]
         parts = [part for part in coupled if part is not None]
-        return sum(parts[1:], start=parts[0]) if parts else None
+        if parts:
+            return sum(parts[1:], start=parts[0])
+        return None
 
     def couple(self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, definite=False) -> BlockMatrix:
         """J, projected before, plus `coupling`, projected too; J itself if nothing is coupled."""
         part = self.coupling(state, wx, wv, definite)
-        return J if part is None else J.plus(self.constraints.project_matrix(part))
+        if part is None:
+            return J
+        return J.plus(self.constraints.project_matrix(part))
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
         """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
@@ -391,7 +400,8 @@ class System(Arguments):
         if choice == "auto":
             solver, why = select.choose(self.pattern, symmetric)
         else:
-            solver, why = select.create(choice, symmetric), "requested"
+            solver = select.create(choice, symmetric)
+            why = "requested"
         return solver, BlockMatrix.zeros(self.pattern, self.team), why
 
     def usage(self) -> dict[str, object]:
@@ -442,13 +452,15 @@ def _check_elements(terms, element: str) -> None:
         known = traits_of(term).elements
         if element not in known:
             name = type(term).__name__
-            what, allowed = f"{name} on element {element}", f"must be on {' or '.join(known)}"
+            what = f"{name} on element {element}"
+            allowed = f"must be on {' or '.join(known)}"
             remedy = f"Leave {name} out, or make the cloth with element = {known[0]!r}."
             raise InputError(what, allowed, "System", remedy)
 
 
 def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
-    where, allowed = f"System({name}=...)", f"must be a list, as in [{example}]"
+    where = f"System({name}=...)"
+    allowed = f"must be a list, as in [{example}]"
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise InputError(f"{name} = {values!r}", allowed, where)
     values = tuple(values)

@@ -59,11 +59,15 @@ class DiscreteGradient(BoundTerm):
     t: float  # time of the mean [s]; both energies are of this time
 
     has_energy = False  # at x alone
-    name, dissipative = taken_from("term.name"), taken_from("term.dissipative")
-    velocity_dependent, power = taken_from("term.velocity_dependent"), taken_from("term.power")
-    symmetric, dense = taken_from("acting.symmetric"), taken_from("acting.dense")
+    name = taken_from("term.name")
+    dissipative = taken_from("term.dissipative")
+    velocity_dependent = taken_from("term.velocity_dependent")
+    power = taken_from("term.power")
+    symmetric = taken_from("acting.symmetric")
+    dense = taken_from("acting.dense")
     dissipates_over_step = taken_from("acting.dissipates_over_step")
-    dissipation, commit = taken_from("acting.dissipation"), taken_from("acting.commit")
+    dissipation = taken_from("acting.dissipation")
+    commit = taken_from("acting.commit")
     add_tangent = taken_from("acting.add_tangent")
 
     @cached_property
@@ -73,7 +77,8 @@ class DiscreteGradient(BoundTerm):
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f += f̄, and damping by the velocity v as at x [N]."""
-        elastic, d = np.zeros_like(f), 2.0 * (x - self.start)
+        elastic = np.zeros_like(f)
+        d = 2.0 * (x - self.start)
         self.acting.add_force(x, np.zeros_like(v), t, elastic)
         f += elastic + self.correction(x, d, elastic)
         if self.velocity_dependent:
@@ -82,10 +87,12 @@ class DiscreteGradient(BoundTerm):
 
     def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
         """−N/(u·d) u (n, 3) [N] for the force f at x, or zero if N or u·d is round-off."""
-        before, after = self.energy_before, self.term.energy(x + 0.5 * d, self.t)
+        before = self.energy_before
+        after = self.term.energy(x + 0.5 * d, self.t)
         momentum = self.mass[:, None] * d
         u = deformation(self.mass, x, d) if self.term.objective else momentum
-        change, along = after - before + dot(f, d), dot(u, d)
+        change = after - before + dot(f, d)
+        along = dot(u, d)
         if abs(change) <= ROUND_OFF * (abs(before) + abs(after)):
             return np.zeros_like(f)
         if along <= SHORT * dot(momentum, d):
@@ -93,9 +100,11 @@ class DiscreteGradient(BoundTerm):
         return -change / along * u
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
-        """Work [J] that moves the normals of clamps: the change of energy by time alone."""
-        # Over the step the normals are taken at the mean time, and the forces on the nodes have the
-        # work of the energy for these. What is left are the changes before and after that time.
+        """Work [J] that moves the normals of clamps: the change of energy by time alone.
+
+        Over the step the normals are taken at the mean time, and the forces on the nodes have the
+        work of the energy for these. What is left are the changes before and after that time.
+        """
         if self.term.work_of_clamps(old, new, stages) == 0.0:
             return 0.0
         path = (*old, -1), (old[0], self.t, 1), (new[0], self.t, -1), (*new, 1)
@@ -116,7 +125,8 @@ class OverMean(BoundTerm):
     conserves: bool  # whether N is zero
 
     has_energy = False  # at x alone
-    name, dissipative = taken_from("term.name"), taken_from("term.dissipative")
+    name = taken_from("term.name")
+    dissipative = taken_from("term.dissipative")
     velocity_dependent = taken_from("term.velocity_dependent")
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
@@ -130,7 +140,8 @@ class OverMean(BoundTerm):
 
 def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
     """u (n, 3) [kg m] of a motion d (n, 3) of nodes at x (n, 3), without its rigid part."""
-    p, r = x - mean(mass, x), d - mean(mass, d)
+    p = x - mean(mass, x)
+    r = d - mean(mass, d)
     products = np.einsum("a,ai,aj->ij", mass, p, p)
     moment = np.einsum("a,ai->i", mass, np.cross(p, r))
     inertia = np.trace(products) * np.eye(3) - products

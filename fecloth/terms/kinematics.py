@@ -14,16 +14,19 @@ from fecloth.terms.loops.green_strain import gradient, green_strain
 def deformation_gradient(
     cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None, triangles: slice = slice(None)
 ) -> np.ndarray:
-    """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point."""
-    # `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
-    # Y. With `triangles`, the F of some of the triangles.
+    """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
+
+    `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
+    Y. With `triangles`, the F of some of the triangles.
+    """
     G = cloth.gradients if gradients is None else gradients
     return np.einsum("eai,eqaj->eqij", x[cloth.stencil[triangles]], G[triangles])
 
 
 def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = slice(None)) -> np.ndarray:
     """Smaller and larger principal stretch (m, 2), from the mean FᵀF of each triangle."""
-    F, weights = deformation_gradient(cloth, x, triangles=triangles), cloth.weights[triangles]
+    F = deformation_gradient(cloth, x, triangles=triangles)
+    weights = cloth.weights[triangles]
     share = weights / weights.sum(axis=1, keepdims=True)
     right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
     return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))
@@ -42,11 +45,13 @@ def extreme_stretches(cloth: Cloth, x: np.ndarray) -> tuple[float, float]:
 @kernel
 def _extreme_stretches(K, Q, nodes, G, x):
     """√ of the least and largest eigenvalue of FᵀF = 2E + I."""
-    least, largest = np.inf, 0.0
+    least = np.inf
+    largest = 0.0
     for e in range(len(nodes)):
         for q in range(len(Q)):
             E11, E22, E12 = green_strain(gradient(K, nodes, G, e, q, x))
-            mean, half_difference = 1.0 + (E11 + E22), 0.5 * (E11 - E22)
+            mean = 1.0 + (E11 + E22)
+            half_difference = 0.5 * (E11 - E22)
             radius = 2.0 * math.sqrt(half_difference * half_difference + E12 * E12)
             if mean != mean or radius != radius:
                 return math.nan, math.nan
@@ -85,7 +90,8 @@ def membrane_error(
 
 def plate_error(panel: Panel, curvature: np.ndarray, rigidity: np.ndarray) -> np.ndarray:
     """(m,) ∫ ½ (κ* − κ):D:(κ* − κ) dA [J], with κ and D as by `panel_curvatures`."""
-    edges, m = panel.cloth.edge_slopes.edges, len(panel.cloth.triangles)
+    edges = panel.cloth.edge_slopes.edges
+    m = len(panel.cloth.triangles)
     copies = len(edges.triangles) // m
     group = np.repeat(panel.material, copies)
     gap = recovery_gap(edges.X, edges.triangles, group, curvature[:, None], CONSTANT)

@@ -392,7 +392,8 @@ def is_description(value: object) -> bool:
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
     """The nodes (m, k) that a term couples, or None."""
     # Raises `InputError` for another shape, other numbers than whole ones, and unknown nodes.
-    nodes, name = term.stencil(cloth), type(term).__name__
+    nodes = term.stencil(cloth)
+    name = type(term).__name__
     if nodes is None:
         return None
     if not (isinstance(nodes, np.ndarray) and nodes.ndim == 2 and nodes.dtype.kind in "iu"):

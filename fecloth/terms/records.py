@@ -72,15 +72,21 @@ def shift(record: Any, slopes: Any, size: float) -> Any:
         return tuple(shift(part, s, size) for part, s in zip(record, slopes, strict=True))
     if isinstance(slopes, Mapping):
         parts = {name: shift(_part(record, name), s, size) for name, s in slopes.items()}
-        return {**record, **parts} if isinstance(record, Mapping) else replace(record, **parts)
+        if isinstance(record, Mapping):
+            return {**record, **parts}
+        return replace(record, **parts)
     return record + size * slopes
 
 
 def _names(record: Any) -> list[str]:
     if isinstance(record, Mapping):
         return list(record)
-    return [field.name for field in fields(record)] if is_dataclass(record) else []
+    if is_dataclass(record):
+        return [field.name for field in fields(record)]
+    return []
 
 
 def _part(record: Any, name: str) -> Any:
-    return record[name] if isinstance(record, Mapping) else getattr(record, name)
+    if isinstance(record, Mapping):
+        return record[name]
+    return getattr(record, name)

@@ -45,7 +45,9 @@ class StepDifference:
     @property
     def end(self) -> float:
         """The time at the end of the step [s]."""
-        return self.increment.t if self.increment else self.t + self.dt
+        if self.increment:
+            return self.increment.t
+        return self.t + self.dt
 
     @classmethod
     def between(cls, start: np.ndarray, dt: float, t: float) -> Self:

@@ -101,7 +101,9 @@ def traits_of(term: Any) -> TermTraits:
 
 def parameters_of(term: Any) -> dict[str, Any]:
     """The parameters of a description by their names; of one that is no dataclass, none."""
-    return {one.name: getattr(term, one.name) for one in fields(term)} if is_dataclass(term) else {}
+    if is_dataclass(term):
+        return {one.name: getattr(term, one.name) for one in fields(term)}
+    return {}
 
 
 def has_kind(terms: Iterable[Any], kind: str) -> bool:

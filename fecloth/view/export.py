@@ -16,7 +16,8 @@ from fecloth.output.frame_reader import Series, clip_to_drawable, straight
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view.checker_pattern import material_coordinates
 
-FPS, MOST_FPS = 24.0, 1000.0
+FPS = 24.0
+MOST_FPS = 1000.0
 HEAD = """#usda 1.0
 (
     defaultPrim = "World"
@@ -67,7 +68,8 @@ def export(folder: str | Path, target: str | Path, fps: float | None = None) -> 
     InputError
         For another suffix, a wrong fps, a folder without frames, or numbered files of a longer run.
     """
-    target, series = Path(target), Series.open(folder)
+    target = Path(target)
+    series = Series.open(folder)
     if target.suffix == ".obj":
         if fps is not None:
             raise InputError("fps", "applies only to a .usda", str(target), "Omit it for .obj.")
@@ -153,7 +155,9 @@ def _usd(series: Series, fps: float) -> Iterator[str]:
 
 def _changes(codes: list[float], arrays: list[np.ndarray]) -> list[float]:
     """The time codes that a file must have: the first alone if the arrays are all the same."""
-    return codes if any(not np.array_equal(arrays[0], other) for other in arrays) else codes[:1]
+    if any(not np.array_equal(arrays[0], other) for other in arrays):
+        return codes
+    return codes[:1]
 
 
 def _mesh(

@@ -58,7 +58,9 @@ def write_report(
 
 
 def _text(file: Path) -> str:
-    return file.read_text(encoding="utf-8") if file.is_file() else ""
+    if file.is_file():
+        return file.read_text(encoding="utf-8")
+    return ""
 
 
 def read_table(file: Path, most: float = MOST_ROWS) -> dict[str, np.ndarray]:
@@ -159,7 +161,9 @@ def _error(summary, of):
 def _unexplained(summary, steps):
     """The ledger's remainder, and how much that is of what has moved."""
     words = f"{summary['ledger']['remainder']:.2g} J"
-    return f"{words}, {100 * abs(steps['drift'][-1]):.2g} %" if "drift" in steps else words
+    if "drift" in steps:
+        return f"{words}, {100 * abs(steps['drift'][-1]):.2g} %"
+    return words
 
 
 def _numbers(summary) -> dict[str, str]:

@@ -56,11 +56,13 @@ def render(
     fps: float | None = None,
     time: float | None = None,
 ) -> Path:
-    """Draw a run and return the path of the file."""
-    # The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time`
-    # [s], by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks"
-    # for squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per
-    # second, is real time by default, within `FPS`.
+    """Draw a run and return the path of the file.
+
+    The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time`
+    [s], by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks"
+    for squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per
+    second, is real time by default, within `FPS`.
+    """
     target = Path(target)
     _check_arguments(target, field, size, fps, time)
     series = frame_reader.Series.open(folder)
@@ -106,8 +108,12 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
         with replacing(target) as part:
             _encode(part, fps, size, images)
         return
-    imageio, file = _import_package("imageio.v2"), io.BytesIO()
-    movie = {"duration": 1000 / fps, "loop": 0} if target.suffix == ".gif" else {}
+    imageio = _import_package("imageio.v2")
+    file = io.BytesIO()
+    if target.suffix == ".gif":
+        movie = {"duration": 1000 / fps, "loop": 0}
+    else:
+        movie = {}
     with imageio.get_writer(file, format=target.suffix, **movie) as writer:
         for image in images:
             writer.append_data(image)
@@ -134,7 +140,10 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
 
 def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Shot:
     """Fit the colours and the camera to the whole motion."""
-    values, points, lows, highs = [], [], [], []
+    values = []
+    points = []
+    lows = []
+    highs = []
     for i in range(len(series.times)):
         frame = series.read(i)
         if field != CHECKS:
@@ -143,7 +152,8 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
         points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
         lows.append(frame.points.min(axis=0))
         highs.append(frame.points.max(axis=0))
-    low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+    low = np.min(lows, axis=0)
+    high = np.max(highs, axis=0)
     view = view_of(low, high)
     colours = None
     if values:
@@ -156,7 +166,8 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
 
 def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the unit vectors to the camera, to the right and up in the picture."""
-    a, e = view.azimuth, view.elevation
+    a = view.azimuth
+    e = view.elevation
     back = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([-math.sin(a), math.cos(a), 0.0])
     return back, right, np.cross(back, right)
@@ -165,7 +176,8 @@ def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
     """Return the distance at which all points fit, with a margin for the colour bar."""
     back, right, up = _axes(view)
-    p, tan = points - view.box.mean(axis=0), math.tan(HALF_ANGLE)
+    p = points - view.box.mean(axis=0)
+    tan = math.tan(HALF_ANGLE)
     wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
     return float(np.max(1.15 * wide + p @ back))
 
@@ -229,7 +241,8 @@ def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> N
 def _make_plotter(pyvista, shot: Shot):
     plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
     plotter.set_background(tuple(c / 255 for c in PAPER))
-    middle, size = shot.view.box.mean(axis=0), float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
+    middle = shot.view.box.mean(axis=0)
+    size = float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
     eye = middle + shot.distance * _axes(shot.view)[0]
     plotter.camera_position = [tuple(eye), tuple(middle), (0.0, 0.0, 1.0)]
     plotter.camera.view_angle = math.degrees(2 * HALF_ANGLE)

@@ -16,8 +16,12 @@ import numpy as np
 from fecloth.output.frame_reader import drawable
 from fecloth.view.web_page import render
 
-WIDTH, HEIGHT = 460, 230
-LEFT, RIGHT, TOP, BOTTOM = 72, 22, 12, 36
+WIDTH = 460
+HEIGHT = 230
+LEFT = 72
+RIGHT = 22
+TOP = 12
+BOTTOM = 36
 NEAR = 0.05  # fraction of a tick step or span by which a curve may lie outside the grid
 SPANS = 250  # spans of a long curve; each is drawn by its least and largest value
 COLOURS = ("#1f5fa8", "#d1495b", "#2f8f6b", "#b7791f", "#6b4fa0", "#3a9db0", "#8a5a44", "#5c6773")
@@ -65,7 +69,8 @@ def _points_to_draw(x, y, log):
 
 def _path(px, py):
     """Return an SVG path with a line for each piece between gaps; one point is a dot."""
-    points, there = [f"{a:.1f} {b:.1f}" for a, b in zip(px, py, strict=True)], np.isfinite(py)
+    points = [f"{a:.1f} {b:.1f}" for a, b in zip(px, py, strict=True)]
+    there = np.isfinite(py)
     pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(there)) + 1)
     lines = ([points[i] for i in piece] for piece in pieces if there[piece[0]])
     return "".join("M" + "L".join(line * 2 if len(line) == 1 else line) for line in lines)
@@ -89,7 +94,8 @@ class Axis(NamedTuple):
         """Return where the lines and the labels of the ticks are, and the labels."""
         digits = 4  # or as many as tell the ticks apart
         if len(self.ticks) > 1 and not self.log:
-            largest, step = np.abs(self.ticks).max(), self.ticks[1] - self.ticks[0]
+            largest = np.abs(self.ticks).max()
+            step = self.ticks[1] - self.ticks[0]
             digits = max(digits, math.ceil(math.log10(largest / step)) + 2)
         words = [_number(10.0**v if self.log else v, digits) for v in self.ticks]
         return [
@@ -101,15 +107,18 @@ class Axis(NamedTuple):
 def _axis(values: np.ndarray, pixels: tuple[float, float], log=False, tight=False) -> Axis:
     """Return an axis of about five round ticks that includes the values."""
     # One that is `tight` ends at the values, or at a tick that is a little below them.
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
     if high - low <= 1e-12 * max(abs(low), abs(high)):
-        low, high = low - (0.5 * abs(low) or 0.5), high + (0.5 * abs(high) or 0.5)
+        low = low - (0.5 * abs(low) or 0.5)
+        high = high + (0.5 * abs(high) or 0.5)
         tight = False
     rough = (high - low) / 5
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough)
     step = max(1.0, math.ceil(step)) if log else step
-    first, last = math.floor(low / step + NEAR), math.ceil(high / step - NEAR)
+    first = math.floor(low / step + NEAR)
+    last = math.ceil(high / step - NEAR)
     ticks = step * np.arange(first, last + 1)
     if not tight:
         return Axis(ticks[0], ticks[-1], pixels, ticks, log)
@@ -122,7 +131,9 @@ def _number(value: float, digits: int) -> str:
     """Return a number in words."""
     text = f"{0.0 if abs(value) < 1e-15 else value:.{digits}g}"
     mantissa, _, exponent = text.partition("e")
-    return f"{mantissa}e{int(exponent)}".replace("-", "−") if exponent else text.replace("-", "−")
+    if exponent:
+        return f"{mantissa}e{int(exponent)}".replace("-", "−")
+    return text.replace("-", "−")
 
 
 MOST = 6  # charts of probes, and of pins; the others are only in observed.csv
@@ -142,7 +153,10 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
     for name in pins[:MOST]:
         obstacle = name.removeprefix(REACTION)
         least = table.get(f"least_distance:{obstacle}")
-        title = _title(name) if least is None else f"Force of the obstacle {obstacle}"
+        if least is None:
+            title = _title(name)
+        else:
+            title = f"Force of the obstacle {obstacle}"
         shown.append((title, _components(table, name), "[N]"))
         if least is not None:
             shown.append((f"Least distance from the obstacle {obstacle}", {"d": least}, "[m]"))
@@ -157,7 +171,9 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
 def _title(name: str) -> str:
     if name.startswith(REACTION):
         return f"Force of the pin {name.removeprefix(REACTION)}"
-    return "Mean displacement" if name == "mean_displacement" else f"Position of {name}"
+    if name == "mean_displacement":
+        return "Mean displacement"
+    return f"Position of {name}"
 
 
 def _components(table, name: str) -> dict[str, np.ndarray]:

@@ -125,13 +125,17 @@ def title_of(folder: Path) -> str:
 
 def unit_of(folder: Path) -> str:
     """Return what follows a value of t in words: " s", of a static scene " of the loads"."""
-    return " of the loads" if "equilibrium" in _scene_of(folder) else " s"
+    if "equilibrium" in _scene_of(folder):
+        return " of the loads"
+    return " s"
 
 
 def _scene_of(folder: Path) -> dict:
     """Return the tables of the scene that was run; none for other folders."""
     scene = folder / "scene.resolved.toml"
-    return tomllib.loads(scene.read_text(encoding="utf-8")) if scene.is_file() else {}
+    if scene.is_file():
+        return tomllib.loads(scene.read_text(encoding="utf-8"))
+    return {}
 
 
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
@@ -151,10 +155,13 @@ def part(name: str) -> str:
 def pack_frames(
     frames, fields: Sequence[str], unit: str = " s", obstacles: Sequence[Obstacles | None] = ()
 ) -> dict:
-    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON."""
-    # `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles`
-    # are the obstacles of each frame.
-    times, clouds = [], []
+    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON.
+
+    `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles`
+    are the obstacles of each frame.
+    """
+    times = []
+    clouds = []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
     for frame in frames:
         times.append(frame.t)
@@ -164,8 +171,10 @@ def pack_frames(
     if not times or not len(clouds[0]):
         raise InputError("no frames", "a view needs at least one")
     points = frame_reader.clip_to_drawable(np.array(clouds))
-    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
-    view, triangles = view_of(low, high), frame_reader.straight(frame.cells)
+    low = points.min(axis=(0, 1))
+    high = points.max(axis=(0, 1))
+    view = view_of(low, high)
+    triangles = frame_reader.straight(frame.cells)
     return {
         "times": times,
         "unit": unit,
@@ -211,7 +220,8 @@ def _checks(frame: frame_reader.Frame) -> dict | None:
 def _field(name: str, values: np.ndarray, nodes: int) -> dict:
     """Return the values (frames, count) of a field and the ends of its colour bar."""
     values = frame_reader.clip_to_drawable(values)
-    low, high = float(values.min()), float(values.max())
+    low = float(values.min())
+    high = float(values.max())
     return {
         "title": frame_reader.FIELDS[name].title,
         "unit": frame_reader.FIELDS[name].unit,

@@ -45,7 +45,8 @@ def find_slivers(run: PlannedRun) -> Iterator[str]:
 def find_large_weight(run: PlannedRun) -> Iterator[str]:
     """Warn if the strain ρ g L / Y at the upper end of a hanging strip is large."""
     system = run.system
-    pull, length = gravity_magnitude(system), distance_from_pins(system)
+    pull = gravity_magnitude(system)
+    length = distance_from_pins(system)
     if not (pull and length and any(traits_of(term).as_fabric for term in system.terms)):
         return
     load = pull * length * system.total_mass / system.cloth.area
@@ -60,7 +61,8 @@ def find_large_weight(run: PlannedRun) -> Iterator[str]:
 
 def find_flat_start(run: PlannedRun) -> Iterator[str]:
     """Say of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
-    system, state = run.system, run.state
+    system = run.system
+    state = run.state
     if not has_kind(system.terms, "bending"):
         return
     _, extents, axes = np.linalg.svd(state.x - state.x.mean(axis=0), full_matrices=False)
@@ -77,7 +79,8 @@ def find_flat_start(run: PlannedRun) -> Iterator[str]:
 
 def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
     """Yield (n, 3) arrays that move the cloth: velocity, pin motions and forces at five times."""
-    system, state = run.system, run.state
+    system = run.system
+    state = run.state
     yield state.v
     for t in state.t + (run.t_end - state.t) * np.array([0.0, 0.13, 0.37, 0.71, 1.0]):
         x, v = system.constraints.target(state.t, t - state.t, state.x)
@@ -86,14 +89,17 @@ def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
 
 def find_fast_waves(run: PlannedRun) -> Iterator[str]:
     """Note if steps far beyond the explicit limit may feed undamped fast waves."""
-    method, dt = run.method, run.dt
+    method = run.method
+    dt = run.dt
     if not (method.traits.gains and dt):
         return
-    limit, loss = run.explicit_limit, _loss(run, dt)
+    limit = run.explicit_limit
+    loss = _loss(run, dt)
     if dt > UNRESOLVED * limit and loss < LOST:
-        damping = (
-            f"damping takes {100 * loss:.1g} % a step from them" if loss else "there is no damping"
-        )
+        if loss:
+            damping = f"damping takes {100 * loss:.1g} % a step from them"
+        else:
+            damping = "there is no damping"
         yield (
             f"dt = {dt:g} s is {dt / limit:.0f} times the explicit limit, and "
             f"{damping}: {type(method).__name__} may gain energy from waves that it does "
@@ -102,11 +108,15 @@ def find_fast_waves(run: PlannedRun) -> Iterator[str]:
 
 
 def _loss(run: PlannedRun, dt: float) -> float:
-    """Return the part of the amplitude that damping takes in a step, of fast or of all waves."""
-    # The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
-    # that it resolves by 1 − d dt/2.
+    """Return the part of the amplitude that damping takes in a step, of fast or of all waves.
+
+    The midpoint rule multiplies a wave of ω dt ≫ 2 and damping d = 2 ζ ω by 1 − 4 d/(ω² dt), one
+    that it resolves by 1 − d dt/2.
+    """
     stiffness, damping = run.rates
-    return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2)) if stiffness else 0.0
+    if stiffness:
+        return min(1.0, max(4 * damping / (stiffness * dt), damping * dt / 2))
+    return 0.0
 
 
 def find_short_steps(run: PlannedRun) -> Iterator[str]:
@@ -135,7 +145,8 @@ def find_step_beyond_end(run: PlannedRun) -> Iterator[str]:
 
 def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
     """Warn if a first-order method will visibly damp the slowest swing."""
-    pull, length = gravity_magnitude(run.system), distance_from_pins(run.system)
+    pull = gravity_magnitude(run.system)
+    length = distance_from_pins(run.system)
     traits = run.method.traits
     damped = traits.order == 1 and traits.at_infinity < 1
     if not (damped and run.dt and pull and length):
@@ -170,6 +181,10 @@ def wrinkle_warning(
     )
     if not has_kind(system.terms, "bending"):
         return f"{where}; add PlateBending, or use TensionField where only taut regions matter"
-    wave, edge = dimensionless.wrinkle_length(system) / RESOLVED, dimensionless.mean_edge(system)
-    size = f"<= {wave:.2g} m" if 0 < wave < edge else "below half of the present one"
+    wave = dimensionless.wrinkle_length(system) / RESOLVED
+    edge = dimensionless.mean_edge(system)
+    if 0 < wave < edge:
+        size = f"<= {wave:.2g} m"
+    else:
+        size = "below half of the present one"
     return f"{where}; take h {size}"

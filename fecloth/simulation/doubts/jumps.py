@@ -51,15 +51,18 @@ def _largest_jump(motion: Signal, least: float) -> tuple[float, str] | None:
 def find_jumps(
     times: np.ndarray, g: np.ndarray, values: Values, least: float
 ) -> list[tuple[float, float]]:
-    """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times."""
-    # The intervals that differ most from their neighbours are halved until a jump remains, or none.
-    # A motion that goes there and back within an interval is missed.
+    """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times.
+
+    The intervals that differ most from their neighbours are halved until a jump remains, or none.
+    A motion that goes there and back within an interval is missed.
+    """
     changes = np.diff(g, axis=0)
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
     beside = np.minimum(np.append(changes[1], changes[:-1]), np.append(changes[1:], changes[-2]))
     unlike = np.where(changes > least, beside - changes, 0.0)
     most = np.argsort(unlike, kind="stable")[:MOST]
-    begin, end = times[0], times[-1]
+    begin = times[0]
+    end = times[-1]
     near = 1e-9 * (end - begin)
     jumps: list[tuple[float, float]] = []
     for i in sorted(most[changes[most] > least]):
@@ -78,7 +81,9 @@ def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, flo
         middle = 0.5 * (a + b)
         (at_middle,) = values(np.array([middle]))
         if np.abs(at_middle - at_a).max() > np.abs(at_b - at_middle).max():
-            b, at_b = middle, at_middle
+            b = middle
+            at_b = at_middle
         else:
-            a, at_a = middle, at_middle
+            a = middle
+            at_a = at_middle
     return b, np.abs(at_b - at_a).max()

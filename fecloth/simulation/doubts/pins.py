@@ -43,7 +43,10 @@ def _constant_motion(run: PlannedRun, name: str, pin: Pin, motions: dict[str, Si
     """Warn of a motion that is the same from the start to the end, and not zero by intent."""
     # In a run it may begin later; load steps end at t = 1.
     _, places = motions[name_motion(name)].samples
-    texts = [each.text for each in pin.motion.formulas] if isinstance(pin.motion, Motion) else "t"
+    if isinstance(pin.motion, Motion):
+        texts = [each.text for each in pin.motion.formulas]
+    else:
+        texts = ["t"]
     may_be_zero = not (isinstance(run.steps, LoadSteps) and re.search(r"\bt\b", " ".join(texts)))
     if (may_be_zero and not places.any()) or (places != places[0]).any():
         return ""
@@ -115,9 +118,11 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 
 
 def find_uneven_start(run: PlannedRun) -> Iterator[str]:
-    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh."""
-    # What a uniform stretch and a turn leave of their places is smooth where it is meant; errors of
-    # interpolation change from node to node, and are small.
+    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh.
+
+    What a uniform stretch and a turn leave of their places is smooth where it is meant; errors of
+    interpolation change from node to node, and are small.
+    """
     cloth = run.system.cloth
     for name, (pin, nodes) in run.system.constraints.groups.items():
         off = _zigzag(cloth, nodes, run.state.x[nodes] @ (np.eye(3) - pin.projector))
@@ -141,11 +146,14 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
     pairs = number[pairs]
     pairs = pairs[(pairs >= 0).all(axis=1)]
     pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    sums, counts = np.zeros_like(off), np.bincount(pairs[:, 0], minlength=len(nodes))
+    sums = np.zeros_like(off)
+    counts = np.bincount(pairs[:, 0], minlength=len(nodes))
     np.add.at(sums, pairs[:, 0], off[pairs[:, 1]])
     inner = counts > 1
     apart = np.linalg.norm(off[inner] - sums[inner] / counts[inner, None], axis=1).max(initial=0)
-    return float(apart) if apart > ROUGH * np.linalg.norm(off, axis=1).max() else 0.0
+    if apart > ROUGH * np.linalg.norm(off, axis=1).max():
+        return float(apart)
+    return 0.0
 
 
 # --- a line of pins about which the cloth turns ---------------------------------------------------
@@ -153,7 +161,8 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
 
 def find_free_turn(run: PlannedRun) -> Iterator[str]:
     """Say of pins on a line if the load turns a cloth about it that a clamp would hold up."""
-    system, state = run.system, run.state
+    system = run.system
+    state = run.state
     motion = rotation_about_pins(system, state.x)
     bends = has_kind(system.terms, "bending")
     rigidities = [max(fabric.bending) for fabric in system.panel.fabrics if fabric.bending]

@@ -69,7 +69,8 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
     for name, (pin, _) in system.constraints.groups.items():
         if not pin.moves:
             continue
-        values, effort = each(partial(pin.sample, size=system.cloth.extent)), FUNCTIONS
+        values = each(partial(pin.sample, size=system.cloth.extent))
+        effort = FUNCTIONS
         if isinstance(pin.motion, Motion) and pin.rotate is None:
             values = _motion(pin.motion)
             effort = PLACES if pin.motion.by_place else FORMULAS

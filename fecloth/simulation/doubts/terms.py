@@ -51,7 +51,8 @@ def find_no_membrane(run: PlannedRun) -> Iterator[str]:
 def _resistance(system: System) -> float:
     """Return the work of a uniform stretch on the internal forces, relative to the fabric's."""
     rest = system.rest().x
-    f, resists = np.zeros_like(rest), np.zeros_like(rest)
+    f = np.zeros_like(rest)
+    resists = np.zeros_like(rest)
     for term, bound in zip(system.terms, system.bound, strict=True):
         stencil = protocol.stencil(term, system.cloth)
         is_internal = stencil is not None and stencil.shape[1] > 1
@@ -88,7 +89,8 @@ def find_counted_twice(run: PlannedRun) -> Iterator[str]:
 
 def _identity(term: object) -> tuple[str, ...]:
     """Return what two terms share if they stand for the same: their class, of some all values."""
-    name, traits = type(term).__name__, traits_of(term)
+    name = type(term).__name__
+    traits = traits_of(term)
     once = traits.exclusive or not traits.several_places
     return (name,) if once else (name, repr(term))
 
@@ -148,7 +150,8 @@ def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[str]:
     """Warn if the fabric states a plate's constant that hinges do not have."""
     names = [type(term).__name__ for term in run.system.terms if traits_of(term).by_pattern]
     for fabric in dict.fromkeys(run.system.panel.fabrics) if names else ():
-        nu, bias = fabric.bending_poisson_ratio, fabric.bias_rigidity
+        nu = fabric.bending_poisson_ratio
+        bias = fabric.bias_rigidity
         if nu and abs(nu - OF_HINGES) > ALIKE:
             yield (
                 f"bending_poisson_ratio = {nu:g} has no effect: {names[0]} on a mesh of nearly "
@@ -210,12 +213,15 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[str]:
 def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
     """Warn of triangles that an obstacle may cut between the points on which it acts."""
     for name, term in run.system.named:
-        is_shape, cloth = isinstance(term, BoundObstacle), run.system.cloth
+        is_shape = isinstance(term, BoundObstacle)
+        cloth = run.system.cloth
         if is_shape and (depth := cutting_depth(term.shape, term.gap, cloth)):
-            curved, remedy = term.shape.radius_of_curvature, "or a larger gap"
+            curved = term.shape.radius_of_curvature
+            remedy = "or a larger gap"
             what = "curves so much that it" if curved else "has edges that"
             if isinstance(term.shape, Sdf) and not curved:
-                what, remedy = "has no radius: its edges", "a larger gap, or give its radius"
+                what = "has no radius: its edges"
+                remedy = "a larger gap, or give its radius"
             yield (
                 f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are large "
                 f"against its gap of {1e3 * term.gap:g} mm: take a smaller h, {remedy}"

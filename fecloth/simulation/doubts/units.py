@@ -52,7 +52,10 @@ def _of_fabric(fabric: Fabric) -> Iterator[str]:
     least, most = STIFFNESS
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
-            meant = f"kN/m, write {1000 * Y:g}" if least > Y else "Pa, use Fabric.sheet"
+            if least > Y:
+                meant = f"kN/m, write {1000 * Y:g}"
+            else:
+                meant = "Pa, use Fabric.sheet"
             yield f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6. If you meant {meant}"
     for B in dict.fromkeys(fabric.bending or ()):
         length = bending_length(B, density)

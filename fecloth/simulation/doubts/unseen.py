@@ -61,13 +61,15 @@ def _sees(signal: Signal, dt: float, near: Span) -> bool:
 
 
 def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
-    """Return the share of a signal that steps miss, and the span of the steps that miss most."""
-    # The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of
-    # a motion, g is the rest beside the uniform motion nearest to it. The share is the larger one
-    # of the steps and of steps shifted by half of one: two steps a period may meet each extreme of
-    # an oscillation by chance. Samples of a smooth pulse err here and there, but give the cloth the
-    # right impulse: the share of a load is at most the share of its impulse, the largest difference
-    # at the ends of steps over the largest change of ∫ g dt beside a uniform one.
+    """Return the share of a signal that steps miss, and the span of the steps that miss most.
+
+    The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of
+    a motion, g is the rest beside the uniform motion nearest to it. The share is the larger one
+    of the steps and of steps shifted by half of one: two steps a period may meet each extreme of
+    an oscillation by chance. Samples of a smooth pulse err here and there, but give the cloth the
+    right impulse: the share of a load is at most the share of its impulse, the largest difference
+    at the ends of steps over the largest change of ∫ g dt beside a uniform one.
+    """
     ends = np.append(span[0], step_times(span[0], dt, span[1]))
     share, worst = _missed(signal, ends)
     if len(ends) > 2:
@@ -82,9 +84,11 @@ def _most_steps(signal: Signal) -> int:
 
 def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
     """Return the share that the steps between these ends miss, and the step that misses most."""
-    s, steps = signal.effort.inside, len(ends) - 1
+    s = signal.effort.inside
+    steps = len(ends) - 1
     chosen = np.linspace(0, steps - 1, min(steps, _most_steps(signal))).round().astype(int)
-    begin, size = ends[chosen, None], np.diff(ends)[chosen, None]
+    begin = ends[chosen, None]
+    size = np.diff(ends)[chosen, None]
     times = begin + size * np.concatenate([[0.0], s, [1.0]])
     g = signal.values(times.ravel()).reshape(*times.shape, -1)
     least = ROUND_OFF * np.abs(g).max()
@@ -113,7 +117,8 @@ def _missed_impulse(g: np.ndarray, lines: np.ndarray, size: np.ndarray) -> float
 
 def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
     """Return g (m, s, k) at times (m, s) less the line in t nearest to it."""
-    t, flat = (times - times.mean()).ravel(), g.reshape(times.size, -1)
+    t = (times - times.mean()).ravel()
+    flat = g.reshape(times.size, -1)
     slope = np.einsum("a,ak->k", t, flat) / (t @ t)
     return (flat - flat.mean(axis=0) - t[:, None] * slope).reshape(g.shape)
 
@@ -122,9 +127,11 @@ def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 
 def find_short_pulses(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each motion or load that chosen steps may jump over."""
-    # It acts for less than the distance between the samples that `Adaptive` takes inside its
-    # longest possible step, and in less than a quarter of the run.
+    """Yield a sentence for each motion or load that chosen steps may jump over.
+
+    It acts for less than the distance between the samples that `Adaptive` takes inside its
+    longest possible step, and in less than a quarter of the run.
+    """
     if run.steps.dt is not None:
         return iter(())
     return say_of_each(run.signals, _pulse_in_words, run, longest_step(run))
@@ -156,13 +163,19 @@ def longest_step(run: PlannedRun) -> float:
 
 
 def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
-    """Return begin and length [s] of the shortest pulse of a signal; an infinite one for none."""
-    # A pulse is a time at which the signal deviates from its median, and before and after which it
-    # does not. A uniform change is taken off first. What acts at the start or the end of a run is
-    # no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
+    """Return begin and length [s] of the shortest pulse of a signal; an infinite one for none.
+
+    A pulse is a time at which the signal deviates from its median, and before and after which it
+    does not. A uniform change is taken off first. What acts at the start or the end of a run is
+    no pulse, nor is one with a stop inside, of the `ends` of steps: the steps see it there.
+    """
     times, g = signal.samples
-    scale = np.ptp(g, axis=0).max() * SLIGHT if signal.moves else np.abs(g).max() * SMALL
-    half, index = len(times) // 2, np.arange(len(times))[:, None]
+    if signal.moves:
+        scale = np.ptp(g, axis=0).max() * SLIGHT
+    else:
+        scale = np.abs(g).max() * SMALL
+    half = len(times) // 2
+    index = np.arange(len(times))[:, None]
     rate = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
     g = g - rate * index / (len(times) - half)
     g -= np.median(g, axis=0)
@@ -172,7 +185,8 @@ def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
     if not deviation.max() > scale or acts.mean() > RARE:
         return none
     changes = np.diff(acts.astype(int))
-    begins, finishes = np.flatnonzero(changes > 0), np.flatnonzero(changes < 0)
+    begins = np.flatnonzero(changes > 0)
+    finishes = np.flatnonzero(changes < 0)
     finishes = finishes[finishes > begins[0]] if len(begins) else finishes
     stops = np.searchsorted(times, ends)
     pairs = [

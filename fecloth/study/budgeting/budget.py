@@ -102,7 +102,8 @@ def budget(
     Dynamics and Heat Transfer: E = S − D and u_val² = u_num² + u_input² + u_D².
     """
     study = open_study(problem, shared)
-    opened, runs = study.problem, study.runs()
+    opened = study.problem
+    runs = study.runs()
     opened.check("h")
     whole("samples", SAMPLES if samples is None else samples, 2, "budget")
     whole("seed", seed, 0, "budget")
@@ -136,7 +137,8 @@ def tolerance_of_data(study: Opened, quantity: Any) -> float:
     tables = opened.tables if isinstance(opened, SceneProblem) else {}
     inputs = read_inputs(opened, tables.get("uncertain") or {})
     if not inputs.parameters:
-        what, allowed = "--to-data", "needs numbers in [uncertain] or [fabric.uncertainty]"
+        what = "--to-data"
+        allowed = "needs numbers in [uncertain] or [fabric.uncertainty]"
         raise InputError(what, allowed, opened.source)
     work = Work(study, opened, opened.choose_quantities(quantity), study.runs())
     values = np.abs(work.run([("the problem", {})])[0][0])
@@ -148,7 +150,10 @@ def _refuse_fields(opened: Problem, chosen: Sequence[Quantity]) -> None:
     for q in chosen:
         is_vector = q.how == "value" and f"{q.column}.x" in row
         if q.is_field or q.how == "path" or is_vector:
-            remedy = f"Take a component, as {q.name}.z." if not q.is_field else "Take sag, say."
+            if not q.is_field:
+                remedy = f"Take a component, as {q.name}.z."
+            else:
+                remedy = "Take sag, say."
             raise InputError(f"quantity {q.text}", "must be a number", "budget", remedy)
 
 
@@ -165,12 +170,16 @@ class Work:
         """Values and uncertainties of mesh, step and solver, and the values of the first level."""
         opened = self.problem
         cases = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        work, point = opened.workload, run_problems.Point
+        work = opened.workload
+        point = run_problems.Point
         points = [point(opened, case, str(case), work(case)) for case in cases]
         run_problems.check_points(points, self.runs)
         rows = run_problems.run_points(points, self.quantities, self.runs)
         columns: list[list[float]] = []
-        missing = 0.0 if all(row["status"] == OK for row in rows[LEVELS:]) else np.nan
+        if all(row["status"] == OK for row in rows[LEVELS:]):
+            missing = 0.0
+        else:
+            missing = np.nan
         for quantity in self.quantities:
             study = summarise(opened, quantity, "h", rows[:LEVELS], rows[LEVELS:])
             if study.estimate is None:
@@ -194,7 +203,8 @@ class Work:
         self, changed: Sequence[tuple[str, Mapping[str, Any]]], starts: Sequence[int] | None = None
     ) -> tuple[np.ndarray, str]:
         """(changes, quantities) values with changed numbers, and a sentence on what was lost."""
-        size, points = self.problem.workload(FIRST), list[Any]()
+        size = self.problem.workload(FIRST)
+        points = list[Any]()
         seeds: Sequence[int | None] = starts or [None] * len(changed)
         for (name, values), seed in zip(changed, seeds, strict=True):
             try:
@@ -218,7 +228,8 @@ class Work:
     ) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """The uncertainty by the uncertain numbers, the parts of its square, and in words how."""
         # The parts (quantities, parameters) are known by the first order alone.
-        none, remarks = np.zeros((0, 0)), list[str]()
+        none = np.zeros((0, 0))
+        remarks = list[str]()
         if not inputs.parameters:
             return np.zeros(len(self.quantities)), none, remarks
         if samples is None:

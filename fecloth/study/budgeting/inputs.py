@@ -35,9 +35,11 @@ class Inputs:
         return [p.name for p in self.parameters]
 
     def samples(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Values of all numbers, `count` times, by scrambled Sobol' points."""
-        # Constants of fabrics that must stay positive have a logarithmic normal distribution with
-        # the same mean, deviation and correlation, the other numbers a normal one.
+        """Values of all numbers, `count` times, by scrambled Sobol' points.
+
+        Constants of fabrics that must stay positive have a logarithmic normal distribution with
+        the same mean, deviation and correlation, the other numbers a normal one.
+        """
         mean = np.array([p.value for p in self.parameters])
         positive = np.array([_is_positive(p) for p in self.parameters])
         scale = np.where(positive, mean, 1.0)
@@ -66,11 +68,16 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     if not (type(starts) is int and 0 <= starts <= MOST_STARTS and starts != 1):
         allowed = f"must be a number of disturbed starts from 2 to {MOST_STARTS}, or 0"
         raise InputError(f"start = {brief(starts)}", allowed, WHERE)
-    known, names, blocks = dict(numbers_of(problem)), list[str](), [np.zeros((0, 0))]
+    known = dict(numbers_of(problem))
+    names = list[str]()
+    blocks = [np.zeros((0, 0))]
     for prefix, fabric in _fabrics(problem).items():
         keys = [key for key in given if key.startswith(f"{prefix}.")]
         own = {key.removeprefix(f"{prefix}."): given.pop(key) for key in keys}
-        table = fabric.uncertainty.table() if isinstance(fabric.uncertainty, Uncertainty) else {}
+        if isinstance(fabric.uncertainty, Uncertainty):
+            table = fabric.uncertainty.table()
+        else:
+            table = {}
         both = Uncertainty.read(merged(table, (), own))
         assert both
         listed = [key for key, u in both.standard(fabric).items() if u]
@@ -79,7 +86,10 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     for key, value in given.items():
         items = [name for name in known if name.startswith(f"{key}.") and known[name]]
         for name in items or [key]:  # an unknown one is refused below
-            u = _deviation(problem, name, value, known[name]) if name in known else 1.0
+            if name in known:
+                u = _deviation(problem, name, value, known[name])
+            else:
+                u = 1.0
             names += [name] * (u > 0)
             blocks += [np.array([[u * u]])] * (u > 0)
     V = block_diag(*blocks)
@@ -130,7 +140,10 @@ def read_measured(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     measured = {}
     for name, pair in _flat("", given):  # as of tip.x without quotation marks
         fits = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
-        u = _deviation(None, f"measured {name}", pair[1], float(pair[0])) if fits else 0.0
+        if fits:
+            u = _deviation(None, f"measured {name}", pair[1], float(pair[0]))
+        else:
+            u = 0.0
         if not u:
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'

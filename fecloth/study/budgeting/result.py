@@ -54,7 +54,8 @@ class Budget(StudyResult):
         # Correlated inputs may have negative parts.
         parts = np.maximum(np.nan_to_num([variance for _, variance in rows]), 0.0)
         parts *= 100 / np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
-        left, shown = np.zeros(parts.shape[1]), np.flatnonzero((parts > LEAST).any(axis=1))
+        left = np.zeros(parts.shape[1])
+        shown = np.flatnonzero((parts > LEAST).any(axis=1))
         drawing, ax = new_figure(1, 1, (8.0, 1.6 + 0.7 * len(left) + 0.15 * len(shown)))
         for i, k in enumerate(shown):
             again, color = divmod(i, len(COLOURS))
@@ -83,7 +84,10 @@ def make_budget(
     columns["total"] = np.sqrt(sum(columns[name] ** 2 for name in WORDS))
     columns["difference"] = columns["value"] - D
     columns["agrees"] = np.abs(columns["difference"]) <= COVERS * columns["total"]
-    at, energies, sentences, rows = 0 if single else slice(None), opened.first.energies, [], []
+    at = 0 if single else slice(None)
+    energies = opened.first.energies
+    sentences = []
+    rows = []
     for i, quantity in enumerate(quantities):
         of = {name: values[i].item() for name, values in columns.items()}
         unit = quantity.unit(energies)

@@ -48,13 +48,23 @@ def computed_curve(
     ∂q/∂p − (dq/da) ∂a/∂p.
     """
     q, dq = _rows(row, number)
-    a, da = (np.array(row["times"]), 0 * dq) if order is None else _rows(row, order)
+    if order is None:
+        a, da = (np.array(row["times"]), 0 * dq)
+    else:
+        a, da = _rows(row, order)
     if order is not None:
-        a, da = a - a[0], da - da[0]
+        a = a - a[0]
+        da = da - da[0]
     known = np.isfinite(q) & np.isfinite(a)
-    a, q, da, dq = a[known], q[known], da[known], dq[known]
+    a = a[known]
+    q = q[known]
+    da = da[known]
+    dq = dq[known]
     if len(a) and a[-1] < a[0]:
-        a, q, da, dq = a[::-1], q[::-1], da[::-1], dq[::-1]
+        a = a[::-1]
+        q = q[::-1]
+        da = da[::-1]
+        dq = dq[::-1]
     assert points.along is not None
     places = points.along - (shift or 0.0)
     _check_order(a, points, places if shift is None else np.zeros(1))
@@ -174,7 +184,8 @@ class Fitting:
         chosen = [
             i for i, each in enumerate(self.specimens) if each.experiment.fitted or not only_fitted
         ]
-        cause, columns = "", list[Column]()
+        cause = ""
+        columns = list[Column]()
         try:
             tasks = [self._task(i, values, widths) for i in chosen]
         except InputError as error:  # the fabric refuses its constants
@@ -212,12 +223,16 @@ class Fitting:
             curve = partial(computed_curve, row, number, 0 if first else None, points)
             if offset is None:
                 free = specimen.experiment.offset
-                offset = best_shift(curve, points, specimen.reach / 2) if free else None
+                if free:
+                    offset = best_shift(curve, points, specimen.reach / 2)
+                else:
+                    offset = None
             yield curve(offset)
 
     def _column(self, i: int, points: Measured, result: Computed, u: np.ndarray) -> Column:
         """The column of a run; the widths of constants are dp/du already."""
-        J, names = np.zeros((len(result.values), len(self.unknowns))), self.specimens[i].names
+        J = np.zeros((len(result.values), len(self.unknowns)))
+        names = self.specimens[i].names
         for k, each in enumerate(self.unknowns):
             if each.specimen == i:
                 J[:, k] = -result.along_slope * each.slope(float(u[k]))
@@ -244,7 +259,8 @@ class Fitting:
 def check_signs(at: Evaluation) -> None:
     """Refuse a column whose values all have the sign opposite to the computed values."""
     for column in at.fitted:
-        points, computed = column.points, column.computed
+        points = column.points
+        computed = column.computed
         if computed and (computed.values * points.values < 0).all():
             what = f"{column.label}: column {points.column!r}"
             allowed = f"has the sign opposite to {points.quantity} of the first run"

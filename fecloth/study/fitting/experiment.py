@@ -108,4 +108,6 @@ class Experiment:
         return {column: parse_quantity(text) for column, text in self.quantity.items()}
 
     def sigma_of(self, column: str) -> Sigma:
-        return self.sigma.get(column) if isinstance(self.sigma, Mapping) else self.sigma
+        if isinstance(self.sigma, Mapping):
+            return self.sigma.get(column)
+        return self.sigma

@@ -117,7 +117,8 @@ def fit(
     _check_cost(fitting, starts, refined)
     end, same = search(fitting, starts)
     finer = fitting.finer() if refined else None
-    coarse, remarks = None, list[str]()
+    coarse = None
+    remarks = list[str]()
     if starts > 1:
         remarks.append(f"{same} of {starts} starts end at these constants")
     why = "no problem has h or dt to refine"
@@ -218,5 +219,8 @@ def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
 
 def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:
     count = len(fitting.unknowns)
-    others = qmc.LatinHypercube(count, seed=0).random(starts - 1) if starts > 1 else []
+    if starts > 1:
+        others = qmc.LatinHypercube(count, seed=0).random(starts - 1)
+    else:
+        others = []
     return [np.zeros(count), *(SPREAD * (2 * np.asarray(place) - 1) for place in others)]

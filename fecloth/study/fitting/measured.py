@@ -89,7 +89,10 @@ def _along(
     moved = values
     if experiment.offset:  # by at most half of the reach
         half = (high - low) / 2
-        moved = values - np.clip(values.min() - low, -half, half) if high > -low else values
+        if high > -low:
+            moved = values - np.clip(values.min() - low, -half, half)
+        else:
+            moved = values
     outside = np.flatnonzero((moved < low - spare) | (moved > high + spare))
     if len(outside):
         row = outside[np.argmax(np.abs(moved[outside]))]
@@ -124,7 +127,8 @@ def _sigma(
     table: DataTable, column: str, unit: str, values: np.ndarray, asked: str | float | None
 ) -> np.ndarray:
     """The standard uncertainties (n,) of the values."""
-    same, largest = np.ones(len(values)), np.abs(values).max()
+    same = np.ones(len(values))
+    largest = np.abs(values).max()
     if asked is None:
         return ASSUMED * largest * same
     if not isinstance(asked, str):
@@ -157,7 +161,8 @@ def _mean_of_repeats(
     column, quantity, unit, values = listed
     groups = [np.flatnonzero(repeats == number) for number in np.unique(repeats)]
     if along is None:
-        curves, places = np.array([[values[rows].mean()] for rows in groups]), None
+        curves = np.array([[values[rows].mean()] for rows in groups])
+        places = None
     else:
         first = max(along[rows].min() for rows in groups)
         end = min(along[rows].max() for rows in groups)

@@ -55,7 +55,9 @@ class Fit(StudyResult):
     def exit_status(self) -> int:
         """Exit status of the command: 0 if all constants are told and the law can meet the data."""
         told = len(self.identified) == len(self.values)
-        return 0 if told and self.resolved and not self.law_fails else errors.MISSED
+        if told and self.resolved and not self.law_fails:
+            return 0
+        return errors.MISSED
 
     def summary(self) -> str:
         return "\n".join([super().summary(), str(self.experiments), ""])
@@ -65,7 +67,8 @@ class Fit(StudyResult):
         rows = list(self.experiments)
         columns = min(COLUMNS, len(rows))
         count = -(-len(rows) // columns)
-        size, heights = (4.2 * columns, 4.6 * count), [3, 1] * count
+        size = (4.2 * columns, 4.6 * count)
+        heights = [3, 1] * count
         drawing, axes = new_figure(2 * count, columns, size, squeeze=False, height_ratios=heights)
         pairs = axes.reshape(count, 2, columns).swapaxes(1, 2).reshape(-1, 2)
         for ax in pairs[len(rows) :].ravel():
@@ -122,7 +125,10 @@ def summarise(
     intervals = {}
     for i, each in enumerate(constants):
         known = told[each.name] and not facts.law_fails
-        intervals[each.name] = each.spread(at[i], float(half[i])) if known else NO_INTERVAL
+        if known:
+            intervals[each.name] = each.spread(at[i], float(half[i]))
+        else:
+            intervals[each.name] = NO_INTERVAL
     numerical = {
         name: values[name] - coarse.values[name] if told[name] and coarse else np.nan
         for name in values
@@ -202,8 +208,11 @@ def _table(
 def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
     rows: list[dict[str, Cell]] = []
     for column in end.columns:
-        experiment, points, r = column.specimen.experiment, column.points, column.residual
-        along, apart = experiment.order[0] if experiment.order else "number", r * points.sigma
+        experiment = column.specimen.experiment
+        points = column.points
+        r = column.residual
+        along = experiment.order[0] if experiment.order else "number"
+        apart = r * points.sigma
         shift = column.computed.shift if column.computed else np.nan
         rows.append(
             {
@@ -226,7 +235,8 @@ def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
 def _points(end: Evaluation) -> Table:
     rows: list[dict[str, Cell]] = []
     for column in end.columns:
-        points, r = column.points, column.residual
+        points = column.points
+        r = column.residual
         places = np.arange(len(r)) if points.along is None else points.along
         computed = points.values + r * points.sigma
         names = "experiment", "column", "along", "measured", "sigma", "computed", "residual"

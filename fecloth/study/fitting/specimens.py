@@ -70,7 +70,8 @@ class Specimen:
 
     def finer(self) -> "Specimen | None":
         """The specimen with h/2, dt/2 or twice as many load steps; None if it has none of them."""
-        problem, changes = self.problem, dict[str, object]()
+        problem = self.problem
+        changes = dict[str, object]()
         h, dt = (FINER if problem.can_refine(what) else 1.0 for what in ("h", "dt"))
         if isinstance(problem, SceneProblem):
             static = problem.scene.equilibrium
@@ -172,7 +173,8 @@ def _open(
 
 
 def _measure(experiment: Experiment, problem: Problem, names: tuple[str, ...]) -> Specimen:
-    setup, specimen = problem.first, Specimen(experiment, problem, names, ())
+    setup = problem.first
+    specimen = Specimen(experiment, problem, names, ())
     for asked in specimen.quantities:
         # along a curve no vector will do: a column, as for a maximum
         problem.check_quantity(replace(asked, how="max") if specimen.is_curve else asked)
@@ -198,14 +200,17 @@ def known_reach(setup: Setup, quantity: Quantity | None) -> Reach | None:
 
     It is a quantity of the grips if it stays the same where all free nodes lie elsewhere.
     """
-    start, end = setup.start, setup.t_end
+    start = setup.start
+    end = setup.t_end
     if end is None:
         return None
     if quantity is None:
         return start.t, end
-    constraints, spread = setup.system.constraints, np.ptp(setup.cloth.X)
+    constraints = setup.system.constraints
+    spread = np.ptp(setup.cloth.X)
     elsewhere = start.x + spread * np.random.default_rng(0).standard_normal(start.x.shape)
-    observer, values = setup.recording([quantity.column]).observer, []
+    observer = setup.recording([quantity.column]).observer
+    values = []
     for t in np.linspace(start.t, end, SAMPLES):
         target = constraints.target(start.t, t - start.t, start.x)[0]
         for x in (start.x, elsewhere):

@@ -40,7 +40,8 @@ class Statistics:
 
 
 def statistics(end: Evaluation) -> Statistics:
-    J, r = end.jacobian, end.residual
+    J = end.jacobian
+    r = end.residual
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     if len(s) < J.shape[1]:  # fewer points than unknowns
         U, s, Vt = np.linalg.svd(np.vstack([J, np.zeros((J.shape[1] - len(s), J.shape[1]))]))
@@ -104,11 +105,13 @@ def _probability(columns: Sequence[Column], share: float) -> float:
     below, and above with the number of ways in which the repeats differ, (tr Σ)²/tr Σ².
     """
     single = [column.residual for column in columns if column.points.scatter is None]
-    r, probabilities = np.concatenate([*single, []]), [1.0]
+    r = np.concatenate([*single, []])
+    probabilities = [1.0]
     if (freedom := share * len(r)) > 0:
         probabilities.append(float(stats.chi2.sf(r @ r, freedom)))
     for column in columns:
-        scatter, r = column.points.scatter, column.residual
+        scatter = column.points.scatter
+        r = column.residual
         if scatter is not None and share > 0:
             values = np.linalg.svd(scatter, compute_uv=False) ** 2
             ways = values.sum() ** 2 / (values**2).sum()

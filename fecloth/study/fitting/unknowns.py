@@ -29,7 +29,9 @@ class Unknown:
         return self.specimen is not None
 
     def at(self, u: float) -> float:
-        return self.start + self.width * u if self.width else self.start * math.exp(u)
+        if self.width:
+            return self.start + self.width * u
+        return self.start * math.exp(u)
 
     def slope(self, u: float) -> float:
         """dp/du."""

@@ -28,7 +28,10 @@ HINTS = (  # words in the names of unknowns, and what would tell them
 
 def unit_of(name: str) -> str:
     """The SI unit of a constant of the fabric; "" of any other."""
-    dimension = CONSTANTS.get(name.split(".")[1]) if name.startswith("fabric.") else None
+    if name.startswith("fabric."):
+        dimension = CONSTANTS.get(name.split(".")[1])
+    else:
+        dimension = None
     return dimension.si if dimension else ""
 
 
@@ -45,7 +48,10 @@ def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
     for group in facts.together:
         names = [fitting.unknowns[i].name for i in group]
         short = [name.removeprefix("fabric.") for name in names]
-        words = short[0] if len(short) == 1 else f"{short[0]} apart from {' and '.join(short[1:])}"
+        if len(short) == 1:
+            words = short[0]
+        else:
+            words = f"{short[0]} apart from {' and '.join(short[1:])}"
         everything = " ".join(names)
         hint = next((h for keys, h in HINTS if all(key in everything for key in keys)), "")
         if any(fitting.unknowns[i].is_offset for i in group):
@@ -70,10 +76,14 @@ def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[
     """How far each part of a curve is off, and the value that it wants of what matters most."""
     points = column.points
     is_curve = points.along is not None
-    places = np.zeros(len(points.values)) if points.along is None else points.along
+    if points.along is None:
+        places = np.zeros(len(points.values))
+    else:
+        places = points.along
     order = np.argsort(places, kind="stable")
     for rows in np.array_split(order, PARTS if is_curve and len(order) >= PARTS else 1):
-        r, J = column.residual[rows], column.jacobian[rows, : len(fitting.constants)]
+        r = column.residual[rows]
+        J = column.jacobian[rows, : len(fitting.constants)]
         far = float(np.abs((r * points.sigma[rows]).mean()))
         if far < TELLING * points.largest or not J.any():
             continue
@@ -105,7 +115,8 @@ def describe_predictions(end: Evaluation) -> Iterator[str]:
     """How far the fit is off where an experiment is compared only."""
     for column in end.columns:
         if not column.is_fitted:
-            points, r = column.points, column.residual
+            points = column.points
+            r = column.residual
             share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
             yield (
                 f"not fitted: {column.label}: {points.column} is off by "
@@ -120,5 +131,8 @@ def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
     points = amount(len(end.residual), "point")
     experiments = amount(sum(each.experiment.fitted for each in fitting.specimens), "experiment")
     size = f"misfit {facts.misfit:.3g} (1 is the scatter)"
-    misfit = size if np.isfinite(facts.misfit) else "as many unknowns as points: no misfit is known"
+    if np.isfinite(facts.misfit):
+        misfit = size
+    else:
+        misfit = "as many unknowns as points: no misfit is known"
     return f"{constants} fitted to {points} of {experiments}: {misfit}"

@@ -37,7 +37,9 @@ class Outcome:
     @property
     def change(self) -> float:
         """The largest change; infinite for a failure."""
-        return max(self.changes.values()) if self.is_ok else math.inf
+        if self.is_ok:
+            return max(self.changes.values())
+        return math.inf
 
     @property
     def whole(self) -> float:
@@ -57,7 +59,9 @@ class Outcome:
     @property
     def saving_per_change(self) -> float:
         """The saving per change, by which variants are sorted; without saving it is ≤ 0."""
-        return self.saved / max(self.change, 1e-12) if self.saved > 0 else self.saved
+        if self.saved > 0:
+            return self.saved / max(self.change, 1e-12)
+        return self.saved
 
 
 Trial = tuple[Variant, Outcome]
@@ -95,12 +99,15 @@ def find_resolutions(
     orders: Mapping[str, Mapping[str, float]],  # of each quantity, by text and kind
     tolerance: float,
 ) -> list[Resolution]:
-    """Return the error by each size that was refined."""
-    # A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
-    # (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
+    """Return the error by each size that was refined.
+
+    A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
+    (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
+    """
 
     def resolution(variant: Variant, outcome: Outcome) -> Resolution:
-        kind, size = variant.kind, variant.size
+        kind = variant.kind
+        size = variant.size
         if not outcome.is_ok:
             cause = (outcome.cause.splitlines() or [outcome.status])[0]
             return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
@@ -108,7 +115,10 @@ def find_resolutions(
         for text, change in outcome.changes.items():
             order = orders[text][kind]
             error = change / (1 - variant.by**order)
-            needed = size * (tolerance / error) ** (1 / order) if error else math.inf
+            if error:
+                needed = size * (tolerance / error) ** (1 / order)
+            else:
+                needed = math.inf
             found.append(Resolution(kind, error, text, size, needed))
         return min(found, key=attrgetter("needed"))
 
@@ -143,26 +153,34 @@ class Findings:
 
     def judge(self, variant: Variant, outcome: Outcome) -> str:
         if variant.is_check:
-            return "not resolved" if variant.kind in self.unresolved else "resolved"
+            if variant.kind in self.unresolved:
+                return "not resolved"
+            return "resolved"
         if not outcome.is_ok or outcome.change > self.tolerance:
             return "needed"
         if self.reliable_change(variant, outcome) > self.tolerance:
             return "by chance"
-        return "not needed, saves nothing" if outcome.is_slower else "not needed"
+        if outcome.is_slower:
+            return "not needed, saves nothing"
+        return "not needed"
 
     def reliable_change(self, variant: Variant, outcome: Outcome) -> float:
-        """Return the largest change by a variant and by the smaller changes of the same size."""
-        # A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
-        # mesh if the scene itself is not resolved.
+        """Return the largest change by a variant and by the smaller changes of the same size.
+
+        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
+        mesh if the scene itself is not resolved.
+        """
         if variant.kind in self.unresolved:
             return math.inf
         same = [pair for pair in self.trials if variant.size and pair[0].kind == variant.kind]
         return max([outcome.change, *(o.change for v, o in same if v.by <= variant.by)])
 
     def candidates(self) -> list[Variant]:
-        """Return the variants within the tolerance, the greatest saving per change first."""
-        # A replacement must save time; a dropped term need not. Larger triangles and steps are
-        # candidates only if the scene itself is resolved.
+        """Return the variants within the tolerance, the greatest saving per change first.
+
+        A replacement must save time; a dropped term need not. Larger triangles and steps are
+        candidates only if the scene itself is resolved.
+        """
 
         def is_worth(variant: Variant, outcome: Outcome) -> bool:
             saves = outcome.saved > LOST or (variant.kind == "without" and not outcome.is_slower)

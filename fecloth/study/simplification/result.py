@@ -10,7 +10,8 @@ from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
 
-COMBINED, REDUCED = "combined", "reduced scene"
+COMBINED = "combined"
+REDUCED = "reduced scene"
 LEAST, MOST = 1e-5, 300.0  # %, limits of the axis of changes
 SHADES = {"needed": COLOURS[1], "by chance": COLOURS[1], "resolved": "0.6", "not resolved": "0.6"}
 
@@ -64,7 +65,8 @@ class Simplification(StudyResult):
 def _seconds(row: Mapping) -> str:
     if row.get("seconds saved") is None:
         return str(row["status"])
-    seconds, part = row["seconds saved"], row["saved [%]"]
+    seconds = row["seconds saved"]
+    part = row["saved [%]"]
     if seconds >= 0:
         return f"saves {seconds:.2g} s ({part:.0f} %)"
     return f"takes {-seconds:.2g} s more"
@@ -81,7 +83,8 @@ def make_table(
 
 
 def _row(outcome: Outcome, verdict: str) -> dict:
-    is_ok, seconds = outcome.is_ok, outcome.seconds
+    is_ok = outcome.is_ok
+    seconds = outcome.seconds
     line: dict = {"variant": outcome.name, "verdict": verdict}
     line["change [%]"] = 100 * outcome.change if is_ok else None
     line |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
@@ -117,12 +120,15 @@ def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
     for variant, outcome in findings.ranked:
         if variant.is_check:
             continue
-        verdict, change, saved = findings.judge(variant, outcome), outcome.status, "none"
+        verdict = findings.judge(variant, outcome)
+        change = outcome.status
+        saved = "none"
         if outcome.is_ok:
             change = f"changes {outcome.of} by {in_percent(outcome.change)}"
         if outcome.saved > 0:
             saved = in_percent(outcome.saved)
-        is_kept, left_out = verdict in ("needed", "by chance"), variant.kind == "without"
+        is_kept = verdict in ("needed", "by chance")
+        left_out = variant.kind == "without"
         if left_out and is_kept:
             needed.append(str(variant.by))
         elif left_out:

@@ -68,7 +68,8 @@ class Original:
         if not any(size_of(quantity, record) for quantity, record in pairs):
             names = ", ".join(quantity.text for quantity in self.quantities)
             remedy = "Name another with --quantity or in [interest]."
-            where, allowed = self.problem.source, "cannot show what changes it"
+            where = self.problem.source
+            allowed = "cannot show what changes it"
             raise InputError(f"{names} = 0", allowed, where, remedy)
         return row
 
@@ -111,7 +112,8 @@ class Original:
         if not outcome.is_ok:
             return outcome
         try:
-            full, own = self._records(self.full), self._records(row)
+            full = self._records(self.full)
+            own = self._records(row)
             pairs = zip(self.quantities, full, own, strict=True)
             changes = {q.text: relative_difference(q, a, b) for q, a, b in pairs}
         except FeclothError as error:  # as where a signal has no period
@@ -122,9 +124,11 @@ class Original:
 
 
 def describe_weak_friction(system: System, columns: Mapping[str, np.ndarray]) -> str:
-    """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else \"\"."""
-    # The curvature κ is the mean of the energy of bending, W = ½ B κ² per area. HB/B is the largest
-    # of all fabrics, along warp or weft.
+    """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else \"\".
+
+    The curvature κ is the mean of the energy of bending, W = ½ B κ² per area. HB/B is the largest
+    of all fabrics, along warp or weft.
+    """
     if not any(isinstance(term, BendingFriction) for term in system.terms):
         return ""
     pairs = zip(system.names, system.terms, strict=True)

@@ -74,7 +74,8 @@ def simplify(
     """
     chosen = read_tolerance(tolerance)
     study = open_study(problem, shared)
-    opened, runs = study.problem, replace(study.runs(), timed=True, repeats=repeats)
+    opened = study.problem
+    runs = replace(study.runs(), timed=True, repeats=repeats)
     original = open_original(opened, quantity, chosen, runs)
     given = original.problem, original.quantities, chosen, replace(runs, timed=False)
     if weak := describe_weak_terms(*given):
@@ -118,13 +119,17 @@ def _sizes(opened: Problem, tried: Sequence[Variant]) -> list[Workload]:
 def combine_variants(
     original: Original, candidates: Sequence[Variant]
 ) -> tuple[Change, list[tuple[Outcome, bool]]]:
-    """Combine variants greedily; return the change of all that are taken, and all attempts."""
-    # Of two changes to the same part the later one wins if it saves more or drops a term. An
-    # attempt is a run, and whether it was taken.
+    """Combine variants greedily; return the change of all that are taken, and all attempts.
+
+    Of two changes to the same part the later one wins if it saves more or drops a term. An
+    attempt is a run, and whether it was taken.
+    """
     chosen: dict[str, Variant] = {}
-    seconds, attempts = original.full["cpu_seconds"], []
+    seconds = original.full["cpu_seconds"]
+    attempts = []
     for variant in candidates:
-        before, drops = chosen.get(variant.slot), variant.kind == "without"
+        before = chosen.get(variant.slot)
+        drops = variant.kind == "without"
         if before and before.kind == "without":
             continue
         trial = {**chosen, variant.slot: variant}
@@ -134,7 +139,8 @@ def combine_variants(
         fits = outcome.change <= original.tolerance and outcome.seconds <= most
         attempts.append((outcome, fits))
         if fits:
-            chosen, seconds = trial, outcome.seconds
+            chosen = trial
+            seconds = outcome.seconds
     return changes_of(chosen.values()), attempts
 
 
@@ -144,7 +150,8 @@ def summarise(
     """Combine the variants, run the reduced scene, and return the result."""
     change, attempts = combine_variants(original, findings.candidates())
     taken = [outcome.name for outcome, fits in attempts if fits]
-    tables, file = original.problem.tables, f"reduced.{'toml' if original.is_scene else 'txt'}"
+    tables = original.problem.tables
+    file = f"reduced.{'toml' if original.is_scene else 'txt'}"
     text = original.text(change.apply(tables))
     final = original.run_one(file, change, fresh=True) if taken else None
     name = "the reduced scene" if folder is None else file

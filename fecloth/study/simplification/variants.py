@@ -36,7 +36,9 @@ class Variant:
     @property
     def patience(self) -> float:
         """Largest CPU time, as a multiple of the full scene's."""
-        return PATIENCE if not self.is_check else 20.0 if self.kind == "mesh" else 6.0
+        if not self.is_check:
+            return PATIENCE
+        return 20.0 if self.kind == "mesh" else 6.0
 
 
 def changes_of(variants: Iterable[Variant]) -> Change:
@@ -56,7 +58,8 @@ def list_variants(
     data: Data, interest: Interest, traits: Mapping[str, TermTraits] = TRAITS
 ) -> list[Variant]:
     """List all variants of a scene, terms first; `traits` says what its terms are."""
-    element, terms = data["cloth"].get("element", "P1"), data.get("terms", [])
+    element = data["cloth"].get("element", "P1")
+    terms = data.get("terms", [])
     variants = [v for term in terms for v in variants_of_term(term, element, traits[term["type"]])]
     variants += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
@@ -69,7 +72,9 @@ def list_variants(
 
 def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[Variant]:
     """Yield the scene without a term, and with a cheaper one in its place: as smooth contact."""
-    name, slot, unclamps = term["type"], f"term {term}", traits.holds_normals
+    name = term["type"]
+    slot = f"term {term}"
+    unclamps = traits.holds_normals
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
     others: list[tuple[str, str, object]] = []
     if term.get("friction"):
@@ -106,7 +111,8 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
     """Yield scenes with smaller and larger triangles, and with P1 instead of P2."""
     cloth = data["cloth"]
     for factor in (FINER, *COARSER) if "h" in cloth else ():
-        edit, is_check = put({"h": cloth["h"] * factor}), factor < 1
+        edit = put({"h": cloth["h"] * factor})
+        is_check = factor < 1
         yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, is_check, cloth["h"])
     if cloth.get("element") == "P2":
         yield Variant("P1 for P2", "P1", None, "element", put({"element": "P1"}, mass="lumped"))
@@ -121,13 +127,15 @@ def variants_of_time(data: Data) -> Iterator[Variant]:
             edit = put(equilibrium=static | {"load_steps": 1})
             yield Variant("one load step", "load steps", None, "time", edit)
         return
-    time, key = data["time"], "rtol" if data["time"]["dt"] == "auto" else "dt"
+    time = data["time"]
+    key = "rtol" if data["time"]["dt"] == "auto" else "dt"
     explicit = method_name(data) in EXPLICIT
     at_limit = key == "rtol" and explicit and not {"rtol", "atol"} & set(time)
     finer = FINER if key == "dt" else FINER**2
     for factor in () if at_limit else (finer, *LARGER):
         if key == "rtol" or number_of_steps(time, factor) != number_of_steps(time, 1):
-            edit, size = multiply_step(data, key, factor), time.get(key, Adaptive.rtol)
+            edit = multiply_step(data, key, factor)
+            size = time.get(key, Adaptive.rtol)
             yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, factor < 1, size)
     if not explicit and method_name(data) != "auto":
         yield Variant("explicit", "explicit", None, "time", explicit_steps_of(data))
@@ -163,9 +171,11 @@ def equilibrium_of(data: Data) -> Edit:
 
 
 def long_step_of(data: Data) -> Edit:
-    """Return the edit to one step of backward Euler, so long that ρ Δx/dt² is negligible."""
-    # Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
-    # dropped, because it may name times before the end.
+    """Return the edit to one step of backward Euler, so long that ρ Δx/dt² is negligible.
+
+    Newton's method needs a clamped tangent, because it starts far from the end. [expect] is
+    dropped, because it may name times before the end.
+    """
     end = data["time"]["t_end"]
     time = {"method": "backward_euler", "dt": LONG, "t_start": end - LONG, "t_end": end}
     solver = {**data.get("solver", {}), "tolerance": 1e-9, "definiteness": "clamp"}
@@ -174,4 +184,6 @@ def long_step_of(data: Data) -> Edit:
 
 def method_name(data: Data) -> str:
     method = data["time"]["method"]
-    return method if isinstance(method, str) else method["type"]
+    if isinstance(method, str):
+        return method
+    return method["type"]

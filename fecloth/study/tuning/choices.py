@@ -66,18 +66,24 @@ class Choice:
 
 
 def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns of a problem, its own pattern first."""
-    # Other patterns are tried with the first element only: on P2 they differ less. They have as
-    # many triangles as the scene's own.
+    """Return the elements and patterns of a problem, its own pattern first.
+
+    Other patterns are tried with the first element only: on P2 they differ less. They have as
+    many triangles as the scene's own.
+    """
     if isinstance(opened, FunctionProblem):
         return [Choice(element, h=opened.h) for element in elements or ("",)]
     cloth = opened.scene.cloth
-    own, h = cloth.pattern if cloth.shape == "rectangle" else "", cloth.h
+    own = cloth.pattern if cloth.shape == "rectangle" else ""
+    h = cloth.h
     chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
     choices = []
     for pattern in dict.fromkeys([own, *PATTERNS]) if own else [""]:
         count = [TRIANGLES.get(name, EQUILATERAL) for name in (pattern, own)]
-        size = h if h is None or pattern == own else h * math.sqrt(count[0] / count[1])
+        if h is None or pattern == own:
+            size = h
+        else:
+            size = h * math.sqrt(count[0] / count[1])
         tried = chosen if pattern == own else chosen[:1]
         choices += [Choice(element, pattern, size) for element in tried]
     return choices
@@ -113,7 +119,10 @@ def change_of(opened: Problem, choice: Choice) -> Change:
         return Change(values={"h": choice.h, "dt": dt} | {k: v for k, v in names.items() if v})
     names = {"element": choice.element or opened.scene.cloth.element, "model": ""}
     names["method"] = choice.method or "equilibrium"  # keeps its time as it is
-    steps = {"dt": opened.span / choice.steps} if choice.steps and opened.span else {}
+    if choice.steps and opened.span:
+        steps = {"dt": opened.span / choice.steps}
+    else:
+        steps = {}
     in_time = change_names(opened, names | ({"rtol": choice.rtol} if choice.rtol else steps))
     return Change(edits=(*in_time.edits, partial(_set_mesh, choice)))
 
@@ -124,7 +133,8 @@ def _set_mesh(choice: Choice, tables: dict) -> dict:
     tables["cloth"] |= {name: value for name, value in values.items() if value}
     if choice.is_explicit:
         tables.pop("solver", None)
-    dt, every = tables.get("time", {}).get("dt", "auto"), tables["output"].get("every")
+    dt = tables.get("time", {}).get("dt", "auto")
+    every = tables["output"].get("every")
     if dt != "auto" and every and every < dt:
         tables["output"]["every"] = dt  # frames come no more often than steps
     return tables
@@ -230,12 +240,17 @@ class Bench:
         return Trial(choice, row, records)
 
     def spent(self, without: Trial | None = None) -> float:
-        """Return the CPU time of the search so far [s]: of this process, and of all its runs."""
-        # It counts what lies between the runs, as meshes and estimates of errors. Runs in other
-        # processes are added; of runs from the store it counts what they took.
-        here, runs = time.process_time() - self.begin, spent(self.other_than(without))
+        """Return the CPU time of the search so far [s]: of this process, and of all its runs.
+
+        It counts what lies between the runs, as meshes and estimates of errors. Runs in other
+        processes are added; of runs from the store it counts what they took.
+        """
+        here = time.process_time() - self.begin
+        runs = spent(self.other_than(without))
         is_elsewhere = self.runs.jobs > 1 or self.runs.scheduler
-        return here + runs if is_elsewhere else max(here, runs)
+        if is_elsewhere:
+            return here + runs
+        return max(here, runs)
 
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
         """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
@@ -246,25 +261,31 @@ class Bench:
         return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
 
     def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
-        """Raise `InputError` for a quantity of size zero: it has no relative error."""
-        # A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
-        # and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
+        """Raise `InputError` for a quantity of size zero: it has no relative error.
+
+        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
+        and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
+        """
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
-            size, whole = size_of(quantity, record), size_of_vector(quantity, trial)
+            size = size_of(quantity, record)
+            whole = size_of_vector(quantity, trial)
             is_unknown = errors is not None and errors[k] > 1 and size < SMALL * whole
             if size > max(ZERO, NOTHING * whole) and not is_unknown:
                 continue
-            what, allowed = f"{quantity} = 0", "has no relative error"
+            what = f"{quantity} = 0"
+            allowed = "has no relative error"
             if whole:
                 what = f"{quantity} is {size:.2g}, where the whole vector is {whole:.2g}"
-                what, allowed = f"{what}: it is zero", f"as by symmetry, and {allowed}"
+                what = f"{what}: it is zero"
+                allowed = f"as by symmetry, and {allowed}"
             remedy = "Choose another quantity, or its path or maximum over the run."
             raise InputError(what, allowed, "tune", remedy)
 
 
 def size_of_vector(quantity: Quantity, trial: Trial) -> float:
     """Return the length at the end of the vector whose component a quantity is; else 0."""
-    name, ends = quantity.column.rpartition(".")[0], trial.row.get("ends", {})
+    name = quantity.column.rpartition(".")[0]
+    ends = trial.row.get("ends", {})
     parts = [ends.get(f"{name}.{c}") for c in "xyz"]
     if not name or None in parts:
         return 0.0

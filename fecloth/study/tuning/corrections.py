@@ -19,10 +19,12 @@ DEARER = 6.0  # times the seconds: a run with half of h
 
 
 def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
-    """Return the prediction with the growth of the errors in time of the best candidates."""
-    # Finer meshes have shorter waves, so that errors in time grow. Each rule runs with half of h
-    # beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured get
-    # the largest power.
+    """Return the prediction with the growth of the errors in time of the best candidates.
+
+    Finer meshes have shorter waves, so that errors in time grow. Each rule runs with half of h
+    beside the most accurate implicit one, as on the coarse mesh. Rules that are not measured get
+    the largest power.
+    """
     times = prediction.times
     candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
     able = [run for run in times.trials if run.is_ok and run.choice.steps]
@@ -54,9 +56,11 @@ def _errs_in_time(candidate: Candidate) -> bool:
 
 
 def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
-    """Return the prediction with measured seconds of the best candidates."""
-    # Steps that follow rtol are not measured, because the steps of the beginning say little of the
-    # others.
+    """Return the prediction with measured seconds of the best candidates.
+
+    Steps that follow rtol are not measured, because the steps of the beginning say little of the
+    others.
+    """
     fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
     for candidate in fixed[:BEST]:
         if candidate.seconds <= CLOSE * fixed[0].seconds:

@@ -27,7 +27,8 @@ class Curve:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return (m, q) values at (m,) sizes."""
-        s, t = np.log(np.asarray(x, dtype=float)), np.log(self.x)
+        s = np.log(np.asarray(x, dtype=float))
+        t = np.log(self.x)
         inside = np.stack([np.interp(s, t, column) for column in np.log(self.y).T], axis=1)
         beyond = np.maximum(s - t[-1], 0.0)[:, None] * self.slope
         before = np.minimum(s - t[0], 0.0)[:, None] * self.below
@@ -41,17 +42,20 @@ class Curve:
 def error_curve(
     x: Sequence[float], apart: Sequence[np.ndarray], theory: np.ndarray, left: np.ndarray | float
 ) -> Curve:
-    """Return errors that do not grow with x, with their order beyond the measured ones."""
-    # `apart` are distances to a reference, and `left` is its own error, which is added. An error
-    # smaller than the error of a finer run is small by chance: the finer run's replaces it. The
-    # order of the last two runs holds beyond them, but is at least 1/2 and at most the theory; the
-    # order of the first two holds below them, but is at least 1.
+    """Return errors that do not grow with x, with their order beyond the measured ones.
+
+    `apart` are distances to a reference, and `left` is its own error, which is added. An error
+    smaller than the error of a finer run is small by chance: the finer run's replaces it. The
+    order of the last two runs holds beyond them, but is at least 1/2 and at most the theory; the
+    order of the first two holds below them, but is at least 1.
+    """
     sizes, values = _sorted(x, apart)
     values = np.maximum.accumulate((values + left)[::-1])[::-1]
     slope = first = -CAREFUL * theory
     if len(sizes) > 1:
         powers = np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
-        first, slope = powers[0], powers[-1]
+        first = powers[0]
+        slope = powers[-1]
     beyond = np.clip(slope, -theory, -np.minimum(LOWEST, theory))
     below = np.clip(first, -theory, -np.minimum(1.0, theory))
     return Curve(sizes, values, beyond, below, clear_orders(sizes, values, theory, left))
@@ -60,9 +64,11 @@ def error_curve(
 def clear_orders(
     x: np.ndarray, errors: np.ndarray, theory: np.ndarray, left: np.ndarray | float
 ) -> np.ndarray:
-    """Return (q,) orders between the first and the last clear error, at least 1/2."""
-    # An error is clear if it is above twice `left`, the error of the reference that it contains:
-    # the others say more of the reference. With less than two it is `CAREFUL` times the theory.
+    """Return (q,) orders between the first and the last clear error, at least 1/2.
+
+    An error is clear if it is above twice `left`, the error of the reference that it contains:
+    the others say more of the reference. With less than two it is `CAREFUL` times the theory.
+    """
     orders = CAREFUL * theory
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
         at = np.flatnonzero(is_clear)
@@ -78,10 +84,12 @@ def error_of_finest(
     sizes: Sequence[float],
     theory: np.ndarray | float,
 ) -> np.ndarray:
-    """Return (q,) errors of the finest of two or more runs: the grid convergence index."""
-    # With d the change by the last refinement, r the ratio of its sizes and p the observed order,
-    # these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of
-    # 1.25 comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
+    """Return (q,) errors of the finest of two or more runs: the grid convergence index.
+
+    With d the change by the last refinement, r the ratio of its sizes and p the observed order,
+    these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of
+    1.25 comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
+    """
     ratio = sizes[-1] / sizes[-2]
     change = distance(runs[-1], runs[-2])
     if len(runs) == 2:
@@ -101,9 +109,11 @@ def grouped(
 
 
 def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: float) -> Curve:
-    """Return seconds over a size; beyond the measured runs their power lies in [low, high]."""
-    # A run that takes longer than a finer one does so by chance, as the first one of a process,
-    # which loads compiled code: the seconds of the finer run replace its seconds.
+    """Return seconds over a size; beyond the measured runs their power lies in [low, high].
+
+    A run that takes longer than a finer one does so by chance, as the first one of a process,
+    which loads compiled code: the seconds of the finer run replace its seconds.
+    """
     sizes, values = _sorted(x, seconds)
     values = np.minimum.accumulate(np.maximum(values, 1e-6)[::-1])[::-1]
     power = (low + high) / 2

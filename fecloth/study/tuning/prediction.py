@@ -75,9 +75,11 @@ class Prediction:
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
-        """Return all meshes with all rules."""
-        # Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
-        # need meshes that were run with their own kind.
+        """Return all meshes with all rules.
+
+        Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
+        need meshes that were run with their own kind.
+        """
         lumped = self.coarse.choice.is_explicit
         return [
             (mesh, rule)
@@ -92,8 +94,12 @@ class Prediction:
 
         They lie on a grid of sizes from below to above the measured ones.
         """
-        is_p2, coarse = mesh.choice.element == "P2", self.coarse
-        edges = _sizes(mesh.errors.x, COARSER, FINER) if mesh.choice.h else mesh.errors.x[-1:]
+        is_p2 = mesh.choice.element == "P2"
+        coarse = self.coarse
+        if mesh.choice.h:
+            edges = _sizes(mesh.errors.x, COARSER, FINER)
+        else:
+            edges = mesh.errors.x[-1:]
         fixed = rule.kind in ("limit", "static")
         x = np.array([1.0]) if fixed else _sizes(rule.errors.x, LONGER, SHORTER)
         edges, x = (values.ravel() for values in np.meshgrid(edges, x))
@@ -110,7 +116,8 @@ class Prediction:
 
     def error_in_time(self, trial: Trial) -> np.ndarray:
         """Return the (q,) predicted error in time of a run on any mesh."""
-        key, rules = key_of(trial.choice), self.times.rules
+        key = key_of(trial.choice)
+        rules = self.times.rules
         rule = next((rule for rule in rules if rule.key == key), rules[0])
         finer = max(trial.edges / self.coarse.edges, 1.0)
         in_time = rule.errors(np.array([size_of(trial.choice)]))[0]
@@ -137,7 +144,9 @@ class Goal:
     @property
     def scale(self) -> float:
         """The tolerance; with a budget 1 %, for which the runs of the search are fine enough."""
-        return 0.01 if math.isinf(self.tolerance) else self.tolerance
+        if math.isinf(self.tolerance):
+            return 0.01
+        return self.tolerance
 
     def limit(self, candidates: Sequence[Candidate]) -> float:
         """Return the CPU time that the search may take [s]."""
@@ -146,10 +155,12 @@ class Goal:
         return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
 
     def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
-        """Return the predicted candidate of each mesh and rule, the best first."""
-        # They are the cheapest within `margin` times the tolerance, or the most accurate within the
-        # budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
-        # have no noise.
+        """Return the predicted candidate of each mesh and rule, the best first.
+
+        They are the cheapest within `margin` times the tolerance, or the most accurate within the
+        budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
+        have no noise.
+        """
 
         def rank(error: Any, seconds: Any) -> Any:
             return error if self.has_budget else seconds

@@ -64,9 +64,11 @@ def verifying(bench: Bench, proof: Proof, error: np.ndarray) -> Yardstick:
 def prove(
     bench: Bench, prediction: Prediction, goal: Goal, other: Errors, space: SpaceErrors
 ) -> Proof | None:
-    """Run the best candidate beside a finer one; try again where it is far off."""
-    # Return None if no candidate can meet the goal. The best run of the search serves as the finer
-    # one if it is finer and its own error is small.
+    """Run the best candidate beside a finer one; try again where it is far off.
+
+    Return None if no candidate can meet the goal. The best run of the search serves as the finer
+    one if it is finer and its own error is small.
+    """
     stick = Yardstick(space.reference, space.error + prediction.error_in_time(space.reference))
     is_known = stick.left.max() <= KNOWN * goal.scale
     attempts = list[Proof]()
@@ -105,7 +107,9 @@ def untried(candidates: Sequence[Candidate], proofs: Iterable[Proof]) -> list[Ca
 def stated(attempts: Sequence[Proof], goal: Goal) -> Proof:
     """Return the last attempt, or the one with the least error where the last is not enough."""
     is_enough = attempts[-1].error <= goal.tolerance
-    return attempts[-1] if is_enough else min(attempts, key=lambda proof: proof.error)
+    if is_enough:
+        return attempts[-1]
+    return min(attempts, key=lambda proof: proof.error)
 
 
 def beside(
@@ -128,7 +132,10 @@ def verify(bench: Bench, candidate: Candidate, trial: Trial, other: Errors) -> P
     """
     choice, left = finer_choice(candidate)
     (finer,) = bench.run([choice])
-    in_time = {} if candidate.rule.kind == "static" else {"time": candidate.time}
+    if candidate.rule.kind == "static":
+        in_time = {}
+    else:
+        in_time = {"time": candidate.time}
     parts = {"space": candidate.space, **in_time, **other}
     if not finer.is_ok:
         cause = str(finer.row["cause"]).splitlines()[0]
@@ -144,15 +151,22 @@ def verify(bench: Bench, candidate: Candidate, trial: Trial, other: Errors) -> P
 def finer_choice(candidate: Candidate) -> tuple[Choice, dict[str, np.ndarray]]:
     """Return the choice of a verifying run, and the part of each refined error left in it."""
     # It refines each cause that counts; if none of these can be refined, the mesh, or the steps.
-    least, choice = COUNTS * max(candidate.error, 1e-300), candidate.choice
-    order, left = candidate.rule.errors.order, dict[str, np.ndarray]()
+    least = COUNTS * max(candidate.error, 1e-300)
+    choice = candidate.choice
+    order = candidate.rule.errors.order
+    left = dict[str, np.ndarray]()
     in_time = candidate.time.max() >= least
     if in_time and choice.rtol:
-        choice, left["time"] = replace(choice, rtol=choice.rtol / 4), 4.0**-order
+        choice = replace(choice, rtol=choice.rtol / 4)
+        left["time"] = 4.0**-order
     elif in_time and choice.steps:
-        choice, left["time"] = choice.with_half_of_dt(), 2.0**-order
+        choice = choice.with_half_of_dt()
+        left["time"] = 2.0**-order
     if choice.h and (candidate.space.max() >= least or not left):
-        ratio = 2.0 if choice.pattern not in ("", "unstructured") else math.sqrt(2)
+        if choice.pattern not in ("", "unstructured"):
+            ratio = 2.0
+        else:
+            ratio = math.sqrt(2)
         choice = replace(choice, h=choice.h / ratio)
         left["space"] = ratio**-candidate.mesh.errors.order
     if not left:
@@ -178,7 +192,8 @@ def corrected(prediction: Prediction, proof: Proof) -> Prediction:
     rules = tuple(changed if it is candidate.rule else it for it in prediction.times.rules)
     ratio = float(np.clip(proof.trial.seconds / candidate.seconds, 1 / SLOWER, SLOWER))
     prediction = prediction.with_seconds(candidate, ratio * candidate.seconds)
-    meshes, times = tuple(map(correct, prediction.meshes)), replace(prediction.times, rules=rules)
+    meshes = tuple(map(correct, prediction.meshes))
+    times = replace(prediction.times, rules=rules)
     return replace(prediction, meshes=meshes, times=times)
 
 
@@ -221,12 +236,16 @@ def next_candidates(
 
 def between(proof: Proof, failed: Proof) -> list[Candidate]:
     """Return the setting halfway between two of the same mesh and method; none for others."""
-    cheap, fine = failed.candidate, proof.candidate
+    cheap = failed.candidate
+    fine = proof.candidate
     if cheap is None or fine is None or cheap.key != fine.key:
         return []
     sizes = ("edges", "x", "space", "time")
     middle = {name: np.sqrt(getattr(fine, name) * getattr(cheap, name)) for name in sizes}
-    middle["x"] = math.ceil(middle["x"]) if fine.rule.kind == "steps" else float(middle["x"])
+    if fine.rule.kind == "steps":
+        middle["x"] = math.ceil(middle["x"])
+    else:
+        middle["x"] = float(middle["x"])
     seconds = math.sqrt(proof.trial.seconds * failed.trial.seconds)
     return [replace(fine, seconds=seconds, **middle)]
 
@@ -251,21 +270,31 @@ def answer(
     why: str,
     is_open: bool = False,
 ) -> Proof:
-    """Return the cheapest run that meets the goal; else what can be had, and `why` not more."""
-    # With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
-    # come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
-    # accurate runs, with a budget the fastest run.
+    """Return the cheapest run that meets the goal; else what can be had, and `why` not more.
+
+    With a budget it is the most accurate run within it. Where `is_open`, as finer meshes do not
+    come closer to each other, nothing is proved. Without a proof it is the cheapest of the most
+    accurate runs, with a budget the fastest run.
+    """
     own = each_once(bench.other_than(proof.finer if proof else None)[bench.changed :])
     rows = [run for run in own if run.is_ok and run.records and not run.choice.sharper]
     errors = {run.choice: float(yardstick.error(bench, run).max()) for run in rows}
-    proved = proof if proof is not None and not proof.why and proof.meets(goal) else None
+    if proof is not None and not proof.why and proof.meets(goal):
+        proved = proof
+    else:
+        proved = None
 
     def place(run: Trial) -> float:
-        return errors[run.choice] if goal.has_budget else run.seconds
+        if goal.has_budget:
+            return errors[run.choice]
+        return run.seconds
 
     most = math.inf
     if proved:
-        most = proved.error if goal.has_budget else FASTER * proved.trial.seconds
+        if goal.has_budget:
+            most = proved.error
+        else:
+            most = FASTER * proved.trial.seconds
     able = [run for run in rows if errors[run.choice] <= goal.tolerance]
     able = [run for run in able if run.seconds <= goal.budget and place(run) < most]
     for run in [] if is_open else sorted(able, key=place)[:TIMED]:

@@ -84,7 +84,8 @@ class Tuned(StudyResult):
             ax.plot(x, y, ls="", label=label, **look)
 
         for i, name in enumerate(dict.fromkeys(map(_series, rows))):
-            marker, color = MARKERS[i % len(MARKERS)], COLOURS[i % len(COLOURS)]
+            marker = MARKERS[i % len(MARKERS)]
+            color = COLOURS[i % len(COLOURS)]
             own = [row for row in rows if _series(row) == name]
             plot(own, name, marker=marker, color=color, alpha=0.8)
         if tuned := [row for row in rows if row["run"] == "tuned"]:
@@ -121,7 +122,8 @@ def summarise(
     folder: str | Path | None,
 ) -> Tuned:
     """Return the result; write tuned.toml. The search `took` so many CPU seconds."""
-    trial, opened = proof.trial, bench.opened
+    trial = proof.trial
+    opened = bench.opened
     proved = proof.meets(goal) and not proof.why
     text = ""
     if isinstance(opened, SceneProblem):
@@ -178,11 +180,17 @@ def _settings(trial: Trial) -> dict[str, Any]:
 
 
 def table_of_runs(bench: Bench, proof: Proof) -> Table:
-    """Return a row for each run, with the largest error that it may have."""
-    # This is its distance to the verifying run plus the error that is left in that one; for the
-    # tuned run it is the estimated error.
-    finer, rows = proof.finer, []
-    left = proof.error - float(bench.distance(finer, proof.trial).max()) if finer else math.nan
+    """Return a row for each run, with the largest error that it may have.
+
+    This is its distance to the verifying run plus the error that is left in that one; for the
+    tuned run it is the estimated error.
+    """
+    finer = proof.finer
+    rows = []
+    if finer:
+        left = proof.error - float(bench.distance(finer, proof.trial).max())
+    else:
+        left = math.nan
     for trial in each_once([*bench.other_than(finer), proof.trial, *([finer] if finer else [])]):
         row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
         row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
@@ -212,4 +220,6 @@ def _purpose(bench: Bench, trial: Trial, proof: Proof) -> str:
         terms = trial.row["point"].problem.scene.terms
         if terms != bench.opened.scene.terms:
             return OTHER_TERMS
-    return "sharper solver" if trial.choice.sharper else "search"
+    if trial.choice.sharper:
+        return "sharper solver"
+    return "search"

@@ -55,9 +55,11 @@ def _scaled(choice: Choice, by: float) -> Choice:
 def measure_meshes(
     bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
 ) -> tuple[SpaceErrors, Prediction]:
-    """Refine all meshes once, then the ones that matter, until the choice among them is known."""
-    # A run is left out if its predicted time is more than a tenth of the time of the search, unless
-    # it has the mesh of the coarse run.
+    """Refine all meshes once, then the ones that matter, until the choice among them is known.
+
+    A run is left out if its predicted time is more than a tenth of the time of the search, unless
+    it has the mesh of the coarse run.
+    """
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials = _first_meshes(bench, meshes, coarse)
     if coarse.choice.h is not None:
@@ -66,9 +68,15 @@ def measure_meshes(
         space = summarise_meshes(bench, trials, orders)
         prediction = Prediction(space.meshes, times, coarse)
         candidates = goal.candidates(prediction)
-        seconds_left = SEARCH - RESERVE if math.isinf(goal.budget) else goal.limit(candidates)
+        if math.isinf(goal.budget):
+            seconds_left = SEARCH - RESERVE
+        else:
+            seconds_left = goal.limit(candidates)
         seconds_left -= bench.spent()
-        mesh = next_mesh(space, candidates, goal) if coarse.choice.h is not None else None
+        if coarse.choice.h is not None:
+            mesh = next_mesh(space, candidates, goal)
+        else:
+            mesh = None
         if mesh is None or space.stalls(bench, goal.scale):
             return space, prediction
         if seconds_of_next(mesh, coarse) > SHARE * seconds_left:
@@ -97,7 +105,8 @@ def _refine_once(bench: Bench, coarse: Trial, trials: Sequence[Trial]) -> list[T
     known = {run.choice: run for run in bench.done[bench.changed :] if run.is_ok}
     refined = []
     for trial in trials:
-        choice, is_own = trial.choice.with_half_of_h(), trial.choice.mesh == coarse.choice.mesh
+        choice = trial.choice.with_half_of_h()
+        is_own = trial.choice.mesh == coarse.choice.mesh
         if choice in known:
             refined.append(known[choice])
         elif trial.is_ok and (is_own or DEARER * trial.seconds <= COSTLY):
@@ -116,13 +125,17 @@ def orders_of(bench: Bench, meshes: Sequence[Choice], element: str) -> list[floa
 
 
 def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -> Mesh | None:
-    """Return the mesh to refine next; None if no run is needed."""
-    # While no setting should meet the goal, or the error of the best run is not known well enough,
-    # it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
-    # first candidate, if that is far finer than what was run.
+    """Return the mesh to refine next; None if no run is needed.
+
+    While no setting should meet the goal, or the error of the best run is not known well enough,
+    it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
+    first candidate, if that is far finer than what was run.
+    """
     if not candidates or space.error.max() > KNOWN * goal.scale:
         return space.rival or space.most_accurate
-    return candidates[0].mesh if is_extrapolated(candidates[0]) else None
+    if is_extrapolated(candidates[0]):
+        return candidates[0].mesh
+    return None
 
 
 def is_extrapolated(candidate: Candidate) -> bool:
@@ -134,7 +147,10 @@ def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     """Predict the seconds of the next finer mesh; explicit steps are halved with h."""
     finest = mesh.trials[-1]
     more = 2.0 if coarse.choice.is_explicit else 1.0
-    ratio = max(finest.edges / mesh.trials[-2].edges, 2.0) if len(mesh.trials) > 1 else 2.0
+    if len(mesh.trials) > 1:
+        ratio = max(finest.edges / mesh.trials[-2].edges, 2.0)
+    else:
+        ratio = 2.0
     per_step = float(mesh.seconds(np.array([ratio * finest.edges]))[0, 0])
     return more * finest.steps * per_step
 
@@ -155,7 +171,8 @@ def obstacle_of(
     candidates = goal.candidates(prediction)
     if not candidates:
         return _why_none(space, prediction, goal, causes)
-    first, known = candidates[0], float(space.error.max())
+    first = candidates[0]
+    known = float(space.error.max())
     seconds = f"in about {in_words(first.seconds)}"
     if first.seconds > (most or math.inf):
         return f"{first.choice} should meet it, {seconds}: too long"
@@ -169,7 +186,8 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal, causes: st
     """Return why no setting is predicted to meet the goal: its time, the solver or the mesh."""
     if math.isfinite(goal.budget):
         return f"no setting is predicted to take less than {goal.budget:g} s"
-    allowed, mesh = MARGIN * goal.tolerance, space.most_accurate
+    allowed = MARGIN * goal.tolerance
+    mesh = space.most_accurate
     if not math.isfinite(prediction.other):
         return "the error of the gaps of contact is not known: a run with half of them failed"
     if prediction.other > allowed:

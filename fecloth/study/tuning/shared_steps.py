@@ -24,11 +24,13 @@ def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> li
 
 
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
-    """Return the run whose steps all meshes take."""
-    # Methods that damp the shortest waves are preferred: the others keep the waves that each finer
-    # mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
-    # lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
-    # taken; if there is none, the most accurate.
+    """Return the run whose steps all meshes take.
+
+    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
+    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
+    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
+    taken; if there is none, the most accurate.
+    """
     error = partial(_error_in_time, bench, times)
 
     def damps_short_waves(trial: Trial) -> bool:
@@ -57,9 +59,11 @@ def _error_in_time(bench: Bench, times: TimeErrors, trial: Trial) -> float:
 
 
 def shorten_steps(bench: Bench, times: TimeErrors, coarse: Trial, tolerance: float) -> Trial:
-    """Halve the steps of the coarse run until they serve on a mesh with half of h, too."""
-    # Where there are too few, Newton's iteration lands on another solution there, and the meshes
-    # would disagree. Return the run on the coarse mesh with these steps.
+    """Halve the steps of the coarse run until they serve on a mesh with half of h, too.
+
+    Where there are too few, Newton's iteration lands on another solution there, and the meshes
+    would disagree. Return the run on the coarse mesh with these steps.
+    """
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
         return coarse
     known = _error_in_time(bench, times, coarse)

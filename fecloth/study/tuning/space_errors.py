@@ -56,9 +56,11 @@ class SpaceErrors:
         return min(self.meshes, key=lambda mesh: float(mesh.errors.y[-1].max()))
 
     def stalls(self, bench: Bench, tolerance: float) -> bool:
-        """Whether there is a kind of mesh whose finer meshes do not come closer to each other."""
-        # The last change counts if it is above twice the tolerance. It is compared with the change
-        # before, of this or of another kind, because one of them may be small by accident.
+        """Whether there is a kind of mesh whose finer meshes do not come closer to each other.
+
+        The last change counts if it is above twice the tolerance. It is compared with the change
+        before, of this or of another kind, because one of them may be small by accident.
+        """
         runs_of_kinds = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
         pairs = [runs[-3:-1] if len(runs) > 2 else runs for runs in runs_of_kinds]
         before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
@@ -87,7 +89,8 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
         error = np.fmax(own, apart)
     meshes = []
     for runs in kinds:
-        x, apart = [run.edges for run in runs], [bench.distance(reference, run) for run in runs]
+        x = [run.edges for run in runs]
+        apart = [bench.distance(reference, run) for run in runs]
         errors = curves.error_curve(x, apart, theory(runs), error)
         seconds = curves.cost_curve(x, [run.seconds / run.steps for run in runs], *POWERS)
         meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
@@ -105,11 +108,13 @@ def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.nd
 
 
 def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
-    """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities."""
-    # Two meshes may have nodes equally near to the lowest point by accident, so that their values
-    # agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
-    # nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
-    # h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
+    """Return (q,) relative errors of `sag` because it is taken at a node; 0 of other quantities.
+
+    Two meshes may have nodes equally near to the lowest point by accident, so that their values
+    agree although both are wrong. Where the cloth is round, −½ κ r² about its lowest point, the
+    nodes around any node lie ½ κ h² deeper on average than it, and the lowest point is at most
+    h/√3 from a node: a third of this drop. On the border it is h/2: a quarter.
+    """
 
     def error(quantity: Quantity, record: RunRecord) -> float:
         if quantity.name != "sag":
@@ -123,9 +128,11 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
     """Return how far the largest of (n,) values at the nodes may lie below the cloth's largest."""
     lowest = int(np.argmax(depth))
-    around, part = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)]), INSIDE
+    around = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)])
+    part = INSIDE
     if lowest in (border := cloth.nodes("boundary")):
-        around, part = np.intersect1d(around, border), BORDER
+        around = np.intersect1d(around, border)
+        part = BORDER
     return part * float(depth[lowest] - depth[around[around != lowest]].mean())
 
 
@@ -133,9 +140,11 @@ LEAST_SAVED = 0.4  # share of the triangles, for a family of meshes to be tried
 
 
 def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
-    """Return the choices of the first trial of each element, with gradings that save triangles."""
-    # There are none for explicit steps, which the smallest edge limits, for functions, for scenes
-    # with their own gradings, and where the error in space has no estimate or is too even.
+    """Return the choices of the first trial of each element, with gradings that save triangles.
+
+    There are none for explicit steps, which the smallest edge limits, for functions, for scenes
+    with their own gradings, and where the error in space has no estimate or is too even.
+    """
     if isinstance(opened, FunctionProblem) or opened.scene.cloth.grading:
         return []
     first: dict[str, Trial] = {}
@@ -144,7 +153,8 @@ def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
             first.setdefault(trial.choice.element, trial)
     choices = []
     for trial in first.values():
-        choice, setup = trial.choice, trial.row["point"].problem.first
+        choice = trial.choice
+        setup = trial.row["point"].problem.first
         try:
             gradings = choose_gradings(setup, end_of(trial.row)[1], choice.h or 0.0, LEAST_SAVED)
         except InputError:  # no estimate of the error, or a shape that takes no grading

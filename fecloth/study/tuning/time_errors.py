@@ -74,16 +74,21 @@ def order_of(method: str) -> float:
 def measure_methods(
     bench: Bench, mesh: Choice, methods: Sequence[str], tolerance: float, limit: float
 ) -> TimeErrors:
-    """Run the methods on a coarse mesh with steps of several lengths, for `limit` CPU seconds."""
-    # The run with the least error, which follows from the change by its last refinement, is the
-    # reference of all others. `StudyFailed` if no run reaches its end.
+    """Run the methods on a coarse mesh with steps of several lengths, for `limit` CPU seconds.
+
+    The run with the least error, which follows from the change by its last refinement, is the
+    reference of all others. `StudyFailed` if no run reaches its end.
+    """
     if not can_choose_steps(bench.opened):
         trials = bench.run([replace(mesh, method="", steps=None)])
         _require(trials)
         return _single(trials[0])
     explicit = next((name for name in methods if name in EXPLICIT), None)
     implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
-    trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2) if implicit else []
+    if implicit:
+        trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2)
+    else:
+        trials = []
     if _have_no_value(bench.opened, trials):
         _require(trials)
     ladder = [trial for trial in trials if trial.is_ok]
@@ -98,7 +103,8 @@ def measure_methods(
 def can_choose_steps(opened: Problem) -> bool:
     """Whether the problem is a motion whose number of steps may be chosen."""
     # A run of a few long steps is a static solution: with shorter steps it would become a motion.
-    span, dt = opened.span, opened.dt
+    span = opened.span
+    dt = opened.dt
     if isinstance(opened, FunctionProblem):
         return span is not None and dt is not None
     return span is not None and not (dt and span <= FEW * dt)
@@ -106,13 +112,17 @@ def can_choose_steps(opened: Problem) -> bool:
 
 def _require(trials: Sequence[Trial]) -> None:
     if not any(trial.is_ok for trial in trials):
-        cause = str(trials[0].row["cause"]).splitlines()[0] if trials else "nothing was run"
+        if trials:
+            cause = str(trials[0].row["cause"]).splitlines()[0]
+        else:
+            cause = "nothing was run"
         raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
 
 
 def _single(trial: Trial) -> TimeErrors:
     """Return the one rule of an equilibrium, or of a function that chooses its steps."""
-    nothing, one = np.full(len(trial.records), NONE), np.ones(1)
+    nothing = np.full(len(trial.records), NONE)
+    one = np.ones(1)
     errors, seconds = (Curve(one, y[None], 0.0, 0.0) for y in (nothing, trial.seconds * one))
     rule = Rule("", "static", errors, seconds, (trial,))
     return TimeErrors((rule,), trial, nothing, (trial,))
@@ -146,7 +156,8 @@ def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: fl
             break
         if len(finished) > 2:
             changes = [bench.distance(finished[-1], trial) for trial in finished[-3:-1]]
-            error, ratio = changes[1].max() / 3, changes[0].max() / changes[1].max()
+            error = changes[1].max() / 3
+            ratio = changes[0].max() / changes[1].max()
             is_regular = 1 + REGULAR[0] < ratio < 1 + REGULAR[1]
             if error < tolerance or (is_regular and error < NEAR * tolerance):
                 break
@@ -161,7 +172,9 @@ def first_steps(opened: Problem) -> int:
 
 def _own_steps(opened: Problem, otherwise: int) -> float:
     """Return the number of steps of the problem itself; `otherwise` if it chooses them."""
-    return opened.span / opened.dt if opened.span and opened.dt else otherwise
+    if opened.span and opened.dt:
+        return opened.span / opened.dt
+    return otherwise
 
 
 def _have_no_value(opened: Problem, trials: Sequence[Trial]) -> bool:
@@ -180,12 +193,16 @@ def _other_methods(
     limit: float,
 ) -> list[Trial]:
     """Run all implicit methods with as many steps as the first one and fewer, and by rtol."""
-    first, finest = ladder[0].choice.steps or 1, ladder[-1]
+    first = ladder[0].choice.steps or 1
+    finest = ladder[-1]
     most = finest.choice.steps or 1
     trials: list[Trial] = []
     per_step = finest.seconds / finest.steps
     for method in implicit:
-        steps = first // 2 if method == implicit[0] else most if order_of(method) > 1 else 2 * most
+        if method == implicit[0]:
+            steps = first // 2
+        else:
+            steps = most if order_of(method) > 1 else 2 * most
         while steps * per_step > COSTLY:
             steps //= 2
         choice = replace(mesh, method=method, steps=steps)
@@ -219,7 +236,8 @@ def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
     reference, error = min(finest, key=lambda pair: pair[1].max())
     rules = []
     for runs in listed:
-        x, key = [size_of(trial.choice) for trial in runs], key_of(runs[0].choice)
+        x = [size_of(trial.choice) for trial in runs]
+        key = key_of(runs[0].choice)
         apart = [bench.distance(reference, trial) for trial in runs]
         errors = curves.error_curve(x, apart, np.full(len(error), _theory(runs)), error)
         seconds = curves.cost_curve(x, [trial.seconds for trial in runs], *POWERS[key[1]])
@@ -239,7 +257,9 @@ def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
 
 def _theory(runs: Sequence[Trial]) -> float:
     """Return the theoretical order of a rule in its x."""
-    return 1.0 if runs[0].choice.rtol else order_of(runs[0].choice.method)
+    if runs[0].choice.rtol:
+        return 1.0
+    return order_of(runs[0].choice.method)
 
 
 def key_of(choice: Choice) -> tuple[str, str]:
@@ -252,4 +272,6 @@ def size_of(choice: Choice) -> float:
     """Return x of a rule: 1/rtol, the number of steps, or 1 for a step at the stability limit."""
     if choice.rtol:
         return 1 / choice.rtol
-    return float(choice.steps or 1) if not choice.is_explicit else 1.0 + (choice.steps is not None)
+    if not choice.is_explicit:
+        return float(choice.steps or 1)
+    return 1.0 + (choice.steps is not None)

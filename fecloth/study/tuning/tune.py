@@ -104,7 +104,8 @@ def tune(
         If no run on a coarse mesh reaches its end.
     """
     study = open_study(problem, shared)
-    opened, runs = study.problem, study.runs()
+    opened = study.problem
+    runs = study.runs()
     if to_data:
         if tolerance is not None:
             raise InputError("to_data and tolerance are given", "give one of them", "tune")
@@ -158,8 +159,14 @@ def tune(
     if not why:
         _say("proof: the best setting beside a finer one")
         proof = prove(bench, prediction, goal, other, space)
-        why = proof.why if proof else "no setting that should meet it ran to its end"
-    verifying = proof.finer if proof and proof.finer is not space.reference else None
+        if proof:
+            why = proof.why
+        else:
+            why = "no setting that should meet it ran to its end"
+    if proof and proof.finer is not space.reference:
+        verifying = proof.finer
+    else:
+        verifying = None
     left = space.error + prediction.error_in_time(space.reference) + prediction.other
     yardstick = choose_yardstick(bench, proof, space.reference, left)
     is_open = space.stalls(bench, goal.scale)
@@ -189,7 +196,10 @@ def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
         what = f"tolerance = {tolerance!r} and {what}"
         remedy = "A budget seeks the most accurate setting, a tolerance the cheapest."
         raise InputError(what, "only one of them may be given", "tune", remedy)
-    seconds = read_quantity("budget", str(budget), TIME) if isinstance(budget, str) else budget
+    if isinstance(budget, str):
+        seconds = read_quantity("budget", str(budget), TIME)
+    else:
+        seconds = budget
     if not 0 < seconds < math.inf:
         raise InputError(what, 'must be a time > 0, as 60.0 [s] or "60 s"', "tune")
     return Goal(budget=float(seconds))
@@ -197,16 +207,21 @@ def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
 
 def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
     """Return the setting on a coarse mesh in which models are compared."""
-    return mesh if bench.opened.span is None else replace(mesh, method="bdf2", steps=STEPS)
+    if bench.opened.span is None:
+        return mesh
+    return replace(mesh, method="bdf2", steps=STEPS)
 
 
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str]]:
-    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,)."""
-    # The error is of first order in the gap: halving the gaps shows half of it. Return also the
-    # change in words. Where a run fails the error is not known, and infinite.
-    choice, opened = _coarse_choice(bench, mesh), bench.opened
+    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,).
+
+    The error is of first order in the gap: halving the gaps shows half of it. Return also the
+    change in words. Where a run fails the error is not known, and infinite.
+    """
+    choice = _coarse_choice(bench, mesh)
+    opened = bench.opened
     halved = replace(bench, opened=opened.refined(Level(sharper=None, gap=2.0)))
     runs = [*bench.run([choice]), *halved.run([choice])]
     if not all(run.is_ok for run in runs):
@@ -222,9 +237,11 @@ def narrow_gaps(
 def drop_terms(
     bench: Bench, choice: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str]]:
-    """Leave out terms, or replace them by cheaper ones, as long as their changes are small."""
-    # Returns the reduced problem, (q,) its change of the quantities, and the names of the changes.
-    # Membranes are not left out: in free fall they change nothing.
+    """Leave out terms, or replace them by cheaper ones, as long as their changes are small.
+
+    Returns the reduced problem, (q,) its change of the quantities, and the names of the changes.
+    Membranes are not left out: in free fall they change nothing.
+    """
     if not isinstance(bench.opened, SceneProblem):
         remedy = "Write a scene file, or compare the models with compare."
         raise InputError("model = True", "needs a scene: it changes its terms", "tune", remedy)
@@ -238,7 +255,9 @@ def drop_terms(
         if trial is None or not trial.is_ok:
             return None
         change = bench.distance(full, trial)
-        return (change, trial.seconds) if change.max() <= SHARE * tolerance else None
+        if change.max() <= SHARE * tolerance:
+            return (change, trial.seconds)
+        return None
 
     worth = []
     for variant in _variants(bench.opened, choice.element) if full.is_ok else []:
@@ -246,7 +265,8 @@ def drop_terms(
             worth.append((made[1], variant))
     for _, variant in sorted(worth, key=itemgetter(0)):
         if variant.slot not in taken and (made := run_with(variant)):
-            total, taken[variant.slot] = made[0], variant
+            total = made[0]
+            taken[variant.slot] = variant
     names = [variant.name for variant in taken.values()]
     return _with(bench, taken.values()), total, names
 

@@ -57,14 +57,16 @@ def arms(y):
 @inner
 def angle(e, a, b):
     """θ in (−π, π]."""
-    left, right = cross(e, a), cross(b, e)
+    left = cross(e, a)
+    right = cross(b, e)
     return math.atan2(dot(e, cross(right, left)) / math.sqrt(dot(e, e)), dot(left, right))
 
 
 @inner
 def side(e, arm, normal):
     """Foot s, height h, and p = n̂/h of a triangle; `normal` is e × arm or arm × e."""
-    square, twice = dot(e, e), dot(normal, normal)
+    square = dot(e, e)
+    twice = dot(normal, normal)
     return (
         dot(e, arm) / square,
         math.sqrt(twice / square),
@@ -85,15 +87,19 @@ def gradient(left, right, g):
 
 @inner
 def add_side(arm, s, p, q, u, t, H):
-    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`."""
-    # p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and n̂
-    # mᵀ/|e|² = t² p qᵀ.
+    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`.
+
+    p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and n̂
+    mᵀ/|e|² = t² p qᵀ.
+    """
     for i in range(3):
         for j in range(3):
             pq = p[i] * q[j]
             A = -pq - q[i] * p[j]
-            up, pu = u[i] * p[j], p[i] * u[j]
-            ae, ea = -s * A - up, -s * A - pu
+            up = u[i] * p[j]
+            pu = p[i] * u[j]
+            ae = -s * A - up
+            ea = -s * A - pu
             ee = s * (s * A + up + pu) - t * t * pq
             H[1, i, 1, j] += ee
             H[arm, i, arm, j] = A
@@ -128,7 +134,8 @@ def condition(y, c, order, C, g, H):
     e, a, b = arms(y)
     C[0] = angle(e, a, b) - c[0]
     if order > 0:
-        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        left = side(e, a, cross(e, a))
+        right = side(e, b, cross(b, e))
         gradient(left, right, g[0])
         if order > 1:
             hessian(e, left, right, H[0])
@@ -169,6 +176,7 @@ def fold_measure(theta: np.ndarray) -> np.ndarray:
     as long as no step carries a node further than the gap that is left; only contact stops a longer
     step. fecloth/terms/bending/README.md compares it with the other candidate, 2 tan(θ/2).
     """
-    out, folded = theta.copy(), np.abs(theta) > RIGHT_ANGLE
+    out = theta.copy()
+    folded = np.abs(theta) > RIGHT_ANGLE
     out[folded] = [_measure(angle)[0] for angle in theta[folded]]
     return out

@@ -134,8 +134,11 @@ class Curvature:
 
     def products(self, H: np.ndarray, Q: sparse.csr_matrix, loop: SharedLoop) -> np.ndarray:
         """The entries of Rᵀ H R with H (m, 3, 3) of the triangles, in the order of those of Q."""
-        entries, T, R = np.empty(Q.nnz), self.by_hinge, self.by_triangle
-        left, right = T.data.reshape(-1, 3), R.data.reshape(-1, 3)
+        entries = np.empty(Q.nnz)
+        T = self.by_hinge
+        R = self.by_triangle
+        left = T.data.reshape(-1, 3)
+        right = R.data.reshape(-1, 3)
 
         def call(part: slice) -> Call:
             rows = pointers(Q, part), Q.indices, pointers(T, part), T.indices, left
@@ -238,7 +241,9 @@ class BoundFriction(BoundTerm):
 
     def start_history(self, x: np.ndarray, t: float) -> SlidCurvature | None:
         """κ_s = κ at the start; None without a hysteresis."""
-        return self._record(self.curvature(self.plate.measures(x, t))) if self.acts else None
+        if self.acts:
+            return self._record(self.curvature(self.plate.measures(x, t)))
+        return None
 
     def with_history(self, record: SlidCurvature) -> "BoundFriction":
         return replace(self, slid=record)

@@ -133,7 +133,8 @@ class BoundHinges(RigidCondition):
 
     def between(self, start, x):
         ends = (start, -0.5), (x, 1.0), (2.0 * x - start, -0.5)
-        rest, angle = self.constants.copy(), np.empty(len(self.nodes))
+        rest = self.constants.copy()
+        angle = np.empty(len(self.nodes))
         for y, weight in ends:
             angles(self.nodes, y, angle)
             rest[:, 0] += weight * angle
@@ -180,7 +181,8 @@ class QuadraticBending:
     stencil = HingeBending.stencil
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
-        hinges, n = panel.cloth.hinges, len(panel.cloth.X)
+        hinges = panel.cloth.hinges
+        n = len(panel.cloth.X)
         g = hinges.flat_gradient
         k = hinge_stiffness(panel, "QuadraticBending")[:, None, None]
         Q = k * g[:, :, None] * g[:, None, :]

@@ -97,7 +97,9 @@ def check_rest(rest, where: str):
     if angles.ndim > 1 or angles.dtype.kind not in "iuf" or not (np.abs(angles) < np.pi).all():
         allowed = 'must be "flat", "start", one angle, or one for each hinge, between -π and π'
         raise InputError(f"rest = {rest!r}", allowed, where)
-    return tuple(angles.tolist()) if angles.ndim else float(angles)
+    if angles.ndim:
+        return tuple(angles.tolist())
+    return float(angles)
 
 
 def rest_angles(rest, panel: Panel) -> np.ndarray:
@@ -107,7 +109,8 @@ def rest_angles(rest, panel: Panel) -> np.ndarray:
         return np.zeros(count)
     if rest == "start":
         if panel.start is None:
-            what, allowed = 'rest = "start"', "needs the start of the run"
+            what = 'rest = "start"'
+            allowed = "needs the start of the run"
             remedy = "Write System(..., start=state)."
             raise InputError(what, allowed, "PlateBending", remedy)
         return hinge_angles(panel.cloth, panel.start)
@@ -170,5 +173,6 @@ class BoundPlate(BoundTerm):
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps over a step."""
-        Q, rest = self.plate.stiffness, self.rest
+        Q = self.plate.stiffness
+        rest = self.rest
         return self.plate.work_of_clamps(old, new, stages, lambda mu: Q @ (mu - rest))

@@ -39,7 +39,8 @@ class CoupledRows:
         cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
     ) -> Self:
         """Find the blocks of hinges with `nodes` (h, 4) among the blocks of the `pairs` (p, 2)."""
-        both, alone = slots(pairs), slots(np.arange(n, dtype=np.int32)[:, None])
+        both = slots(pairs)
+        alone = slots(np.arange(n, dtype=np.int32)[:, None])
         i = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(n)])
         j = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(n)])
         blocks = np.concatenate([both[:, 0, 1], both[:, 1, 0], alone.ravel()])
@@ -47,7 +48,8 @@ class CoupledRows:
         first = np.searchsorted(i[order], np.arange(n + 1)).astype(np.int32)
         width = _count_row_nodes(nodes, Q, n)
         start = np.concatenate([[0], np.cumsum(4 * width)])
-        place, found = np.empty((Q.nnz, 4), np.int16), np.empty(start[-1], np.int32)
+        place = np.empty((Q.nnz, 4), np.int16)
+        found = np.empty(start[-1], np.int32)
         data = first, j[order].astype(np.int32), blocks[order], start
         work = np.full(n, -1), np.empty(n, np.int64), np.empty(width.max(initial=0), np.int32)
         missing = plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, *work, place, found)
@@ -72,14 +74,16 @@ def mirror(corners: np.ndarray) -> np.ndarray:
     """(c, 3) the third corners of triangles (c, 3, 3), mirrored in the plane at the first edge."""
     # The plane through the edge and this point is the plane of the triangle.
     a, b, apex = np.moveaxis(corners, 1, 0)
-    edge, arm = b - a, apex - a
+    edge = b - a
+    arm = apex - a
     along = np.sum(edge * arm, axis=1, keepdims=True) / np.sum(edge * edge, axis=1, keepdims=True)
     return apex - 2 * (arm - along * edge)
 
 
 def clamped_gradient(corners: np.ndarray) -> np.ndarray:
     """(c, 4) ∂θ/∂z about flat of clamped edges, from the corners (c, 3, 2) of their triangles."""
-    edge, arm = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    edge = corners[:, 1] - corners[:, 0]
+    arm = corners[:, 2] - corners[:, 0]
     square = np.sum(edge * edge, axis=1)
     foot = np.sum(edge * arm, axis=1) / square
     height = np.abs(edge[:, 0] * arm[:, 1] - edge[:, 1] * arm[:, 0]) / np.sqrt(square)
@@ -124,7 +128,9 @@ class PlateAngles:
 
     def held_at(self, t: float) -> np.ndarray:
         """(c, 3) positions of the nodes that are held in space, at the time t [m]."""
-        return self.held if self.moved is None else self.moved(self.held, t)
+        if self.moved is None:
+            return self.held
+        return self.moved(self.held, t)
 
     def energy(self, x: np.ndarray, t: float, rest: np.ndarray) -> float:
         """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J] for the measures μ⁰ at rest."""
@@ -145,7 +151,8 @@ class PlateAngles:
 
     def gradients(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """μ (h,) and ∂μ/∂x (h, 4, 3)."""
-        mu, g = np.empty(len(self.nodes)), np.empty((len(self.nodes), 4, 3))
+        mu = np.empty(len(self.nodes))
+        g = np.empty((len(self.nodes), 4, 3))
         self.loop.each(partial(self._gradients, x, t, mu, g))
         return mu, g
 
@@ -192,7 +199,8 @@ class PlateAngles:
         self, left: np.ndarray, right: np.ndarray, scale: float, J, entries: Any = None
     ) -> None:
         """J += scale leftᵀ Q right, both (h, 4, 3); `entries` stand in place of those of Q."""
-        Q, rows = self.stiffness, self.rows
+        Q = self.stiffness
+        rows = self.rows
         values = Q.data if entries is None else entries
 
         def call(part: slice, blocks: np.ndarray) -> Call:
@@ -217,14 +225,17 @@ class PlateAngles:
     def work_of_clamps(
         self, old: At, new: At, stages: Sequence[At], moments: Callable[[np.ndarray], np.ndarray]
     ) -> float:
-        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp."""
-        # p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m]. In a
-        # translation the work cancels with the work of the pinned nodes, which take the opposite
-        # forces.
+        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
+
+        p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m]. In a
+        translation the work cancels with the work of the pinned nodes, which take the opposite
+        forces.
+        """
         if self.moved is None:
             return 0.0
         path = self.held_at(new[1]) - self.held_at(old[1])
-        first, force = len(self.nodes) - len(self.held), np.zeros_like(path)
+        first = len(self.nodes) - len(self.held)
+        force = np.zeros_like(path)
         for x, t in stages:
             mu, g = self.gradients(x, t)
             force += self.loop.select(moments(mu))[first:, None] * g[first:, 3]
@@ -234,14 +245,17 @@ class PlateAngles:
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     """The hinge angles of a panel, coupled by the stiffness of its plate."""
     slopes, (_, Q) = panel.cloth.edge_slopes, panel_plate(panel, where)
-    nodes, gradient = slopes.edges.hinges.nodes, slopes.edges.hinges.flat_gradient
-    held, moved = np.empty((0, 3)), None
+    nodes = slopes.edges.hinges.nodes
+    gradient = slopes.edges.hinges.flat_gradient
+    held = np.empty((0, 3))
+    moved = None
     if panel.clamps:
         triangles, edge = np.divmod(panel.clamps.half_edges, 3)
         corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
         none = np.full((len(corners), 1), -1, np.int32)
         clamped = np.hstack([corners, none]).astype(np.int32)
-        nodes, moved = np.concatenate([nodes, clamped]), panel.clamps.moved
+        nodes = np.concatenate([nodes, clamped])
+        moved = panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
         held = mirror(panel.clamps.start[corners])
     last = slopes.pairs, len(panel.cloth.X), panel

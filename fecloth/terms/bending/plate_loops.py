@@ -86,9 +86,13 @@ def add_rates(nodes, g, v, rate):
 @inner
 def row_product(indptr, indices, Q, e, change):
     """Σ_f Q_ef change_f, as four sums: no addition waits for the one before."""
-    begin, end = indptr[e], indptr[e + 1]
+    begin = indptr[e]
+    end = indptr[e + 1]
     last = end - (end - begin) % 4
-    m0, m1, m2, m3 = 0.0, 0.0, 0.0, 0.0
+    m0 = 0.0
+    m1 = 0.0
+    m2 = 0.0
+    m3 = 0.0
     for s in range(begin, last, 4):
         m0 += Q[s] * change[np.uintp(indices[s])]
         m1 += Q[s + 1] * change[np.uintp(indices[s + 1])]
@@ -113,16 +117,19 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
 
 @kernel
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
-    """J += scale Σ left_ea Q_ef right_fbᵀ."""
-    # Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes
-    # of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either
-    # is −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
+    """J += scale Σ left_ea Q_ef right_fbᵀ.
+
+    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes
+    of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either
+    is −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
+    """
     for e in range(len(width)):
         u = width[e]
         for b in range(3 * u):
             y[b] = 0.0
         for s in range(indptr[e], indptr[e + 1]):
-            f, q = indices[s], scale * Q[s]
+            f = indices[s]
+            q = scale * Q[s]
             for a in range(4):
                 b = place[s, a]
                 if b >= 0:
@@ -164,18 +171,22 @@ def fill_products(
 @kernel
 def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, moment, scale, J):
     """J += scale Σ m_e ∂²μ_e/∂x∂x; own[e] is the entry of Q on the diagonal of row e."""
-    y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))
+    y = np.empty((4, 3))
+    g = np.empty((4, 3))
+    H = np.empty((4, 3, 4, 3))
     for n in range(len(nodes)):
         m = scale * moment[n]
         gather(nodes, ghosts, first, n, x, y)
         e, a, b = arms(y)
         _, slope, bend = measure(angle(e, a, b))
-        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        left = side(e, a, cross(e, a))
+        right = side(e, b, cross(b, e))
         hessian(e, left, right, H)
         if bend != 0.0:
             gradient(left, right, g)
             add_fold(slope, bend, g, H)
-        column, row = place[np.uintp(own[n])], start[n]
+        column = place[np.uintp(own[n])]
+        row = start[n]
         for i in range(4):
             if nodes[n, i] >= 0:
                 for j in range(4):
@@ -200,12 +211,15 @@ def add_fold(slope, bend, g, H):
 @kernel
 def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
     """out (h, 4, 3) += scale ∂μ̇/∂x = scale ∂²μ/∂x∂x · v."""
-    y, g, H = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3, 4, 3))
+    y = np.empty((4, 3))
+    g = np.empty((4, 3))
+    H = np.empty((4, 3, 4, 3))
     for n in range(len(nodes)):
         gather(nodes, ghosts, first, n, x, y)
         e, a, b = arms(y)
         _, slope, bend = measure(angle(e, a, b))
-        left, right = side(e, a, cross(e, a)), side(e, b, cross(b, e))
+        left = side(e, a, cross(e, a))
+        right = side(e, b, cross(b, e))
         gradient(left, right, g)
         hessian(e, left, right, H)
         rate = 0.0
@@ -228,10 +242,12 @@ def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
 def fill_rows(
     nodes, indptr, indices, block_ptr, block_nodes, blocks, start, last, position, row, place, slots
 ):
-    """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes."""
-    # Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
-    # `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
-    # pair that has no block, or −1.
+    """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
+
+    Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
+    `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
+    pair that has no block, or −1.
+    """
     for e in range(len(nodes)):
         u = 0
         for s in range(indptr[e], indptr[e + 1]):
@@ -241,11 +257,14 @@ def fill_rows(
                     place[s, a] = -1
                     continue
                 if last[i] != e:
-                    last[i], position[i], row[u] = e, u, i
+                    last[i] = e
+                    position[i] = u
+                    row[u] = i
                     u += 1
                 place[s, a] = position[i]
         for a in range(4):
-            i, first = nodes[e, a], start[e] + a * u
+            i = nodes[e, a]
+            first = start[e] + a * u
             for b in range(u):
                 slots[first + b] = -1
                 if i >= 0:

@@ -61,11 +61,14 @@ def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
 def angle_curvature(
     slopes: EdgeSlopes, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
 ) -> sparse.csr_matrix:
-    """(3m, h + c) R with the curvature κ = R Δθ of each triangle along X and Y [1/m]."""
-    # κ = B α with the slopes α = C Δθ. The slope of a free edge is the one without a moment: the
-    # rows of BᵀDB of the free edges vanish. The arguments are as in `EdgeSlopes.of_plate`.
+    """(3m, h + c) R with the curvature κ = R Δθ of each triangle along X and Y [1/m].
+
+    κ = B α with the slopes α = C Δθ. The slope of a free edge is the one without a moment: the
+    rows of BᵀDB of the free edges vanish. The arguments are as in `EdgeSlopes.of_plate`.
+    """
     C, hinge = slopes.of_plate(rigidity, material, clamped)
-    m, B = len(rigidity), slopes.edges.curvature_of_slopes
+    m = len(rigidity)
+    B = slopes.edges.curvature_of_slopes
     K = np.einsum("eki,ekl,elj->eij", B, rigidity, B, optimize=True)
     K /= np.trace(K, axis1=1, axis2=2)[:, None, None]
     free = (hinge < 0).reshape(m, 3)

@@ -110,4 +110,6 @@ def fill_moments(moments, limit, weight, e, out):
         z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
         larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
         scale = weight[i] / larger if larger > 0.0 else 0.0
-        out[i, 0], out[i, 1], out[i, 2] = scale * M1 * z1, scale * M2 * z2, scale * M3 * z3
+        out[i, 0] = scale * M1 * z1
+        out[i, 1] = scale * M2 * z2
+        out[i, 2] = scale * M3 * z3

@@ -27,7 +27,10 @@ def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) 
     d = shape.distance(y, t)
     least = LEFT * np.minimum(d, gap)
     length = np.sqrt(np.einsum("mi,mi->m", way, way))
-    some = np.flatnonzero(d - least < length) if shape.convex else np.arange(len(y))
+    if shape.convex:
+        some = np.flatnonzero(d - least < length)
+    else:
+        some = np.arange(len(y))
     parts[some] = 0.0
     for _ in range(MOST):
         if not len(some):
@@ -35,7 +38,9 @@ def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) 
         at = y[some] + parts[some, None] * way[some]
         room = shape.distance(at, t) - least[some]
         moves = room > CLOSE * least[some]
-        some, at, room = some[moves], at[moves], room[moves]
+        some = some[moves]
+        at = at[moves]
+        room = room[moves]
         speed = _approach(shape, at, way[some], t)
         with np.errstate(divide="ignore"):
             parts[some] = np.minimum(1.0, parts[some] + room / speed)
@@ -69,7 +74,8 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     """Whether each straight way (m,) from a to b (m, 3) enters the shape and leaves it behind."""
     # Behind means that the normals where it enters and leaves are more than a right angle apart.
-    through, way = np.zeros(len(a), bool), b - a
+    through = np.zeros(len(a), bool)
+    way = b - a
     length = np.sqrt(np.einsum("mi,mi->m", way, way))
     some = np.arange(len(a))
     if shape.convex:
@@ -79,10 +85,13 @@ def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.nda
     parts = np.linspace(0.0, 1.0, PARTS + 1)
     spots = a[some, None] + parts[:, None] * way[some, None]
     d = shape.distance(spots.reshape(-1, 3), t).reshape(len(some), -1)
-    enters, leaves = (d[:, :-1] > 0) & (d[:, 1:] <= 0), (d[:, :-1] <= 0) & (d[:, 1:] > 0)
+    enters = (d[:, :-1] > 0) & (d[:, 1:] <= 0)
+    leaves = (d[:, :-1] <= 0) & (d[:, 1:] > 0)
     rows = np.flatnonzero(enters.any(axis=1) & leaves.any(axis=1))
-    some, d = some[rows], d[rows]
-    first, last = enters[rows].argmax(axis=1), PARTS - 1 - leaves[rows, ::-1].argmax(axis=1)
+    some = some[rows]
+    d = d[rows]
+    first = enters[rows].argmax(axis=1)
+    last = PARTS - 1 - leaves[rows, ::-1].argmax(axis=1)
     normals = []
     for part, outside in ((first, first), (last, last + 1)):
         inside = part + part + 1 - outside

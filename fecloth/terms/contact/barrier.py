@@ -64,7 +64,8 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
     """
     number = is_number(restitution) and 0.0 <= restitution <= 1.0
     if not number or (of_pairs and 0.0 < restitution < 1.0):
-        allowed, remedy = "must be a number in 0 … 1", ""
+        allowed = "must be a number in 0 … 1"
+        remedy = ""
         if of_pairs:
             allowed = "must be 0 or 1"
             remedy = "Between them only an Obstacle that is not thin has a law."
@@ -72,11 +73,13 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """κ [Pa] as it is given, or "auto" from the weight and the stiffness of the fabric."""
-    # That is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
-    # and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a
-    # fifth of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size
-    # rests at nine tenths of the gap.
+    """κ [Pa] as it is given, or "auto" from the weight and the stiffness of the fabric.
+
+    That is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
+    and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a
+    fifth of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size
+    rests at nine tenths of the gap.
+    """
     if stiffness != "auto":
         return float(stiffness)
     extent = panel.cloth.extent

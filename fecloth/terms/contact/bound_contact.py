@@ -91,9 +91,11 @@ class BoundContact(BoundTerm):
         return 0.0
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
-        """What slides at the positions x (n, 3) and the time t."""
-        # The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
-        # for None the velocity at t.
+        """What slides at the positions x (n, 3) and the time t.
+
+        The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
+        for None the velocity at t.
+        """
         raise NotImplementedError
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
@@ -150,9 +152,11 @@ class BoundContact(BoundTerm):
         return [(each, each.slip(each.values(v))) for each in sliding]
 
     def add_force(self, x, v, t, f) -> None:
-        """f += the force of the barrier, and friction [N]."""
-        # At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
-        # cloth at rest is left out.
+        """f += the force of the barrier, and friction [N].
+
+        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
+        cloth at rest is left out.
+        """
         self.add_forces(x, t, self.rubbing(x, v, t) if v.any() else (), f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
@@ -173,7 +177,9 @@ class BoundContact(BoundTerm):
         return self.friction > 0.0 or 0.0 < self.restitution < 1.0
 
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
-        return Touched(x, x, t, 1.0, self.speeds(x, t)) if self.keeps_history else None
+        if self.keeps_history:
+            return Touched(x, x, t, 1.0, self.speeds(x, t))
+        return None
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         return ContactOverStep(self, step)
@@ -196,16 +202,19 @@ class ContactOverStep(BoundTerm):
     symmetric = True
     has_energy = True
     stores_strain = False
-    name, couples_nodes = taken_from("contact.name"), taken_from("contact.couples_nodes")
+    name = taken_from("contact.name")
+    couples_nodes = taken_from("contact.couples_nodes")
     limit = taken_from("contact.limit")
     dissipates_over_step = taken_from("contact.dissipative")
-    needs_path, end = taken_from("contact.needs_path"), taken_from("step.end")
+    needs_path = taken_from("contact.needs_path")
+    end = taken_from("step.end")
     lags = needs_path
 
     @cached_property
     def last(self) -> Touched:
         """The step before."""
-        start, t = self.step.start, self.step.t
+        start = self.step.start
+        t = self.step.t
         return self.step.history or Touched(start, start, t, 1.0, self.contact.speeds(start, t))
 
     @cached_property
@@ -227,7 +236,8 @@ class ContactOverStep(BoundTerm):
         """What slides at the begin of the step, where the cloth touched last."""
         if not self.contact.friction:
             return ()
-        step, end = self.step, self.end
+        step = self.step
+        end = self.end
         if not step.increment:
             return self.contact.over(self.last).lag(self.last.place, step.t, step.dt)
         if step.increment.place is None:
@@ -242,7 +252,8 @@ class ContactOverStep(BoundTerm):
 
     def rubbing(self, x: np.ndarray) -> Rubbing:
         """What slides, with its velocities by the method's difference."""
-        begin, h = zip(self.sliding, self.past, strict=True), self.step.h
+        begin = zip(self.sliding, self.past, strict=True)
+        h = self.step.h
         return ((each, each.slip((each.values(x) - past) / h)) for each, past in begin)
 
     def energy(self, x, t) -> float:
@@ -266,17 +277,22 @@ class ContactOverStep(BoundTerm):
 
     def dissipation(self, x: np.ndarray) -> float:
         """dt Σ μ λ f₁(y) y [J] with the velocity over the step, and what damping takes."""
-        power, start, dt = 0.0, self.step.start, self.step.dt
+        power = 0.0
+        start = self.step.start
+        dt = self.step.dt
         for each in self.sliding:
             power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
         return dt * power + self.acting.lost(x, self.end)
 
     def work(self, x: np.ndarray) -> float:
         """Force [N] at the end times the way of the surface where the cloth began [J]."""
-        contact, start, t = self.contact, self.step.start, self.end
+        contact = self.contact
+        start = self.step.start
+        t = self.end
         if contact.body is None:
             return 0.0
-        begin, f = contact.body.pose(self.step.t).to_body(start), np.zeros_like(x)
+        begin = contact.body.pose(self.step.t).to_body(start)
+        f = np.zeros_like(x)
         self.add_force(x, start, t, f)
         carried = contact.body.pose(t).to_space(begin) - start
         shape = self.acting.work_of_shape(begin, x, self.step.t, t)

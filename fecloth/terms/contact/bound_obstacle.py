@@ -63,14 +63,18 @@ class BoundObstacle(BoundContact):
             s = self.shape.distance(y, t) / self.gap
             is_touching = s < 1.0
             if is_touching.any():
-                which, s = which[is_touching], s[is_touching]
+                which = which[is_touching]
+                s = s[is_touching]
                 yield Contacts(points, which, y[is_touching], s, self._approach(kind, which, s))
 
     def _approach(self, kind: int, which: np.ndarray, s: np.ndarray) -> Approach:
         """How some of the points of a kind have come to the distances s (p,) over the gap."""
         if self.moved is None:
             return Approach(s, np.zeros(len(s)))
-        speeds = self.moved.speeds[kind][which] if self.moved.speeds else np.zeros(len(s))
+        if self.moved.speeds:
+            speeds = self.moved.speeds[kind][which]
+        else:
+            speeds = np.zeros(len(s))
         before = self.distances(self.moved.start, self.moved.begin, kind, which)
         c = rates(self.restitution, speeds)
         return Approach(before / self.gap, c * self.gap / self.moved.dt)
@@ -130,7 +134,8 @@ class BoundObstacle(BoundContact):
         return K
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
-        pose, sliding = self.shape.pose(t), []
+        pose = self.shape.pose(t)
+        sliding = []
         for at in self.touching(x, t):
             gradient = self.slopes(at, t)[0]
             steep = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
@@ -162,7 +167,9 @@ class BoundObstacle(BoundContact):
         return work
 
     def over(self, moved: Touched) -> BoundObstacle:
-        return replace(self, moved=moved) if self.restitution < 1.0 else self
+        if self.restitution < 1.0:
+            return replace(self, moved=moved)
+        return self
 
     def lost(self, x: np.ndarray, t: float) -> float:
         """Σ κ gap A p (w − 1)(s₀ − s) [J]."""
@@ -184,7 +191,8 @@ class BoundObstacle(BoundContact):
         return tuple(speeds)
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        speeds, pose = [0.0], self.shape.pose(old.t)
+        speeds = [0.0]
+        pose = self.shape.pose(old.t)
         for at in self.touching(x, t):
             place, v = (at.points.values(each, at.which) for each in (old.x, old.v))
             y = pose.to_body(place)
@@ -204,18 +212,22 @@ class BoundObstacle(BoundContact):
         self, kinds: Sequence[Points], x: np.ndarray, pose: Pose, way: np.ndarray, t: float
     ) -> float:
         """The part of the way (n, 3) in the body, from x in space, on which no point enters."""
-        at_nodes, least = self.shape.distance(pose.to_body(x), t), 1.0
+        at_nodes = self.shape.distance(pose.to_body(x), t)
+        least = 1.0
         reach = np.sqrt(np.einsum("ni,ni->n", way, way)) + self.gap
         for points in kinds:
             which = points.candidates(at_nodes, reach)
             if len(which):
-                y, ways = pose.to_body(points.values(x, which)), points.values(way, which)
+                y = pose.to_body(points.values(x, which))
+                ways = points.values(way, which)
                 least = min(least, float(advance(self.shape, y, ways, t, self.gap).min()))
         return least
 
     def begin(self, step: StepDifference, t: float) -> np.ndarray:
         begin = self.shape.pose(step.t).to_body(step.start)
-        return self._make_way(begin, step.t, t) if self.shape.deforms else begin
+        if self.shape.deforms:
+            return self._make_way(begin, step.t, t)
+        return begin
 
     def parts(self, begin: np.ndarray, end: np.ndarray, t: float) -> np.ndarray:
         return advance(self.shape, begin, end - begin, t, self.gap)
@@ -227,8 +239,10 @@ class BoundObstacle(BoundContact):
         return self.least_distance(x, t) > 0.0
 
     def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
-        begin, end = self.shape.pose(old.t).to_body(old.x), self.shape.pose(t).to_body(x)
-        at_nodes, way = self.shape.distance(begin, t), end - begin
+        begin = self.shape.pose(old.t).to_body(old.x)
+        end = self.shape.pose(t).to_body(x)
+        at_nodes = self.shape.distance(begin, t)
+        way = end - begin
         reach = np.sqrt(np.einsum("ni,ni->n", way, way))
         for points in self.points:
             which = points.candidates(at_nodes, reach)
@@ -241,7 +255,8 @@ class BoundObstacle(BoundContact):
         return self.shape.distance(self.shape.pose(t).to_body(x), t)
 
     def struck(self, x, end, t, dt, held) -> np.ndarray:
-        y, found = self.shape.pose(t + dt).to_body(end), []
+        y = self.shape.pose(t + dt).to_body(end)
+        found = []
         for points in self.points:
             which = points.between(held)
             inside = self.shape.distance(points.values(y, which), t + dt) <= 0.0
@@ -249,10 +264,13 @@ class BoundObstacle(BoundContact):
         return np.unique(np.concatenate(found))
 
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
-        """Nodes (n, 3), as the shape sees them, outside of what it has become at t."""
-        # They get the distance that they had before, or a gap, and more if points inside triangles
-        # need it.
-        shape, pose = self.shape, self.shape.pose(t)
+        """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
+
+        They get the distance that they had before, or a gap, and more if points inside triangles
+        need it.
+        """
+        shape = self.shape
+        pose = self.shape.pose(t)
         wanted = np.minimum(shape.distance(y, before), self.gap)
         for more in MORE:
             moved = move_out(shape, y, wanted + more * self.gap, t)
@@ -276,7 +294,8 @@ class BoundObstacle(BoundContact):
         force = moment = 0.0
         for at in self.touching(x, t):
             push = self.normal_force(at)
-            force, moment = force + push.sum(), moment + push @ at.s * self.gap
+            force = force + push.sum()
+            moment = moment + push @ at.s * self.gap
         return float(moment / force) if force else math.nan
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
@@ -285,7 +304,8 @@ class BoundObstacle(BoundContact):
         return f
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        slip, pose = np.zeros_like(x), self.shape.pose(t)
+        slip = np.zeros_like(x)
+        pose = self.shape.pose(t)
         y = pose.to_body(x)
         touching = np.flatnonzero(self.shape.distance(y, t) < self.gap)
         n = self.shape.slopes(y[touching], t)[0] @ pose.R.T

@@ -102,10 +102,14 @@ class SlidingPoints:
         return weight * self.limit[:, None, None] * along
 
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
-        """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ."""
-        # The change (p, 3, 3) of μ λ n with x [N/m] turns the normals, and so w; the change (3, 3)
-        # of the velocity of the obstacle with x is its `spin` [1/s].
-        w, relative, turned = self.slip(v), v - self.surface, self._across @ change
+        """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.
+
+        The change (p, 3, 3) of μ λ n with x [N/m] turns the normals, and so w; the change (3, 3)
+        of the velocity of the obstacle with x is its `spin` [1/s].
+        """
+        w = self.slip(v)
+        relative = v - self.surface
+        turned = self._across @ change
         lifted = np.einsum("mi,mi->m", self.n, relative)[:, None, None] * turned
         lifted += self.n[:, :, None] * (relative[:, None] @ turned)
         moved = lifted + self.limit[:, None, None] * self._across @ spin

@@ -19,13 +19,17 @@ class Way:
     def to_body(self, x: np.ndarray) -> np.ndarray:
         """Positions at the end of the step in the frame, from positions in space."""
         body = self.contact.body
-        return x if body is None else body.pose(self.t).to_body(x)
+        if body is None:
+            return x
+        return body.pose(self.t).to_body(x)
 
     @property
     def carried(self) -> np.ndarray:
         """(n, 3) Where the body has taken the nodes at the end of the step, in space [m]."""
         body = self.contact.body
-        return self.begin if body is None else body.pose(self.t).to_space(self.begin)
+        if body is None:
+            return self.begin
+        return body.pose(self.t).to_space(self.begin)
 
     def stop(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The part (n,) of its way to x that each node may go, and where (n, 3) it is then."""
@@ -48,21 +52,28 @@ class Way:
 def find_guess(
     ways: Sequence[Way], x: np.ndarray, hold: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray | None:
-    """Positions (n, 3) near x that all contacts allow at the end of the step, or None."""
-    # Each node goes towards x until the first obstacle stops it. Then all nodes together go the
-    # part of this way on which no triangle meets anything, from the place at the begin of the step,
-    # or from where a body that moves has taken the cloth. `hold` puts nodes back where pins hold
-    # them. The result does not depend on the order of the contacts.
-    places, parts = x, np.ones(len(x))
+    """Positions (n, 3) near x that all contacts allow at the end of the step, or None.
+
+    Each node goes towards x until the first obstacle stops it. Then all nodes together go the
+    part of this way on which no triangle meets anything, from the place at the begin of the step,
+    or from where a body that moves has taken the cloth. `hold` puts nodes back where pins hold
+    them. The result does not depend on the order of the contacts.
+    """
+    places = x
+    parts = np.ones(len(x))
     for way in ways:
         own, there = way.stop(x)
-        places = np.where((own < parts)[:, None], there, places) if (own < parts).any() else places
+        if (own < parts).any():
+            places = np.where((own < parts)[:, None], there, places)
+        else:
+            places = places
         parts = np.minimum(own, parts)
     part = min(way.free_part(places) for way in ways)
     moving = [way.carried for way in ways if way.contact.supplies]
     for base in [*moving, ways[0].start] if part < 1.0 or places is not x else ():
         moved = places if part == 1.0 else base + part * (places - base)
-        guess, starts = hold(moved), base is ways[0].start
+        guess = hold(moved)
+        starts = base is ways[0].start
         # `part` is the free part of the way from where a body that moves has taken the cloth.
         is_free = len(ways) == 1 and not (moving and starts) and bool((guess == moved).all())
         if is_free or all(way.allows(guess) for way in ways):

@@ -140,11 +140,14 @@ class Obstacle:
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
         parts = divisions(self.shape, self.gap, cloth)
-        return cloth.stencil if parts > 1 and not self._skeleton(cloth) else None
+        if parts > 1 and not self._skeleton(cloth):
+            return cloth.stencil
+        return None
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
         """The skeleton of a shape that is too thin for the points of the triangles, or None."""
-        part, gaps = float(longest_edges(cloth).max()) / MOST, 2 * self.gap
+        part = float(longest_edges(cloth).max()) / MOST
+        gaps = 2 * self.gap
         is_wide = self.shape.width + gaps >= THIN * part and self.shape.thinnest + gaps >= part
         if is_wide or not is_installed():
             return None
@@ -172,7 +175,8 @@ class Obstacle:
 
     def _refuse_thin(self, cloth: Cloth) -> None:
         """Raise `InputError` for a shape that fits between the points of the triangles."""
-        thinnest, part = self.shape.thinnest, float(longest_edges(cloth).max()) / MOST
+        thinnest = self.shape.thinnest
+        part = float(longest_edges(cloth).max()) / MOST
         width = thinnest + 2 * self.gap
         if width < part:
             kind = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
@@ -264,7 +268,8 @@ class MeshObstacle:
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         nodes, triangles = read_surface(self.path)
-        cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
+        cloth = panel.cloth
+        stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = Skeleton(self.scale * nodes, NO_EDGES, triangles)
         sets = ContactSets.bind("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
         body = self._body if self._body.moves else None

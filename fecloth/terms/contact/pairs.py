@@ -9,7 +9,8 @@ from fecloth.compiled.jit import Array, kernel
 
 def nodes_of(contacts: Any, mesh: Any) -> np.ndarray:
     """(m, 4) The nodes of the contacts, in their order; −1 where there are fewer than four."""
-    edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
+    edges = np.asarray(mesh.edges)
+    faces = np.asarray(mesh.faces)
     vv = [(each.vertex0_id, each.vertex1_id, -1, -1) for each in contacts.vv_collisions]
     ev = np.array([(each.vertex_id, each.edge_id) for each in contacts.ev_collisions], int)
     ee = np.array([(each.edge0_id, each.edge1_id) for each in contacts.ee_collisions], int)
@@ -32,7 +33,8 @@ def square_away_from(x: Array, start: Array, way: Array, drifts: bool) -> float:
     The point of this way is the nearest one for all nodes together. Where the cloth `drifts`, what
     all nodes move alike does not count.
     """
-    mean, count = np.zeros(3), len(x)
+    mean = np.zeros(3)
+    count = len(x)
     if drifts:
         for n in range(count):
             for i in range(3):

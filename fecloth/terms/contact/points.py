@@ -71,7 +71,8 @@ class TrianglePoints:
 
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
         """The points of triangles with a node nearer than `reach` and twice the longest edge."""
-        near, reaches = np.empty(len(self.triangles), np.int64), np.array(reach, float, ndmin=1)
+        near = np.empty(len(self.triangles), np.int64)
+        reaches = np.array(reach, float, ndmin=1)
         data = self.triangles, self.stencil, FARTHEST * self.size
         count = find_near(*data, at_nodes, reaches, near)
         return near[:count].copy()
@@ -139,13 +140,15 @@ def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]
     # The area of each part goes to its three corners in equal shares.
     lattice, shares = _lattice(k)
     values = _shape_functions(cloth, lattice)
-    m, stencil = len(cloth.stencil), cloth.stencil
+    m = len(cloth.stencil)
+    stencil = cloth.stencil
     areas = np.outer(cloth.weights.sum(axis=1), shares).ravel()
     triangle, place = np.divmod(np.arange(m * len(lattice)), len(lattice))
     N = values[place]
     first, same = _distinct(stencil[triangle], N)
     areas = np.bincount(same, areas)
-    triangle, N = triangle[first], N[first]
+    triangle = triangle[first]
+    N = N[first]
     is_node = N.max(axis=1) > 1 - ROUND
     at = stencil[triangle[is_node], N[is_node].argmax(axis=1)]
     nodes = NodePoints(np.bincount(at, areas[is_node], len(cloth.X)))
@@ -161,7 +164,8 @@ def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
     number = {place: n for n, place in enumerate(at)}
     share = np.zeros(len(at))
     for i, j in at:
-        up, down = [(i, j), (i + 1, j), (i, j + 1)], [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
+        up = [(i, j), (i + 1, j), (i, j + 1)]
+        down = [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
         for part in (up, down):
             if all(corner in number for corner in part):
                 share[[number[corner] for corner in part]] += 1 / (3 * k**2)
@@ -169,9 +173,11 @@ def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
-    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each."""
-    # They are linear within the triangle or, for P2, within the four triangles between its nodes:
-    # the surface that is drawn, and that touches itself.
+    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each.
+
+    They are linear within the triangle or, for P2, within the four triangles between its nodes:
+    the surface that is drawn, and that touches itself.
+    """
     corners = np.column_stack([1 - places.sum(axis=1), places])
     if cloth.element == "P1":
         return corners
@@ -200,11 +206,15 @@ def find_near(
 ) -> int:
     """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`."""
     # `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how many.
-    count, last, is_near, each = 0, -1, False, len(reach) > 1
+    count = 0
+    last = -1
+    is_near = False
+    each = len(reach) > 1
     for p in range(len(triangles)):
         e = triangles[p]
         if e != last:
-            last, is_near = e, False
+            last = e
+            is_near = False
             for a in range(stencil.shape[1]):
                 node = stencil[e, a]
                 if at_nodes[node] - reach[node if each else 0] < size[e]:
@@ -225,11 +235,14 @@ def gather(
         e = triangles[p]
         v0 = v1 = v2 = 0.0
         for a in range(stencil.shape[1]):
-            node, share = stencil[e, a], N[p, a]
+            node = stencil[e, a]
+            share = N[p, a]
             v0 += share * of_nodes[node, 0]
             v1 += share * of_nodes[node, 1]
             v2 += share * of_nodes[node, 2]
-        values[i, 0], values[i, 1], values[i, 2] = v0, v1, v2
+        values[i, 0] = v0
+        values[i, 1] = v1
+        values[i, 2] = v2
 
 
 @kernel
@@ -241,7 +254,8 @@ def add_forces(
         p = which[i]
         e = triangles[p]
         for a in range(stencil.shape[1]):
-            node, share = stencil[e, a], N[p, a]
+            node = stencil[e, a]
+            share = N[p, a]
             for c in range(3):
                 f[node, c] += share * F[i, c]
 
@@ -256,7 +270,8 @@ def add_tangents(
         e = triangles[p]
         for a in range(slots.shape[1]):
             for b in range(slots.shape[2]):
-                share, slot = N[p, a] * N[p, b], slots[e, a, b]
+                share = N[p, a] * N[p, b]
+                slot = slots[e, a, b]
                 if share != 0.0:
                     for c in range(3):
                         for d in range(3):

@@ -40,7 +40,9 @@ def damping(restitution: float) -> float:
         return y - np.log1p(y) + e * y + np.log1p(-e * y)
 
     most = (1 - ROUND) / e
-    return most if lost(most) > 0 else float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
+    if lost(most) > 0:
+        return most
+    return float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:

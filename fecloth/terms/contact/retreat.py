@@ -105,6 +105,7 @@ class Retreat:
 
     def _pushes(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """p = −E′ (m,) [N] at d₀ + z, and p′ [N/m]."""
-        s, slope = self._s(z), 2 * (self.d0 + z) / self.span
+        s = self._s(z)
+        slope = 2 * (self.d0 + z) / self.span
         push = self.scale * barrier.pressure(s)
         return push * slope, 2 * push / self.span - self.scale * barrier.curvature(s) * slope**2

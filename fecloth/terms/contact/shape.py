@@ -56,7 +56,8 @@ class Skeleton(NamedTuple):
     thickness: float = 0.0  # this distance [m]
 
 
-NO_EDGES, NO_TRIANGLES = np.zeros((0, 2), int), np.zeros((0, 3), int)
+NO_EDGES = np.zeros((0, 2), int)
+NO_TRIANGLES = np.zeros((0, 3), int)
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,8 @@ class Shape:
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Velocity (3,) [m/s], angular velocity (3,) [1/s], and the point (3,) that they are of."""
-        velocity, still = self._motion.rate(t), np.zeros(3)
+        velocity = self._motion.rate(t)
+        still = np.zeros(3)
         if self.rotate is None:
             return velocity, still, still
         return velocity, self.rotate.rate(t), self.pose(t).to_space(np.array(self.rotate.point))

@@ -316,13 +316,15 @@ class Disk(Shape):
 
     def skeleton(self, extent: float) -> Skeleton:
         """Two polygons of many sides in its faces, and the rim between them."""
-        angle, corner = 2 * np.pi / SIDES * np.arange(SIDES), np.arange(SIDES)
+        angle = 2 * np.pi / SIDES * np.arange(SIDES)
+        corner = np.arange(SIDES)
         first = direction("across", np.cross(self._axis, np.eye(3)[abs(self._axis).argmin()]), "")
         across = np.stack([first, np.cross(self._axis, first)])
         circle = self.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
         up = 0.5 * self.thickness * self._axis
         points = np.array(self.center, float) + np.vstack([circle - up, circle + up, [-up, up]])
-        after, top = np.roll(corner, -1), corner + SIDES
+        after = np.roll(corner, -1)
+        top = corner + SIDES
         fans = [
             [after, corner, 0 * corner + 2 * SIDES],
             [top, after + SIDES, 0 * top + 2 * SIDES + 1],
@@ -341,7 +343,8 @@ class Disk(Shape):
         radial = q / np.maximum(radius, LEAST)[:, None]
         axial = np.sign(height)[:, None] * self._axis
         d = np.maximum(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)), LEAST)
-        out, up = np.maximum(rim, 0.0) / d, np.maximum(face, 0.0) / d
+        out = np.maximum(rim, 0.0) / d
+        up = np.maximum(face, 0.0) / d
         n = out[:, None] * radial + up[:, None] * axial
         around = np.cross(radial, axial)
         tangent = up[:, None] * radial - out[:, None] * axial

@@ -41,7 +41,9 @@ class SlidingTriangles:
     def damping(self, w: np.ndarray, weight: float) -> sparse.csr_matrix | None:
         """(3n, 3n) `weight` times −∂force/∂v, positive semi-definite; None if nothing touches."""
         D = self.sets.rub_slope(self.lagged, w, self.eps)
-        return None if D is None else turn_matrix(weight * D, self.R)
+        if D is None:
+            return None
+        return turn_matrix(weight * D, self.R)
 
 
 def turn(f: np.ndarray, R: np.ndarray | None) -> np.ndarray:

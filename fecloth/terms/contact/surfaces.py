@@ -41,7 +41,8 @@ def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Tr
     if isinstance(shape, shapes.Capsule):
         a, b = np.array(shape.a, float), np.array(shape.b, float)
         half = np.linalg.norm(b - a) / 2
-        low, high = _arc(shape.radius, -1, 0) - [0, half], _arc(shape.radius, 0, 1) + [0, half]
+        low = _arc(shape.radius, -1, 0) - [0, half]
+        high = _arc(shape.radius, 0, 1) + [0, half]
         return _turned(np.vstack([low, high]), (a + b) / 2, b - a)
     if isinstance(shape, shapes.Cylinder):
         axis = np.array(shape.axis, float) / np.linalg.norm(shape.axis)
@@ -81,7 +82,8 @@ def _turned(profile: np.ndarray, middle, axis) -> Triangles:
     points = profile[:, 0, None, None] * round_ + profile[:, 1, None, None] * axis
     i, j = np.meshgrid(np.arange(len(profile) - 1), np.arange(ROUND), indexing="ij")
     a, b = ROUND * i + j, ROUND * i + (j + 1) % ROUND
-    c, d = a + ROUND, b + ROUND
+    c = a + ROUND
+    d = b + ROUND
     triangles = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1, 3)
     return Triangles(points.reshape(-1, 3) + np.array(middle, float), triangles)
 

@@ -78,7 +78,8 @@ class ContactSets:
 
         `where` begins the error if ipctk is missing.
         """
-        ipctk, triangles = load(where), Surface.from_cloth(cloth).triangles
+        ipctk = load(where)
+        triangles = Surface.from_cloth(cloth).triangles
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
         others = fixed or Skeleton(np.zeros((0, 3)), NO_EDGES, NO_TRIANGLES)
         faces = np.vstack([triangles, others.triangles + len(rest)]).astype(np.int32)
@@ -104,7 +105,8 @@ class ContactSets:
         if self._last is None or not np.array_equal(self._last[0], x):
             contacts = self.toolkit.NormalCollisions()
             contacts.use_area_weighting = True
-            pairs, where = self.candidates(x), (self.mesh, self.nodes(x), self.gap, self.thickness)
+            pairs = self.candidates(x)
+            where = (self.mesh, self.nodes(x), self.gap, self.thickness)
             contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
             for number in range(len(contacts)) if self.largest < math.inf else ():
                 contacts[number].weight = min(contacts[number].weight, self.largest)
@@ -115,7 +117,8 @@ class ContactSets:
         """The pairs that can touch at x, or on the straight way to `end`; None if they are many."""
         y = x if end is None else end
         if not self._crowded and not (self._covers(x) and self._covers(y)):
-            pairs, reach = self.toolkit.Candidates(), 0.5 * (self.gap + self.thickness)
+            pairs = self.toolkit.Candidates()
+            reach = 0.5 * (self.gap + self.thickness)
             way = self.nodes(x), self.nodes(y)
             pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
             if self._are_far(pairs, x, longest(self._without_mean(y - x))):
@@ -124,7 +127,9 @@ class ContactSets:
                 self._crowded = end is None
                 return None
             self._pairs = x.copy(), self._without_mean(y - x), pairs
-        return None if self._crowded or self._pairs is None else self._pairs[2]
+        if self._crowded or self._pairs is None:
+            return None
+        return self._pairs[2]
 
     def _are_far(self, pairs: Any, x: np.ndarray, way: float) -> bool:
         """Whether no pair can touch while each node is less than a gap from this way [m] from x."""
@@ -145,11 +150,15 @@ class ContactSets:
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:
         """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
-        return way if len(self.fixed) else way - way.mean(axis=0)
+        if len(self.fixed):
+            return way
+        return way - way.mean(axis=0)
 
     def forget(self) -> None:
         """Drop all pairs that were found, so that no result depends on earlier calls."""
-        self._last, self._pairs, self._crowded = None, None, False
+        self._last = None
+        self._pairs = None
+        self._crowded = False
 
     def energy(self, x: np.ndarray) -> float:
         """[J]; +∞ where two parts are nearer than the thickness."""
@@ -166,7 +175,8 @@ class ContactSets:
 
     def tangent(self, x: np.ndarray, definite: bool) -> sparse.csr_matrix | None:
         """(3n, 3n) ∂²energy/∂x² [N/m]; None without contacts."""
-        contacts, method = self.at(x), self.toolkit.PSDProjectionMethod
+        contacts = self.at(x)
+        method = self.toolkit.PSDProjectionMethod
         if not len(contacts):
             return None
         kind = method.CLAMP if definite else method.NONE
@@ -175,27 +185,34 @@ class ContactSets:
 
     def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
         """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J]."""
-        contacts, nodes = self.at(x), self.nodes(x)
+        contacts = self.at(x)
+        nodes = self.nodes(x)
         ids = nodes_of(contacts, self.mesh)
-        places, lines = nodes[ids].reshape(len(ids), 12), []
+        places = nodes[ids].reshape(len(ids), 12)
+        lines = []
         for number, size in enumerate(3 * (ids >= 0).sum(axis=1)):
-            pair, own = contacts[number], places[number, :size]
+            pair = contacts[number]
+            own = places[number, :size]
             way, parts = pair.compute_distance_vector_with_coefficients(own)
             lines.append((*way, *parts, *(4 - len(parts)) * (0.0,), self.potential(pair, own)))
         numbers = np.array(lines).reshape(-1, 8)
-        way, parts, energies = numbers[:, :3], numbers[:, 3:7], numbers[:, 7]
+        way = numbers[:, :3]
+        parts = numbers[:, 3:7]
+        energies = numbers[:, 7]
         d = np.sqrt(np.einsum("mi,mi->m", way, way))
         values = parts[:, :, None] * (way / d[:, None])[:, None]
         columns = 3 * ids[:, :, None] + np.arange(3)
         rows = np.broadcast_to(np.arange(len(ids))[:, None, None], columns.shape)
         own = np.broadcast_to((ids[:, :, None] >= 0) & (ids[:, :, None] < len(x)), columns.shape)
-        where, shape = (rows[own], columns[own]), (len(ids), x.size)
+        where = (rows[own], columns[own])
+        shape = (len(ids), x.size)
         return sparse.csr_matrix((values[own], where), shape=shape), d, energies
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
         """The contacts at x with their normal forces and directions of sliding, for μ."""
         # `parts` (m,) are what the normal forces are multiplied with.
-        lagged, contacts = self.toolkit.TangentialCollisions(), self.at(x)
+        lagged = self.toolkit.TangentialCollisions()
+        contacts = self.at(x)
         for number, part in enumerate(() if parts is None else parts):
             contacts[number].weight *= part
         lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
@@ -206,7 +223,8 @@ class ContactSets:
         """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v: the force [N]."""
         if not len(lagged):
             return 0.0, np.zeros_like(v)
-        potential, all_v = self.toolkit.FrictionPotential(creep), self._velocities(v)
+        potential = self.toolkit.FrictionPotential(creep)
+        all_v = self._velocities(v)
         gradient = potential.gradient(lagged, self.mesh, all_v)
         force = -np.reshape(gradient, (-1, 3))[: len(v)]
         return float(potential(lagged, self.mesh, all_v)), force
@@ -215,7 +233,8 @@ class ContactSets:
         """(3n, 3n) −∂force/∂v [N s/m], positive semi-definite; None without contacts."""
         if not len(lagged):
             return None
-        potential, method = self.toolkit.FrictionPotential(creep), self.toolkit.PSDProjectionMethod
+        potential = self.toolkit.FrictionPotential(creep)
+        method = self.toolkit.PSDProjectionMethod
         D = potential.hessian(lagged, self.mesh, self._velocities(v), method.CLAMP)
         return D[: v.size, : v.size].tocsr()
 
@@ -227,7 +246,8 @@ class ContactSets:
         room = min(self.least_distance(x) - self.thickness, self.gap)
         if 2 * longest(self._without_mean(y - x)) < RESERVE * room:
             return 1.0
-        pairs, ends = self.candidates(x, y), (self.nodes(x), self.nodes(y), self.thickness)
+        pairs = self.candidates(x, y)
+        ends = (self.nodes(x), self.nodes(y), self.thickness)
         find = (self.toolkit if pairs is None else pairs).compute_collision_free_stepsize
         part = float(find(self.mesh, *ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
         return 1.0 if part >= 1.0 else RESERVE * part
@@ -235,8 +255,10 @@ class ContactSets:
     def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Those of the nodes `held` of whose edges or triangles one meets another from x to y."""
         # The other one has held nodes only, too, or belongs to the fixed mesh.
-        mesh, pairs = self.mesh, self.toolkit.Candidates()
-        begin, end = self.nodes(x), self.nodes(y)
+        mesh = self.mesh
+        pairs = self.toolkit.Candidates()
+        begin = self.nodes(x)
+        end = self.nodes(y)
         pairs.build(mesh, begin, end, self.thickness)
         moved = {*held, *range(len(x), len(begin))}
         met: set[int] = set()

@@ -46,7 +46,9 @@ class BoundTriangleContact(BoundContact):
     symmetric = True
 
     def over(self, moved: Touched) -> BoundContact:
-        return replace(self, moved=moved) if self.restitution == 0.0 else self
+        if self.restitution == 0.0:
+            return replace(self, moved=moved)
+        return self
 
     @cached_property
     def retreat(self) -> Retreat | None:
@@ -55,18 +57,26 @@ class BoundTriangleContact(BoundContact):
         if moved is None:
             return None
         begin = self.place(moved.start, moved.begin)
-        return Retreat.at(self.sets, begin, begin, moved.dt) if len(self.sets.at(begin)) else None
+        if len(self.sets.at(begin)):
+            return Retreat.at(self.sets, begin, begin, moved.dt)
+        return None
 
     def lost(self, x: np.ndarray, t: float) -> float:
-        return self.retreat.lost(self.place(x, t)) if self.retreat else 0.0
+        if self.retreat:
+            return self.retreat.lost(self.place(x, t))
+        return 0.0
 
     def place(self, x: np.ndarray, t: float) -> np.ndarray:
         """Positions (n, 3) as the fixed mesh sees them."""
-        return x if self.body is None else self.body.pose(t).to_body(x)
+        if self.body is None:
+            return x
+        return self.body.pose(t).to_body(x)
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         """(n, 3) velocities as the fixed mesh sees them [m/s]."""
-        return v if self.body is None else (v - self.body.velocity(x, t)) @ self.body.pose(t).R
+        if self.body is None:
+            return v
+        return (v - self.body.velocity(x, t)) @ self.body.pose(t).R
 
     def rotation(self, t: float) -> np.ndarray | None:
         """R (3, 3) of the fixed mesh; None if it does not turn."""
@@ -102,12 +112,15 @@ class BoundTriangleContact(BoundContact):
         parts = [None if K is None else turn_matrix(wx * K, R) for K in stiff]
         parts += [each.damping(w, weight) for each, w in rubbing]
         coupled = [part for part in parts if part is not None]
-        return sum(coupled[1:], start=coupled[0]) if coupled else None
+        if coupled:
+            return sum(coupled[1:], start=coupled[0])
+        return None
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
         y = self.place(x, t)
         surface = 0.0 if self.body is None else self.body.mean_velocity(y, x, t, dt)
-        parts, moved = None, self.moved
+        parts = None
+        moved = self.moved
         if moved is not None:
             begin = self.place(moved.start, moved.begin)
             parts = Retreat.at(self.sets, y, begin, moved.dt).parts(y)
@@ -119,7 +132,8 @@ class BoundTriangleContact(BoundContact):
         return self.sets.gap
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        y, begin = self.place(x, t), self.place(old.x, old.t)
+        y = self.place(x, t)
+        begin = self.place(old.x, old.t)
         normals, d, _ = self.sets.pairs(y)
         was_outside = d - normals @ (y - begin).ravel() >= self.gap + self.sets.thickness
         nearer = -normals @ self.slip(old.x, old.v, old.t).ravel()
@@ -151,7 +165,8 @@ class BoundTriangleContact(BoundContact):
         y = self.place(x, t)
         if self.sets.intersects(y):
             raise InputError(*self.crossing(x), where, "Move them apart at the start.")
-        nearest, thickness = self.sets.least_distance(y), self.sets.thickness
+        nearest = self.sets.least_distance(y)
+        thickness = self.sets.thickness
         if nearest <= thickness:
             what = f"two layers start at a distance of {nearest:.3g} m"
             allowed = f"must be farther apart than the thickness, {thickness:g} m"
@@ -160,7 +175,10 @@ class BoundTriangleContact(BoundContact):
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """What intersects at x, and what is allowed, for an error."""
         pairs = find_intersections(self.sets.triangles, x)
-        named = ", ".join(f"{a} and {b}" for a, b in pairs[:NAMED]) if pairs is not None else ""
+        if pairs is not None:
+            named = ", ".join(f"{a} and {b}" for a, b in pairs[:NAMED])
+        else:
+            named = ""
         what = f"triangles intersect at the start: {named}"
         if not named:
             what = "triangles touch, or lie in one plane, at the start"
@@ -241,7 +259,8 @@ class SelfContact:
     stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
-        cloth, stiffness = panel.cloth, barrier.stiffness_of(self.stiffness, panel, self.gap)
+        cloth = panel.cloth
+        stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         numbers = float(self.gap), float(self.thickness), stiffness
         sets = ContactSets.bind("SelfContact", cloth, *numbers)
         edges = cloth.X[sets.triangles] - cloth.X[np.roll(sets.triangles, 1, axis=1)]

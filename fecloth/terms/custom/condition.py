@@ -102,7 +102,8 @@ class Condition:
     traits = TermTraits(elements=("P1", "P2"))
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
-        low, high = self.nodes.min(), self.nodes.max()
+        low = self.nodes.min()
+        high = self.nodes.max()
         if low < 0 or high >= len(cloth.X):
             allowed = f"must lie in 0 … {len(cloth.X) - 1}"
             raise InputError(f"node indices {low} … {high}", allowed, self.name)
@@ -136,7 +137,8 @@ class Condition:
 
     def _components(self, rest: np.ndarray) -> int:
         """Return r, the length of C at rest; raise for a wrong shape or values not finite."""
-        C, m = np.asarray(self.value(rest), dtype=float), len(rest)
+        C = np.asarray(self.value(rest), dtype=float)
+        m = len(rest)
         if C.ndim not in (1, 2) or len(C) != m:
             allowed = f"must be ({m},) or ({m}, r) for y of shape {rest.shape}"
             raise InputError(f"value(y) of shape {C.shape}", allowed, self.name)
@@ -160,7 +162,8 @@ class BoundUserCondition(bound_condition.BoundCondition):
 
     def table(self, x, t, order) -> np.ndarray:
         """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""
-        y, m = x[self.nodes], len(self.nodes)
+        y = x[self.nodes]
+        m = len(self.nodes)
         parts = [self.functions.C, self.functions.dC, self.functions.ddC][: order + 1]
         if self.hessian == "gauss_newton" and self.symmetric:
             parts = parts[:2]
@@ -170,7 +173,8 @@ class BoundUserCondition(bound_condition.BoundCondition):
 @inner
 def read_table(y, c, order, C, g, H):
     """Read C, ∂C and ∂²C from the row c."""
-    n, d = len(C), 3 * len(y)
+    n = len(C)
+    d = 3 * len(y)
     for r in range(n):
         C[r] = c[r]
         if order > 0:

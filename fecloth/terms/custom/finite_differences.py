@@ -61,7 +61,8 @@ class Derivatives:
     def is_objective(self, rest: np.ndarray) -> bool:
         """Whether ∂C has no resultant and no moment, as no rigid motion changes C."""
         y = self.beside(rest)
-        arms, g = (y - y.mean(axis=1, keepdims=True))[:, None], self.dC(y)
+        arms = (y - y.mean(axis=1, keepdims=True))[:, None]
+        g = self.dC(y)
         moments = np.cross(arms, g)
         return all(
             (np.abs(parts.sum(axis=2)) <= TOLERANCE * np.abs(parts).max()).all()
@@ -75,7 +76,8 @@ class Derivatives:
         for name, function, below in pairs:
             if getattr(self, name) is None:
                 continue
-            values, expected = function(y), self.differentiate(below, y)
+            values = function(y)
+            expected = self.differentiate(below, y)
             wrong = np.abs(values - expected) - TOLERANCE * np.abs(expected).max()
             at = np.unravel_index(int(np.argmax(np.nan_to_num(wrong, nan=np.inf))), wrong.shape)
             if not wrong[at] <= 0:
@@ -88,7 +90,8 @@ class Derivatives:
     def _check_shape(self, name, values, y, order):
         """Check the shape, and insert the axis of the components where C has none."""
         m, k, _ = y.shape
-        values, tail = np.asarray(values, dtype=float), (k, 3) * order
+        values = np.asarray(values, dtype=float)
+        tail = (k, 3) * order
         if values.shape == (m, *tail) and self.r == 1:
             return values[:, None]
         if values.shape != (m, self.r, *tail):

@@ -157,7 +157,10 @@ class BoundUserForce(BoundTerm):
         f += self.amount[:, None] * self._value(x, v, t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        parts = self.function.parts if isinstance(self.function, FormulaForce) else ("unknown",)
+        if isinstance(self.function, FormulaForce):
+            parts = self.function.parts
+        else:
+            parts = ("unknown",)
         if not all(isinstance(part, float) for part in parts):
             return None
         return [(add, (self.amount[:, None] * self._value(x, v, t), f))]

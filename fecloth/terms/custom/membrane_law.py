@@ -67,12 +67,14 @@ class MembraneLaw:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        name, constants = type(self).__name__, panel.each(self._row)
+        name = type(self).__name__
+        constants = panel.each(self._row)
         panel.each(self.moduli)  # checks the law
         try:
             _compile_law(self.law)(NEAR, constants[0])
         except NumbaError as error:
-            what, allowed = f"law: {' '.join(str(error).split())}", "must be what Numba compiles"
+            what = f"law: {' '.join(str(error).split())}"
+            allowed = "must be what Numba compiles"
             raise InputError(what, allowed, name) from error
         return membrane.bind(name, _kernels(self.law), constants, panel, slots, self.strain)
 
@@ -84,7 +86,10 @@ class MembraneLaw:
         except (TypeError, ValueError, NameError, AttributeError) as error:
             raise InputError(f"constants: {error}", "must be a list of numbers", name) from error
         if c.ndim != 1 or not c.size or not np.isfinite(c).all():
-            what = f"constants of shape {c.shape}" if c.ndim != 1 else f"constants = {c}"
+            if c.ndim != 1:
+                what = f"constants of shape {c.shape}"
+            else:
+                what = f"constants = {c}"
             raise InputError(what, "must be a list of finite numbers", name)
         return c
 
@@ -129,7 +134,9 @@ def definite(E, c):
 
 @cache
 def _compile_law(law: Callable) -> Callable:
-    return law if isinstance(law, Dispatcher) else inner(law)
+    if isinstance(law, Dispatcher):
+        return law
+    return inner(law)
 
 
 @cache
@@ -169,7 +176,9 @@ def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
     try:
         with np.errstate(all="ignore"):
             W, S, C = law(E, c)
-        W, S, C = float(W), np.array(S, dtype=float), np.array(C, dtype=float)
+        W = float(W)
+        S = np.array(S, dtype=float)
+        C = np.array(C, dtype=float)
     except ArithmeticError:  # infinity or NaN in compiled code
         return np.nan, np.full(3, np.nan), np.full(6, np.nan)
     except (NameError, AttributeError) as error:
@@ -183,7 +192,8 @@ def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
 
 def _differentiate(law, c, name):
     """Differentiate W to S (3,), and S to ∂S/∂E (3, 3) on E11, E22, 2 E12, at `NEAR`."""
-    dW, dS = np.zeros(3), np.zeros((3, 3))
+    dW = np.zeros(3)
+    dS = np.zeros((3, 3))
     for k, h in enumerate((STEP, STEP, 0.5 * STEP)):  # of E12: a step in 2 E12
         for s, weight in WEIGHTS:
             E = tuple(e + s * h * (i == k) for i, e in enumerate(NEAR))

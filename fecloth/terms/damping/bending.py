@@ -68,7 +68,9 @@ class BendingDamping:
         return isinstance(self.law, PlateBending) or (self.law is None and cloth.element != "P1")
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
-        return cloth.edge_slopes.pairs if self._is_plate(cloth) else cloth.hinges.nodes
+        if self._is_plate(cloth):
+            return cloth.edge_slopes.pairs
+        return cloth.hinges.nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         if self._is_plate(panel.cloth):
@@ -116,9 +118,11 @@ class BoundPlateDamping(BoundTerm):
         ]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D."""
-        # D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the
-        # last and a definite one both.
+        """J += wx K + wv D.
+
+        D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the
+        last and a definite one both.
+        """
         _, moment, g = self._moments(x, v, t)
         right = wv * self.time * g
         if not (self.symmetric or definite):

@@ -51,7 +51,9 @@ class MassDamping:
     traits = replace(DAMPING, damps="motion")
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
-        return None if cloth.element == "P1" else cloth.stencil
+        if cloth.element == "P1":
+            return None
+        return cloth.stencil
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         if panel.cloth.element != "P1" and panel.mass == "consistent":

@@ -102,7 +102,8 @@ class StrainRateDamping:
     def bind(self, panel: Panel, slots) -> BoundTerm:
         law: Any = self.law or stvk.StVK()  # `__post_init__` requires its `moduli`
         viscosity = panel.each(lambda fabric: self.time * law.moduli(fabric))
-        strain, symmetric = strain_of(panel, self.strain), self.tangent == "symmetric"
+        strain = strain_of(panel, self.strain)
+        symmetric = self.tangent == "symmetric"
         loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
         return BoundStrainRate(panel, viscosity, symmetric, self.rate, strain, loop)
 
@@ -137,7 +138,9 @@ class BoundStrainRate(BoundTerm):
 
     @cached_property
     def kernels(self) -> Kernels:
-        return stvk.KERNELS.rate if self.is_pointwise else stvk.KERNELS.regge_rate
+        if self.is_pointwise:
+            return stvk.KERNELS.rate
+        return stvk.KERNELS.regge_rate
 
     @cached_property
     def elements(self) -> tuple[Array, ...]:
@@ -152,7 +155,8 @@ class BoundStrainRate(BoundTerm):
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ w Ė : S_v [W]."""
-        shape, energy = self.strain.shape, self.kernels.energy
+        shape = self.strain.shape
+        energy = self.kernels.energy
         return 2.0 * self.loop.total(by_part(energy, shape, self.elements, v, x))
 
     def _force(self, x, v) -> Callable[..., Call]:
@@ -168,12 +172,15 @@ class BoundStrainRate(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
         nodes, *arrays = self.elements
-        arrays, add = [nodes, self.loop.slots, *arrays], self.kernels.add_mixed_tangent
+        arrays = [nodes, self.loop.slots, *arrays]
+        add = self.kernels.add_mixed_tangent
         weights: tuple = v, wx, wv, 0.0 if self.symmetric else wx
         if self.is_pointwise and (definite or self.symmetric):
-            add, weights = self.kernels.add_tangent, (wx, wv, 0.0 if definite else -np.inf)
+            add = self.kernels.add_tangent
+            weights = (wx, wv, 0.0 if definite else -np.inf)
         elif definite:
-            add, weights = self.kernels.add_definite_tangent, (wx, wv)
+            add = self.kernels.add_definite_tangent
+            weights = (wx, wv)
             arrays += self.strain.definite_arrays
         self.loop.add_blocks(by_part(add, self.strain.shape, arrays, v, x, *weights), J)
 
@@ -193,7 +200,8 @@ class StrainRateOverStep(BoundTerm):
     has_energy = True  # the potential over the step, h/2 Σ w Ė : τℂ₀ : Ė [J]
     dissipative = False  # `dissipation` is its account
     velocity_dependent = False
-    energy, add_force = taken_from("membrane.energy"), taken_from("membrane.add_force")
+    energy = taken_from("membrane.energy")
+    add_force = taken_from("membrane.add_force")
     add_tangent = taken_from("membrane.add_tangent")
 
     @cached_property
@@ -202,7 +210,8 @@ class StrainRateOverStep(BoundTerm):
         return self._membrane(self.step.h, self.step.past)
 
     def _membrane(self, h: float, past: tuple[tuple[float, Array], ...]) -> BoundMembrane:
-        damping, moduli = self.damping, self.damping.viscosity / h
+        damping = self.damping
+        moduli = self.damping.viscosity / h
         strain = replace(damping.strain, rest=np.zeros_like(damping.strain.rest))
         kernels = stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge
         data = damping.panel, moduli, strain, damping.loop

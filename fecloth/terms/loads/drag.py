@@ -128,10 +128,13 @@ class BoundDrag(BoundTerm):
 
     def powers(self, x, v, t) -> tuple[float, float]:
         """Dissipated power, and power of the air on the cloth [W]."""
-        u, dissipated, supplied = self._air(x, t), 0.0, 0.0
+        u = self._air(x, t)
+        dissipated = 0.0
+        supplied = 0.0
         for part in self.loop.runs:
             both = powers(self.nodes[part], self.law, by_triangle(u, part), x, v)
-            dissipated, supplied = dissipated + both[0], supplied + both[1]
+            dissipated = dissipated + both[0]
+            supplied = supplied + both[1]
         return dissipated, supplied
 
     def add_force(self, x, v, t, f) -> None:
@@ -150,7 +153,8 @@ class BoundDrag(BoundTerm):
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
         u = self._air(x, t)
         if self.symmetric or definite:
-            wx, change = 0.0, np.zeros((1, 3, 3))
+            wx = 0.0
+            change = np.zeros((1, 3, 3))
         else:
             change = self.wind.gradient(self._centroids(x), t)
 
@@ -193,7 +197,8 @@ def drag_force(law, N, L, s, wt):
     if quadratic:
         wn *= abs(wn)
         kt *= np.sqrt(dot(wt, wt))
-    n, t = -0.5 * kn * wn, -0.5 * kt * L
+    n = -0.5 * kn * wn
+    t = -0.5 * kt * L
     return n * N[0] + t * wt[0], n * N[1] + t * wt[1], n * N[2] + t * wt[2]
 
 
@@ -225,12 +230,15 @@ def powers(nodes, law, u, x, v):
 def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
     """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), equal for all a."""
     kn, kt, quadratic = law
-    Fw, FN, own = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    Fw = np.empty((3, 3))
+    FN = np.empty((3, 3))
+    own = np.empty((3, 3))
     for e in range(len(nodes)):
         N, L, _, s, wt = flow(nodes, e, u, x, v)
         if L == 0.0:
             continue
-        wn, speed = s / L, np.sqrt(dot(wt, wt))
+        wn = s / L
+        speed = np.sqrt(dot(wt, wt))
         g, slope = (abs(wn) * wn, 2 * abs(wn)) if quadratic else (wn, 1.0)
         phi = speed if quadratic else 1.0
         phi_slope = 1 / speed if quadratic and speed > 0.0 else 0.0  # φ′ / |w_t|
@@ -238,7 +246,8 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
         for i in range(3):
             for j in range(3):
                 delta = 1.0 if i == j else 0.0
-                NN, tt = N[i] * N[j], wt[i] * wt[j]
+                NN = N[i] * N[j]
+                tt = wt[i] * wt[j]
                 across = delta - NN / (L * L)
                 Fw[i, j] = -0.5 * (kn * slope / L * NN + kt * L * (phi * across + phi_slope * tt))
                 rotation = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * delta

@@ -110,11 +110,14 @@ class BoundGas(BoundTerm):
     def absolute_pressure(self, V: float) -> float:
         """Absolute pressure p(V) [Pa]; NaN if the volume is not positive."""
         gas = self.gas
-        return gas.pressure * (gas.volume / V) ** gas.exponent if V > 0 else math.nan
+        if V > 0:
+            return gas.pressure * (gas.volume / V) ** gas.exponent
+        return math.nan
 
     def energy(self, x, t) -> float:
         """−∫ (p − p_ambient) dV from V₀ to V [J]; +∞ if the volume is not positive."""
-        gas, V = self.gas, self.volume(x)
+        gas = self.gas
+        V = self.volume(x)
         if V <= 0:
             return math.inf
         exponent = gas.exponent - 1
@@ -153,7 +156,8 @@ def add_gradient(nodes, signs, o, x, f):
     """f_a += (x_b × x_c) / 6 for a, b, c in cyclic order, with positions relative to o."""
     for e in range(len(nodes)):
         for a in range(3):
-            b, c = nodes[e, (a + 1) % 3], nodes[e, (a + 2) % 3]
+            b = nodes[e, (a + 1) % 3]
+            c = nodes[e, (a + 2) % 3]
             n = cross(from_origin(x, b, o), from_origin(x, c, o))
             for j in range(3):
                 f[nodes[e, a], j] += signs[e] / 6 * n[j]
@@ -164,7 +168,8 @@ def add_hessian(nodes, signs, o, slots, scale, x, J):
     """J_ab −= scale [x_c]× / 6, J_ac += scale [x_b]× / 6, with positions relative to o."""
     for e in range(len(nodes)):
         for a in range(3):
-            b, c = (a + 1) % 3, (a + 2) % 3
+            b = (a + 1) % 3
+            c = (a + 2) % 3
             part = scale * signs[e] / 6
             add_skew(slots[e, a, b], -part, from_origin(x, nodes[e, c], o), J)
             add_skew(slots[e, a, c], part, from_origin(x, nodes[e, b], o), J)

@@ -118,7 +118,8 @@ class PointForce:
     stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
-        cloth, force = panel.cloth, vector(self.force, "force", "PointForce")
+        cloth = panel.cloth
+        force = vector(self.force, "force", "PointForce")
         if isinstance(self.where, tuple):
             if len(self.where) != 2 or not np.isfinite(self.where).all():
                 allowed = "must be two finite numbers (write node indices as a list)"

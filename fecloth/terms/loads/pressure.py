@@ -71,11 +71,14 @@ class Pressure:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
-        cloth, p = panel.cloth, scalar(self.pressure, "pressure", "Pressure")
+        cloth = panel.cloth
+        p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"
         loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
         data = p, loop, orientation_signs(cloth), symmetric, panel
-        return BoundPressure(*data) if cloth.element == "P1" else BoundCurved(*data)
+        if cloth.element == "P1":
+            return BoundPressure(*data)
+        return BoundCurved(*data)
 
 
 def orientation_signs(cloth: Cloth) -> np.ndarray:
@@ -181,7 +184,10 @@ def add_tangent(nodes, signs, slots, p, symmetric, x, J):
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
-        scale, own = (-signs[e] * p / 12, 1.0) if symmetric else (-signs[e] * p / 6, 0.0)
+        if symmetric:
+            scale, own = (-signs[e] * p / 12, 1.0)
+        else:
+            scale, own = (-signs[e] * p / 6, 0.0)
         for a in range(3):
             d = edges[a]
             for b in range(3):
@@ -198,7 +204,8 @@ def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
             n = cross((F11, F21, F31), (F12, F22, F32))
             for a in range(len(K)):
-                node, scale = nodes[e, a], p * w[e, q] * N[q, a]
+                node = nodes[e, a]
+                scale = p * w[e, q] * N[q, a]
                 f[node, 0] += scale * n[0]
                 f[node, 1] += scale * n[1]
                 f[node, 2] += scale * n[2]
@@ -213,7 +220,8 @@ def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
             for a in range(len(K)):
                 for b in range(len(K)):
-                    s, t = (1.0 - own) * N[q, a], own * N[q, b]
+                    s = (1.0 - own) * N[q, a]
+                    t = own * N[q, b]
                     g1 = s * G[e, q, b, 0] - t * G[e, q, a, 0]
                     g2 = s * G[e, q, b, 1] - t * G[e, q, a, 1]
                     d = (g1 * F12 - g2 * F11, g1 * F22 - g2 * F21, g1 * F32 - g2 * F31)

@@ -38,7 +38,8 @@ def subtract_product(indptr: Array, indices: Array, values: Array, x: Array, f: 
     for i in range(len(f)):
         y1, y2, y3 = 0.0, 0.0, 0.0
         for s in range(indptr[i], indptr[i + 1]):
-            a, j = values[s], indices[s]
+            a = values[s]
+            j = indices[s]
             y1 += a * x[j, 0]
             y2 += a * x[j, 1]
             y3 += a * x[j, 2]

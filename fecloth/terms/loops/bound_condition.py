@@ -68,17 +68,20 @@ class BoundCondition(BoundTerm):
         tangent: str = "symmetric",
         **own: Any,
     ) -> Self:
-        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel."""
-        # `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
-        # everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
-        # are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
-        # `own` are the fields of a subclass.
+        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel.
+
+        `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
+        everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
+        are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
+        `own` are the fields of a subclass.
+        """
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
         (m, k), r = nodes.shape, len(convex)
         rows = np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), float)
         shape = (0,) * k, tuple(int(flag) for flag in convex)
         loop = SharedLoop.over_elements(panel, nodes, slots)
-        ks, kd = _matrices(stiffness, m, r), _matrices(damping, m, r)
+        ks = _matrices(stiffness, m, r)
+        kd = _matrices(damping, m, r)
         return cls(name, kernels, shape, loop, rows, ks, kd, hessian, tangent, **own)
 
     @property
@@ -204,7 +207,8 @@ class LengthsOverStep(OverMean):
             super().add_tangent(x, v, t, wx, wv, J, definite)
             return
         term = self.term
-        D, M = term.differences, term.moduli_over_step(term.vectors(self.start), term.vectors(x))
+        D = term.differences
+        M = term.moduli_over_step(term.vectors(self.start), term.vectors(x))
         blocks = np.einsum("...ra,...sb,...rsij->...abij", D, D, wx * M, optimize=True)
         np.add.at(J.values, term.loop.slots, blocks)
         if self.dissipative:
@@ -229,7 +233,8 @@ def spring_modulus(L: Array, e0: Array, e: Array) -> Array:
     e1 = 2.0 * e - e0
     l0, l1 = (np.linalg.norm(each, axis=-1) for each in (e0, e1))
     s = l0 + l1
-    across, along = 1.0 - _quotient(2.0 * L, s), _quotient(4.0 * L, s * s * l1)
+    across = 1.0 - _quotient(2.0 * L, s)
+    along = _quotient(4.0 * L, s * s * l1)
     dyads: Array = (along[..., None] * e)[..., :, None] * e1[..., None, :]
     dyads += across[..., None, None] * np.eye(3)
     return dyads

@@ -66,8 +66,10 @@ def rate(per_node: Zeros, convex: Zeros, g: Array, u: Array, out: Array) -> None
 
 def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x: Array) -> float:
     """½ Σ Cᵀ k_s C [J]."""
-    y, C = np.empty((len(per_node), 3)), np.empty(len(convex))
-    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
+    y = np.empty((len(per_node), 3))
+    C = np.empty(len(convex))
+    g = np.empty((len(convex), len(per_node), 3))
+    H = np.empty((0, 0, 0, 0, 0))
     total = 0.0
     for e in range(len(nodes)):
         gather(per_node, nodes, e, x, y)
@@ -82,9 +84,12 @@ def power(
     per_node: Zeros, convex: Zeros, nodes: Array, c: Array, kd: Array, x: Array, v: Array
 ) -> float:
     """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
-    y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
-    C, Cdot = np.empty(len(convex)), np.empty(len(convex))
-    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
+    y = np.empty((len(per_node), 3))
+    u = np.empty((len(per_node), 3))
+    C = np.empty(len(convex))
+    Cdot = np.empty(len(convex))
+    g = np.empty((len(convex), len(per_node), 3))
+    H = np.empty((0, 0, 0, 0, 0))
     total = 0.0
     for e in range(len(nodes)):
         gather(per_node, nodes, e, x, y)
@@ -102,9 +107,12 @@ def add_force(
     v: Array, f: Array,
 ) -> None:  # fmt: skip
     """f_a −= ∂C_a (k_s C + k_d Ċ)."""
-    y, u = np.empty((len(per_node), 3)), np.empty((len(per_node), 3))
-    C, Cdot = np.empty(len(convex)), np.empty(len(convex))
-    g, H = np.empty((len(convex), len(per_node), 3)), np.empty((0, 0, 0, 0, 0))
+    y = np.empty((len(per_node), 3))
+    u = np.empty((len(per_node), 3))
+    C = np.empty(len(convex))
+    Cdot = np.empty(len(convex))
+    g = np.empty((len(convex), len(per_node), 3))
+    H = np.empty((0, 0, 0, 0, 0))
     for e in range(len(nodes)):
         gather(per_node, nodes, e, x, y)
         gather(per_node, nodes, e, v, u)
@@ -126,10 +134,15 @@ def add_tangent(
 ) -> None:  # fmt: skip
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part."""
     # `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
-    k, n = len(per_node), len(convex)
-    y, u = np.empty((k, 3)), np.empty((k, 3))
-    C, Cdot, tension = np.empty(n), np.empty(n), np.empty(n)
-    g, H = np.empty((n, k, 3)), np.empty((n, k, 3, k, 3))
+    k = len(per_node)
+    n = len(convex)
+    y = np.empty((k, 3))
+    u = np.empty((k, 3))
+    C = np.empty(n)
+    Cdot = np.empty(n)
+    tension = np.empty(n)
+    g = np.empty((n, k, 3))
+    H = np.empty((n, k, 3, k, 3))
     dCdot, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # wx ∂Ċ/∂x; the factor of ∂C_a
     order = 2 if part != GAUSS_NEWTON or mixed else 1
     for e in range(len(nodes)):

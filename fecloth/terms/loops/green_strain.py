@@ -78,7 +78,8 @@ def clamp(S: Three, floor: float) -> Three:
         return floor, floor, 0.0
     # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
     increase = floor - (mean - radius)
-    c, s = half_difference / radius, S12 / radius
+    c = half_difference / radius
+    s = S12 / radius
     return (
         S11 + 0.5 * increase * (1.0 - c),
         S22 + 0.5 * increase * (1.0 + c),
@@ -110,9 +111,12 @@ def material_rows(C: Six, F: Six, G1: float, G2: float) -> Rows:
     C11, C22, C66, C12, C16, C26 = C
     F11, F21, F31, F12, F22, F32 = F
     # each row of T is α F₁ + β F₂
-    a1, b1 = C11 * G1 + C16 * G2, C12 * G2 + C16 * G1
-    a2, b2 = C12 * G1 + C26 * G2, C22 * G2 + C26 * G1
-    a3, b3 = C16 * G1 + C66 * G2, C26 * G2 + C66 * G1
+    a1 = C11 * G1 + C16 * G2
+    b1 = C12 * G2 + C16 * G1
+    a2 = C12 * G1 + C26 * G2
+    b2 = C22 * G2 + C26 * G1
+    a3 = C16 * G1 + C66 * G2
+    b3 = C26 * G2 + C66 * G1
     return (
         (a1 * F11 + b1 * F12, a1 * F21 + b1 * F22, a1 * F31 + b1 * F32),
         (a2 * F11 + b2 * F12, a2 * F21 + b2 * F22, a2 * F31 + b2 * F32),
@@ -125,9 +129,12 @@ def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
     """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
     T1, T2, T3 = T
     H11, H21, H31, H12, H22, H32 = H
-    p1, r1 = T1[0] * G1 + T3[0] * G2, T3[0] * G1 + T2[0] * G2
-    p2, r2 = T1[1] * G1 + T3[1] * G2, T3[1] * G1 + T2[1] * G2
-    p3, r3 = T1[2] * G1 + T3[2] * G2, T3[2] * G1 + T2[2] * G2
+    p1 = T1[0] * G1 + T3[0] * G2
+    r1 = T3[0] * G1 + T2[0] * G2
+    p2 = T1[1] * G1 + T3[1] * G2
+    r2 = T3[1] * G1 + T2[1] * G2
+    p3 = T1[2] * G1 + T3[2] * G2
+    r3 = T3[2] * G1 + T2[2] * G2
     return (
         (p1 * H11 + r1 * H12, p1 * H21 + r1 * H22, p1 * H31 + r1 * H32),
         (p2 * H11 + r2 * H12, p2 * H21 + r2 * H22, p2 * H31 + r2 * H32),

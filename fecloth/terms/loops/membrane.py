@@ -123,7 +123,8 @@ class BoundMembrane(BoundTerm):
         if not definite:
             self._add_blocks(self.kernels.add_tangent, (x, wx, wx, -math.inf), J)
             return
-        add, more = self.kernels.add_definite_tangent, self.strain.definite_arrays
+        add = self.kernels.add_definite_tangent
+        more = self.strain.definite_arrays
         self._add_blocks(add, (x, wx, wx) if more else (x, wx, wx, 0.0), J, more)
 
     def add_mixed_tangent(self, x: Array, v: Array, scale: float, J: BlockMatrix) -> None:
@@ -157,7 +158,9 @@ class BoundMembrane(BoundTerm):
 
     def less(self, strains: Iterable[tuple[float, Array]]) -> Self:
         """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
-        rest, shape, kernels = self.strain.rest.copy(), self.strain.shape, self.kernels
+        rest = self.strain.rest.copy()
+        shape = self.strain.shape
+        kernels = self.kernels
         nodes, A, *_, old = self.elements
 
         def add(weight: float, y: Array, part: slice) -> Call:

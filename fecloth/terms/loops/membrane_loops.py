@@ -245,9 +245,13 @@ class Kernels:
     @cached_property
     def rested(self) -> Self:
         """With a rest strain, which E_h has anyway."""
-        return self if self.kind is REGGE else replace(self, kind=RESTED)
+        if self.kind is REGGE:
+            return self
+        return replace(self, kind=RESTED)
 
-    rate, regge, regge_rate = of_kind(RATE), of_kind(REGGE), of_kind(REGGE_RATE)
+    rate = of_kind(RATE)
+    regge = of_kind(REGGE)
+    regge_rate = of_kind(REGGE_RATE)
 
     def make(self, template: Callable[..., T], law: Any) -> Callable[..., T]:
         """A template with a law and the kind of strain."""

@@ -34,7 +34,8 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.green_strain import Six, Three
 
-NODES, POINTS = 6, 3
+NODES = 6
+POINTS = 3
 GAUSS = 0.5 * np.array([1 - 1 / np.sqrt(3), 1 + 1 / np.sqrt(3)])  # on an edge from 0 to 1
 INTERIOR = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # barycentric; exact to degree 2
 EDGES = np.array([[0, 1], [1, 2], [0, 2]])  # corners; the midpoints follow in this order
@@ -99,7 +100,8 @@ class ReggeStrain:
     def of_panel(cls, panel: Panel) -> Self:
         """Make the forms of each triangle; of P2 only."""
         cloth = panel.cloth
-        c, s = np.cos(panel.grain)[:, None], np.sin(panel.grain)[:, None]
+        c = np.cos(panel.grain)[:, None]
+        s = np.sin(panel.grain)[:, None]
         X, Y = np.moveaxis(cloth.X[cloth.stencil], -1, 0)
         X = np.stack([c * X + s * Y, c * Y - s * X], axis=-1)  # (m, 6, 2) along warp and weft
         barycentric = _barycentric_gradients(X[:, :3])
@@ -183,7 +185,9 @@ def fill_rows(A: Array, u: Array, B: Array) -> None:
                 b0 += A[k, b, a] * u[a, 0]
                 b1 += A[k, b, a] * u[a, 1]
                 b2 += A[k, b, a] * u[a, 2]
-            B[k, b, 0], B[k, b, 1], B[k, b, 2] = b0, b1, b2
+            B[k, b, 0] = b0
+            B[k, b, 1] = b1
+            B[k, b, 2] = b2
 
 
 @inner
@@ -253,9 +257,11 @@ def add_sample_stress(M: Array, p: int, w: float, S: Three, sigma: Array) -> Non
 def scatter_tension(
     slots: Array, e: int, scale: float, sigma: Array, H: Array, S: Three, G: Array, J: Array
 ) -> None:
-    """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is."""
-    # σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
-    # S is the one on the mean of E, with the gradients G at the three points.
+    """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
+
+    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
+    S is the one on the mean of E, with the gradients G at the three points.
+    """
     for a in range(NODES):
         for b in range(NODES):
             total = 0.0

@@ -111,7 +111,10 @@ class SharedLoop:
                 yield call(piece.span, target)
                 continue
             work = self.team.work(p, target.shape)
-            rows = piece.nodes if indptr is None else self._blocks(piece, indptr)
+            if indptr is None:
+                rows = piece.nodes
+            else:
+                rows = self._blocks(piece, indptr)
             yield copy_rows, (rows, target, work)
             yield call(piece.span, work)
             yield copy_rows, (rows, work, target)
@@ -151,7 +154,8 @@ class SharedLoop:
         """Σ over the elements of what call(part) returns, in fixed blocks."""
         if self.counted is not None:
             return float(sum(one(*arguments) for one, arguments in map(call, self.runs)))
-        m, count = len(self.nodes), self.team.count
+        m = len(self.nodes)
+        count = self.team.count
         function, arguments = call(self.whole)
         if m < BLOCKS * SMALL:
             return float(function(*arguments))
@@ -180,7 +184,9 @@ class SharedLoop:
 
     def select(self, values: np.ndarray) -> np.ndarray:
         """Values (m,) of the elements, zero where they do not count in sums."""
-        return values if self.counted is None else np.where(self.counted, values, 0.0)
+        if self.counted is None:
+            return values
+        return np.where(self.counted, values, 0.0)
 
 
 def by_part(
@@ -196,11 +202,15 @@ def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:
 
 
 def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
-    """Divide elements with these nodes (m, k) among `count` threads, or return None."""
-    # The nodes belong to the thread that touches them first; or, for several kinds of elements one
-    # after another, to threads by equal ranges of nodes.
-    m, n = len(nodes), int(nodes.max()) + 1
-    by_elements, by_nodes = np.full(n, count, np.int16), np.arange(n) * count // n
+    """Divide elements with these nodes (m, k) among `count` threads, or return None.
+
+    The nodes belong to the thread that touches them first; or, for several kinds of elements one
+    after another, to threads by equal ranges of nodes.
+    """
+    m = len(nodes)
+    n = int(nodes.max()) + 1
+    by_elements = np.full(n, count, np.int16)
+    by_nodes = np.arange(n) * count // n
     for p in reversed(range(count)):
         by_elements[nodes[p * m // count : (p + 1) * m // count]] = p
     for owner in (by_elements, by_nodes.astype(np.int16)):
@@ -220,7 +230,8 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
     for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > GAP)):
         if not len(run):
             continue
-        begin, end = int(run[0]), int(run[-1]) + 1
+        begin = int(run[0])
+        end = int(run[-1]) + 1
         seams = begin + np.flatnonzero(others[begin:end])
         low, high = np.split(seams, [np.searchsorted(seams, (begin + end) // 2)])
         inner_begin = int(low[-1]) + 1 if len(low) else begin

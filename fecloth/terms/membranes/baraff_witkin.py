@@ -87,12 +87,16 @@ class BaraffWitkin:
     traits = replace(MEMBRANE, elements=("P1",))
 
     def __post_init__(self):
-        where, p = "BaraffWitkin", self.area_exponent
+        where = "BaraffWitkin"
+        p = self.area_exponent
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
         for name in ("stretch", "shear", "rest", "area_exponent", "damping"):
             values = getattr(self, name)
             size = 2 if name in ("stretch", "rest") else 1
-            numbers = floats(name, np.ravel(values), where) if values is not None else np.ones(size)
+            if values is not None:
+                numbers = floats(name, np.ravel(values), where)
+            else:
+                numbers = np.ones(size)
             if numbers.shape != (size,) or not (np.isfinite(numbers) & (numbers >= 0)).all():
                 allowed = f"must be {'two numbers' if size == 2 else 'a number'} >= 0"
                 raise InputError(f"{name} = {values!r}", allowed, where)
@@ -161,7 +165,8 @@ class BoundBaraffWitkin(LengthCondition):
 
     def add_stress(self, x, out) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²]: S = ∂W/∂E with |w_u|² = 1 + 2 E11."""
-        c, k = self.constants, np.einsum("err->er", self.stiffness)
+        c = self.constants
+        k = np.einsum("err->er", self.stiffness)
         wu, wv = self.vectors(x).swapaxes(0, 1)
         length = np.stack([np.linalg.norm(wu, axis=1), np.linalg.norm(wv, axis=1)], axis=1)
         area = self.area
@@ -181,7 +186,8 @@ class BoundBaraffWitkin(LengthCondition):
 @inner
 def conditions(y, c, order, C, g, H):
     """C = aᵖ (|w_u| − b_u, |w_v| − b_v, w_u·w_v − b_s), w_u = Σ y_a G_a1, w_v = Σ y_a G_a2."""
-    scale, G = c[0], c[4:]
+    scale = c[0]
+    G = c[4:]
     wu = (
         y[0, 0] * G[0] + y[1, 0] * G[2] + y[2, 0] * G[4],
         y[0, 1] * G[0] + y[1, 1] * G[2] + y[2, 1] * G[4],
@@ -194,7 +200,8 @@ def conditions(y, c, order, C, g, H):
     )
     lu = math.sqrt(wu[0] * wu[0] + wu[1] * wu[1] + wu[2] * wu[2])
     lv = math.sqrt(wv[0] * wv[0] + wv[1] * wv[1] + wv[2] * wv[2])
-    C[0], C[1] = scale * (lu - c[1]), scale * (lv - c[2])
+    C[0] = scale * (lu - c[1])
+    C[1] = scale * (lv - c[2])
     C[2] = scale * (wu[0] * wv[0] + wu[1] * wv[1] + wu[2] * wv[2] - c[3])
     if order == 0:
         return
@@ -202,7 +209,8 @@ def conditions(y, c, order, C, g, H):
     for a in range(3):
         Gu, Gv = scale * G[2 * a], scale * G[2 * a + 1]
         for i in range(3):
-            g[0, a, i], g[1, a, i] = Gu * wu[i] * iu, Gv * wv[i] * iv
+            g[0, a, i] = Gu * wu[i] * iu
+            g[1, a, i] = Gv * wv[i] * iv
             g[2, a, i] = Gu * wv[i] + Gv * wu[i]
     if order == 1:
         return

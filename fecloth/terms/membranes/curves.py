@@ -31,17 +31,26 @@ PIECE = 8  # numbers of a piece: begin, energy there, four coefficients, next be
 
 def read_rows(name: str, data: Any) -> Rows:
     """The points of `warp`, `weft` or `shear`, with the one at rest, from what a user may give."""
-    along, unit, rest = ("angle", "rad", 0.0) if name == "shear" else ("stretch", "", 1.0)
-    label = f"{name} of {data}, line" if isinstance(data, str | Path) else f"{name}, row"
+    if name == "shear":
+        along, unit, rest = ("angle", "rad", 0.0)
+    else:
+        along, unit, rest = ("stretch", "", 1.0)
+    if isinstance(data, str | Path):
+        label = f"{name} of {data}, line"
+    else:
+        label = f"{name}, row"
     if isinstance(data, Mapping) and data.keys() & instruments.KES_UNITS.keys():
         data = instruments.kes_curve(data, name)
     elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
-    x, labels = table.numbers(along, unit, True), [f"{label} {line}" for line in table.lines]
+    x = table.numbers(along, unit, True)
+    labels = [f"{label} {line}" for line in table.lines]
     force = table.numbers("stiffness" if "stiffness" in table else "force", "N/m", True)
     if len(x) and x[0] > rest:
-        x, force, labels = np.append(rest, x), np.append(0.0, force), [name, *labels]
+        x = np.append(rest, x)
+        force = np.append(0.0, force)
+        labels = [name, *labels]
     if "stiffness" in table:
         E, over = _strain(name, x)
         force = over * np.cumsum(force * np.diff(E, prepend=0.0))
@@ -60,7 +69,9 @@ def _columns(name: str, along: str, rows: Any) -> dict[str, Any]:
 
 def _strain(name: str, x: Array) -> tuple[Array, Array]:
     """E of the stretches or angles x, and force/S there."""
-    return (np.sin(x), np.cos(x)) if name == "shear" else (0.5 * (x * x - 1.0), x)
+    if name == "shear":
+        return (np.sin(x), np.cos(x))
+    return (0.5 * (x * x - 1.0), x)
 
 
 def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str]) -> None:
@@ -71,9 +82,11 @@ def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str])
         allowed = f"must begin at {along} = {rest:g} with force 0, and have a second row"
         remedy = "A strain e is the stretch 1 + e. Leave out compression, and what the start has."
         raise InputError(what, allowed, WHERE, remedy)
-    most, allowed = LONGEST, f"must be below {LONGEST:g}: at rest it is 1, with 5 % strain 1.05"
+    most = LONGEST
+    allowed = f"must be below {LONGEST:g}: at rest it is 1, with 5 % strain 1.05"
     if name == "shear":
-        most, allowed = np.pi / 2, "must be below π/2 [rad]; degrees have the column angle [deg]"
+        most = np.pi / 2
+        allowed = "must be below π/2 [rad]; degrees have the column angle [deg]"
     if x[-1] >= most:
         raise InputError(f"{labels[-1]}: {along} = {x[-1]:g}", allowed, WHERE)
     for what, values in ((along, x), (f"S = force/{ratio}", force / _strain(name, x)[1])):
@@ -99,7 +112,8 @@ class Curve:
         x, force = np.array(rows).T
         E, over = _strain(name, x)
         S = force / over
-        slopes, secants = scipy.interpolate.PchipInterpolator(E, S)(E, 1), np.diff(S) / np.diff(E)
+        slopes = scipy.interpolate.PchipInterpolator(E, S)(E, 1)
+        secants = np.diff(S) / np.diff(E)
         slopes[[0, -1]] = np.maximum(slopes[[0, -1]], LEAST_END * secants[[0, -1]])
         return cls(E, S, slopes, float(E[-1]))
 
@@ -135,7 +149,8 @@ def pack(coupling: float, curves: Sequence[Curve]) -> Array:
     come the cells 0 of all curves, then the cells 1, …
     """
     most = max(len(curve.E) for curve in curves)
-    cells, first = CELLS * most, 2 + len(curves)
+    cells = CELLS * most
+    first = 2 + len(curves)
     rows = np.full((cells + 1 + most, len(curves), PIECE), np.nan)  # E is never beyond NaN
     for k, curve in enumerate(curves):
         n = len(curve.E)
@@ -143,5 +158,6 @@ def pack(coupling: float, curves: Sequence[Curve]) -> Array:
         pieces = np.column_stack([curve.pieces(), np.append(curve.E[1:], np.nan), places])
         begins = np.linspace(0.0, (1 - ROUND_OFF) * curve.E[-1], cells + 1)[:-1]
         rows[:cells, k] = pieces[np.searchsorted(curve.E, begins, "right") - 1]
-        rows[cells, k], rows[cells + 1 :][:n, k] = pieces[-1], pieces
+        rows[cells, k] = pieces[-1]
+        rows[cells + 1 :][:n, k] = pieces
     return np.concatenate([[coupling], *([cells / c.E[-1]] for c in curves), [cells], rows.ravel()])

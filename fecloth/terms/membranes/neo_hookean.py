@@ -87,7 +87,8 @@ class NeoHookean:
         if self.mu is not None:
             validation.positive("mu", self.mu, "N/m", where)
         if self.lam is not None and not (is_number(self.lam) and self.lam >= 0):
-            allowed, remedy = "must be finite and >= 0 [N/m]", "Below 0, W falls as J goes to 0."
+            allowed = "must be finite and >= 0 [N/m]"
+            remedy = "Below 0, W falls as J goes to 0."
             raise InputError(f"lam = {self.lam!r}", allowed, where, remedy)
         if self.kind == "incompressible" and self.lam is not None:
             raise InputError("lam is given", 'only kind = "compressible" has it', where)
@@ -102,7 +103,8 @@ class NeoHookean:
         if self.kind == "incompressible":
             return np.array([Y / 3])
         if nu < 0:
-            what, allowed = f"poisson_ratio = {nu!r}", "must be >= 0"
+            what = f"poisson_ratio = {nu!r}"
+            allowed = "must be >= 0"
             raise InputError(what, allowed, "NeoHookean", "Below 0, W falls as J goes to 0.")
         return np.array([Y / (2 * (1 + nu)), Y * nu / (1 - nu**2)])
 
@@ -116,14 +118,16 @@ class NeoHookean:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        constants, kernels = panel.each(self.constants), KERNELS[self.kind]
+        constants = panel.each(self.constants)
+        kernels = KERNELS[self.kind]
         return membrane.bind("NeoHookean", kernels, constants, panel, slots, self.strain)
 
 
 @inner
 def invariants(E):
     """tr E, det E, and d = det C − 1 = 2 tr E + 4 det E, exact for small E."""
-    trace, determinant = E[0] + E[1], E[0] * E[1] - E[2] * E[2]
+    trace = E[0] + E[1]
+    determinant = E[0] * E[1] - E[2] * E[2]
     return trace, determinant, 2.0 * trace + 4.0 * determinant
 
 
@@ -169,11 +173,14 @@ def incompressible(E, c):
 @inner
 def compressible_stress(E, c):
     """W, S, and the parts of ℂ: g = μ − λ ln J and A = C⁻¹."""
-    mu, lam = c[0], c[1]
+    mu = c[0]
+    lam = c[1]
     trace, determinant, d = invariants(E)
-    D, log_J = positive(1.0 + d), 0.5 * math.log1p(max(d, -1.0))
+    D = positive(1.0 + d)
+    log_J = 0.5 * math.log1p(max(d, -1.0))
     A = inverse(E, D)
-    s, p = mu / D, lam * log_J
+    s = mu / D
+    p = lam * log_J
     S11 = s * (2.0 * E[0] + 4.0 * determinant) + p * A[0]
     S22 = s * (2.0 * E[1] + 4.0 * determinant) + p * A[1]
     S12 = s * 2.0 * E[2] + p * A[2]

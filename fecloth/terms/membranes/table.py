@@ -97,7 +97,10 @@ class MembraneTable:
     def coupling(self, fabric: Fabric) -> tuple[float, float]:
         """c [N/m], and the largest |c| for which W is convex."""
         C = fabric.moduli()
-        nu = C[3] / math.sqrt(C[0] * C[1]) if self.poisson is None else self.poisson
+        if self.poisson is None:
+            nu = C[3] / math.sqrt(C[0] * C[1])
+        else:
+            nu = self.poisson
         warp, weft, _ = self.curves(fabric)
         most = math.sqrt(warp.least_slope() * weft.least_slope())
         return nu * math.sqrt(warp.rest * weft.rest), most
@@ -115,7 +118,8 @@ class MembraneTable:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        c, strain = panel.each(self.constants), self.strain
+        c = panel.each(self.constants)
+        strain = self.strain
         bound = membrane.bind("MembraneTable", KERNELS, c, panel, slots, strain)
         ends = np.array([curve.end for curve in self.curves(panel.fabrics[0])])
         return BoundTable(**vars(bound), ends=ends)
@@ -140,12 +144,15 @@ class BoundTable(membrane.BoundMembrane):
 @inlined
 def above_rest(c, k, E):
     """w, S and dS/dE of the curve k at E ≥ 0."""
-    at, last = E * c[1 + k], c[1 + len(CURVES)]
+    at = E * c[1 + k]
+    last = c[1 + len(CURVES)]
     cell = np.uintp(at if at < last else last)  # the last one also for NaN
     q = np.uintp(FIRST + PIECE * k) + np.uintp(PIECE * len(CURVES)) * cell
     while c[q + np.uintp(6)] <= E:  # a point lies in the cell, below E
         q = np.uintp(c[q + np.uintp(7)])
-    t, w, a0 = E - c[q], c[q + np.uintp(1)], c[q + np.uintp(2)]
+    t = E - c[q]
+    w = c[q + np.uintp(1)]
+    a0 = c[q + np.uintp(2)]
     a1, a2, a3 = c[q + np.uintp(3)], c[q + np.uintp(4)], c[q + np.uintp(5)]
     w += t * (a0 + t * (a1 * 0.5 + t * (a2 * (1.0 / 3.0) + t * (a3 * 0.25))))
     return w, a0 + t * (a1 + t * (a2 + t * a3)), a1 + t * (2.0 * a2 + t * (3.0 * a3))
@@ -156,7 +163,8 @@ def on_curve(c, k, E):
     """w, S and dS/dE of the curve k at E, with the slope at rest in compression."""
     above = E if E > 0.0 else 0.0
     w, S, slope = above_rest(c, k, above)
-    below, rest = E - above, c[np.uintp(FIRST + PIECE * k + 3)]
+    below = E - above
+    rest = c[np.uintp(FIRST + PIECE * k + 3)]
     return w + 0.5 * rest * below * below, S + rest * below, slope
 
 

@@ -78,8 +78,10 @@ class TensionField:
 @inner
 def law(E, c):
     """c = (Y, ν)."""
-    Y, nu = c[0], c[1]
-    mean, half = 0.5 * (E[0] + E[1]), 0.5 * (E[0] - E[1])
+    Y = c[0]
+    nu = c[1]
+    mean = 0.5 * (E[0] + E[1])
+    half = 0.5 * (E[0] - E[1])
     radius = math.sqrt(half * half + E[2] * E[2])
     E1, E2 = mean + radius, mean - radius
     if E2 + nu * E1 > 0.0:
@@ -100,12 +102,15 @@ def taut(E, Y, nu):
 
 @inner
 def wrinkled(E1, E2, c, s, Y):
-    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ."""
-    # With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so ℂ = Y N⊗N + 2 Y E1/(E1 − E2)
-    # M⊗M.
+    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ.
+
+    With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so ℂ = Y N⊗N + 2 Y E1/(E1 − E2)
+    M⊗M.
+    """
     N11, N22, N12 = 0.5 * (1.0 + c), 0.5 * (1.0 - c), 0.5 * s
     M11, M12 = -0.5 * s, 0.5 * c  # M22 = −M11
-    T, shear = Y * E1, 2.0 * Y * E1 / (E1 - E2)
+    T = Y * E1
+    shear = 2.0 * Y * E1 / (E1 - E2)
     C = (
         Y * N11 * N11 + shear * M11 * M11,
         Y * N22 * N22 + shear * M11 * M11,

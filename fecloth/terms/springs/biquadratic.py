@@ -18,7 +18,8 @@ from fecloth.terms.loops.bound_condition import LengthCondition
 
 def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
-    cloth, corners = panel.cloth, panel.cloth.X[panel.cloth.stencil]
+    cloth = panel.cloth
+    corners = panel.cloth.X[panel.cloth.stencil]
     sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
     square = np.sum(sides**2, axis=2)
     area = cloth.weights.sum(axis=1)
@@ -70,7 +71,9 @@ def squared_lengths(y, c, order, C, g, H):
             d = y[b, i] - y[a, i]
             C[r] += d * d
             if order > 0:
-                g[r, r, i], g[r, a, i], g[r, b, i] = 0.0, -2.0 * d, 2.0 * d
+                g[r, r, i] = 0.0
+                g[r, a, i] = -2.0 * d
+                g[r, b, i] = 2.0 * d
     if order > 1:
         H[:] = 0.0
         for r in range(3):

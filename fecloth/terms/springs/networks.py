@@ -86,7 +86,8 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
     """
     net = edges(cloth)
     dx, dy = np.abs(net.vectors.T)
-    across, up = dy < 1e-9 * dx, dx < 1e-9 * dy
+    across = dy < 1e-9 * dx
+    up = dx < 1e-9 * dy
     oblique = ~(across | up)
     if not _is_grid(net.vectors, across, up, oblique):
         for name, value in (("shear", shear), ("bend", bend)):

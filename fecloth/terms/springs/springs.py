@@ -164,7 +164,8 @@ class Springs:
     def springs(self, panel: Panel) -> KnownSprings:
         """The springs of a panel's net."""
         net = self._net(panel.cloth)
-        length, k = np.linalg.norm(net.vectors, axis=1), self._stiffness(net, panel)
+        length = np.linalg.norm(net.vectors, axis=1)
+        k = self._stiffness(net, panel)
         return KnownSprings(net.nodes, length, k, self.damping, self.tangent)
 
 
@@ -178,7 +179,8 @@ def elongation(y, c, order, C, g, H):
     if order > 0:
         n = (d[0] * inverse, d[1] * inverse, d[2] * inverse)
         for i in range(3):
-            g[0, 0, i], g[0, 1, i] = -n[i], n[i]
+            g[0, 0, i] = -n[i]
+            g[0, 1, i] = n[i]
         if order > 1:
             for i in range(3):
                 for j in range(3):

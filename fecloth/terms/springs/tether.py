@@ -80,7 +80,9 @@ class BoundTether(bound_condition.BoundCondition):
 
     def supply(self, x, v, t) -> float:
         """Power of the hand on the damping, −Σ k_d (v − ṗ)·ṗ [W]; the ledger adds ∂U/∂t."""
-        f, w, speed = np.zeros_like(x), v - self.speed(t), self.speed(t)
+        f = np.zeros_like(x)
+        w = v - self.speed(t)
+        speed = self.speed(t)
         super().add_force(x, w, t, f)
         super().add_force(x, np.zeros_like(x), t, still := np.zeros_like(x))
         return float((f - still).sum(axis=0) @ speed)
