@@ -18,7 +18,7 @@ project, version = _project["name"], _project["version"]
 release = version
 extensions = [
     *("myst_nb", "sphinx.ext.autodoc", "numpydoc"),
-    *("chapters", "commands", "field_comments", "gallery", "mathml", "notebooks"),
+    *("chapters", "commands", "gallery", "mathml", "notebooks"),
     *("public_names", "section_index"),
 ]
 exclude_patterns = ["_templates", "conf.py", "extensions", "lecture/__*", "lecture/README.md"]

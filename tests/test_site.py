@@ -127,10 +127,10 @@ def test_the_reference_has_every_public_name(pages):
     }
 
 
-def test_formulas_and_comments_of_fields_are_shown(pages):
+def test_formulas_and_the_fields_of_results_are_shown(pages):
     terms, runs = pages["api/terms.html"], pages["api/runs.html"]
     assert "½ k_u (|w_u| − b_u)²" in re.sub(r"<[^>]*>", "", terms)
-    assert "wall seconds by phase" in runs
+    assert "Wall seconds by phase" in runs
     assert "Annotated" not in terms + runs
 
 

@@ -47,18 +47,36 @@ class Cloth:
     >>> cloth = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right", element="P2")
     >>> len(cloth.X), cloth.stencil.shape, cloth.nodes("left").size
     (25, (8, 6), 5)
+
+    Attributes
+    ----------
+    X
+        (n, 2) reference coordinates of the nodes along warp and weft [m].
+    triangles
+        (m, 3) int32 corners, counter-clockwise: scikit-fem's ``mesh.t`` sorts its own.
+    node_sets
+        Named node indices.
+    edge_sets
+        Named (k, 2) pairs of corners.
+    source_nodes
+        Node i is node ``source_nodes[i]`` of the input mesh, or −1 for the midpoint of an
+        edge.
+    source_triangles
+        Likewise for triangles.
+    element
+        "P1" or "P2".
+    triangle_sets
+        Named triangles (regions).
     """
 
-    X: np.ndarray  # (n, 2) reference coordinates of the nodes along warp and weft [m]
-    # (m, 3) int32 corners, counter-clockwise: scikit-fem's ``mesh.t`` sorts its own
+    X: np.ndarray
     triangles: np.ndarray
-    node_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named node indices
-    edge_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named (k, 2) pairs of corners
-    # Node i is node ``source_nodes[i]`` of the input mesh, or −1 for the midpoint of an edge
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    edge_sets: dict[str, np.ndarray] = field(default_factory=dict)
     source_nodes: np.ndarray | None = None
-    source_triangles: np.ndarray | None = None  # likewise for triangles
-    element: str = "P1"  # "P1" or "P2"
-    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)  # named triangles (regions)
+    source_triangles: np.ndarray | None = None
+    element: str = "P1"
+    triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     # --- constructors -------------------------------------------------------------------------
 

@@ -20,17 +20,38 @@ class Stage:
     x̃, ṽ and ã, the values at q = 0. A `StageMethod` then takes as its new state
 
         x₁ = x_end + w_end q,   v₁ = v₀ + dt a
+
+    Attributes
+    ----------
+    t
+        Time at which the forces balance [s].
+    x
+        (n, 3) x̃ [m].
+    v
+        (n, 3) ṽ [m/s].
+    a
+        (n, 3) ã [m/s²].
+    wx
+        Weight of q in x.
+    wv
+        Weight of q in v.
+    wa
+        Weight of q in a.
+    x_end
+        (n, 3) position at the end of the step for q = 0 [m].
+    w_end
+        The weight of q there.
     """
 
-    t: float  # time at which the forces balance [s]
-    x: np.ndarray  # (n, 3) x̃ [m]
-    v: np.ndarray  # (n, 3) ṽ [m/s]
-    a: np.ndarray  # (n, 3) ã [m/s²]
-    wx: float  # weights of q
+    t: float
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    wx: float
     wv: float
     wa: float
-    x_end: np.ndarray  # (n, 3) position at the end of the step for q = 0 [m]
-    w_end: float  # the weight of q there
+    x_end: np.ndarray
+    w_end: float
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, v, a of an unknown q (n, 3)."""

@@ -31,14 +31,26 @@ class Frames:
     A frame is written before the lists name it, and a list grows by one write in place: a run
     killed at any moment leaves lists that open, and a frame costs the same however many there are.
     Memory: 8 bytes a frame for its time.
+
+    Attributes
+    ----------
+    path
+        Folder and name of the series: ``path``.pvd and ``path``.vtu.series list the
+        frames.
+    cloth
+        Mesh of the frames.
+    system
+        Without it, frames have no stress and no energy.
+    stem
+        Frame i is ``stem_00000i.vtu``, relative to the folder.
+    times
+        Times of the frames written so far [s].
     """
 
-    # Folder and name of the series: ``path``.pvd and ``path``.vtu.series list the frames
     path: Path
     cloth: Cloth
-    system: System | None = None  # without it, frames have no stress and no energy
-    stem: str = "frames/frame"  # frame i is ``stem_00000i.vtu``, relative to the folder
-    # Times of the frames written so far [s]
+    system: System | None = None
+    stem: str = "frames/frame"
     times: array = field(default_factory=lambda: array("d"))
 
     @property

@@ -18,14 +18,49 @@ INTERRUPTED = "interrupted"
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SceneResult(Result):
-    """How the run of a scene ended: a `Result`, its arrays read from the tables of the folder."""
+    """How the run of a scene ended: a `Result`, its arrays read from the tables of the folder.
 
-    status: str  # "done", "failed" or "interrupted"
-    # Folder of the run, and the content of summary.json
+    Attributes
+    ----------
+    state
+        The last state.
+    times
+        (s + 1,) the start, and the ends of the steps that have rows [s].
+    energies
+        Column of the ledger → (s + 1,) [J]; see `Ledger`.
+    observed
+        Column → (s + 1,): probe paths, mean displacement, sag (greatest fall since the
+        start), area, reactions of the pins and obstacles, least distance from each
+        obstacle.
+    seconds
+        Wall seconds by phase.
+    solver
+        The linear solver and why it was chosen.
+    method
+        The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
+        without dt.
+    warnings
+        A sentence for each reason to doubt the result, such as an energy balance that was
+        off (`Balance`), also if it closes at the end.
+    accounts
+        What the run accounts for, at its end.
+    status
+        "done", "failed" or "interrupted".
+    folder
+        Folder of the run.
+    summary
+        Content of summary.json.
+    error
+        The cause of a failure.
+    resumes
+        Time from which `--resume` goes on [s], or None.
+    """
+
+    status: str
     folder: Path
     summary: dict
-    error: FeclothError | None = None  # the cause of a failure
-    resumes: float | None = None  # time from which `--resume` goes on [s], or None
+    error: FeclothError | None = None
+    resumes: float | None = None
 
     @property
     def ledger(self) -> Ledger:

@@ -23,29 +23,48 @@ class Ledger(Account):
     """Energies, dissipation and work since the start, all in J, at time t.
 
     kinetic + Σ potential + Σ dissipated + numerical − Σ work − pins − start = remainder
+
+    Attributes
+    ----------
+    t
+        Time of the last step [s].
+    kinetic
+        ½ v·M v, now.
+    potential
+        Each term's energy, now.
+    dissipated
+        Work done against each damping since the start, Σ dt · power at the method's
+        stage, of methods with a memory at the mean of both ends of the step; Σ dt Ė:S_v
+        with Ė = (E₁ − E₀)/dt for strain-rate damping over the step.
+    work
+        Work of each load that has no energy: its mean force there times the displacement
+        (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
+    pins
+        Work that the pins did on the cloth: change of the pinned nodes' kinetic energy
+        less the work of the other forces on them.
+    numerical
+        Numerical dissipation by the method's own formula, `numerical`: zero for the
+        midpoint rule; exact for energies quadratic in x.
+    opening
+        The energies at the start, with "kinetic".
+    resisting
+        Terms that dissipate also in a rigid motion, such as drag.
+    silent
+        Whether a term reports neither an energy nor its dissipation or work.
     """
 
     name = "ledger"
     table = "energies"
     t: float
-    kinetic: float  # ½ v·M v, now
-    potential: Mapping[str, float]  # each term's energy, now
-    # Work done against each damping since the start, Σ dt · power at the method's stage, of methods
-    # with a memory at the mean of both ends of the step; Σ dt Ė:S_v with Ė = (E₁ − E₀)/dt for
-    # strain-rate damping over the step.
+    kinetic: float
+    potential: Mapping[str, float]
     dissipated: Mapping[str, float]
-    # Work of each load that has no energy: its mean force there times the displacement
-    # (`load_displacement`); of loads that also dissipate, Σ dt · supply there.
     work: Mapping[str, float]
-    # Work that the pins did on the cloth: change of the pinned nodes' kinetic energy less the work
-    # of the other forces on them.
     pins: float
-    # Numerical dissipation by the method's own formula, `numerical`: zero for the midpoint rule;
-    # exact for energies quadratic in x.
     numerical: float
-    opening: Mapping[str, float]  # the energies at the start, with "kinetic"
-    resisting: tuple[str, ...] = ()  # terms that dissipate also in a rigid motion, such as drag
-    silent: bool = False  # whether a term reports neither an energy nor its dissipation or work
+    opening: Mapping[str, float]
+    resisting: tuple[str, ...] = ()
+    silent: bool = False
 
     @classmethod
     def open(cls, system: System, state: State) -> "Ledger":

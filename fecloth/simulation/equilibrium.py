@@ -26,18 +26,47 @@ from fecloth.terms.records import remembered
 @remembered
 @dataclass(frozen=True, eq=False)
 class Equilibrium(State):
-    """A `State` in equilibrium, and how it was found."""
+    """A `State` in equilibrium, and how it was found.
 
-    # ‖f‖ of the free directions over Σ ‖f_term‖ of all; 0 where no force exceeds its round-off
+    Attributes
+    ----------
+    t
+        Time of the loads and of the pins [s].
+    x
+        (n, 3) positions [m].
+    v
+        (n, 3) velocities [m/s], zero.
+    history
+        Records that terms keep, of a state from which a run shall go on with them, as
+        `equilibrium` leaves it; see `System.start_history`. None: they begin anew.
+    residual
+        ‖f‖ of the free directions over Σ ‖f_term‖ of all; 0 where no force exceeds its
+        round-off.
+    iterations
+        Of all load steps together.
+    factorisations
+        Of all load steps together.
+    reason
+        a sentence: why the iteration ended.
+    space_error
+        The estimated relative error in space: see `space_error`.
+    space_error_reason
+        Why there is none, or "".
+    solver_error
+        The estimated error [m] that the iteration left in x; NaN where it is not
+        estimated.
+    warnings
+        a sentence for each reason to doubt it.
+    """
+
     residual: float
-    iterations: int  # of all load steps together
-    factorisations: int  # of all load steps together
-    reason: str  # a sentence: why the iteration ended
-    space_error: float = math.nan  # the estimated relative error in space: see `space_error`
-    space_error_reason: str = ""  # why there is none, or ""
-    # The estimated error [m] that the iteration left in x; NaN where it is not estimated
+    iterations: int
+    factorisations: int
+    reason: str
+    space_error: float = math.nan
+    space_error_reason: str = ""
     solver_error: float = math.nan
-    warnings: tuple[str, ...] = ()  # a sentence for each reason to doubt it
+    warnings: tuple[str, ...] = ()
 
     @property
     def state(self) -> Self:

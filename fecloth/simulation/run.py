@@ -59,22 +59,43 @@ def list_accounts(is_static: bool) -> tuple[type[Account], ...]:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What `run` collected."""
+    """What `run` collected.
 
-    state: State  # the last state
-    times: np.ndarray  # (s + 1,) the start, and the ends of the steps that have rows [s]
-    energies: dict[str, np.ndarray]  # column of the ledger → (s + 1,) [J]; see `Ledger`
-    # Column → (s + 1,): probe paths, mean displacement, sag (greatest fall since the start), area,
-    # reactions of the pins and obstacles, least distance from each obstacle
+    Attributes
+    ----------
+    state
+        The last state.
+    times
+        (s + 1,) the start, and the ends of the steps that have rows [s].
+    energies
+        Column of the ledger → (s + 1,) [J]; see `Ledger`.
+    observed
+        Column → (s + 1,): probe paths, mean displacement, sag (greatest fall since the
+        start), area, reactions of the pins and obstacles, least distance from each
+        obstacle.
+    seconds
+        Wall seconds by phase.
+    solver
+        The linear solver and why it was chosen.
+    method
+        The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
+        without dt.
+    warnings
+        A sentence for each reason to doubt the result, such as an energy balance that was
+        off (`Balance`), also if it closes at the end.
+    accounts
+        What the run accounts for, at its end.
+    """
+
+    state: State
+    times: np.ndarray
+    energies: dict[str, np.ndarray]
     observed: dict[str, np.ndarray]
-    seconds: dict[str, float]  # wall seconds by phase
-    solver: str  # the linear solver and why it was chosen
-    # The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one without dt
+    seconds: dict[str, float]
+    solver: str
     method: object
-    # A sentence for each reason to doubt the result, such as an energy balance that was off
-    # (`Balance`), also if it closes at the end
     warnings: tuple[str, ...]
-    accounts: Accounts  # what the run accounts for, at its end
+    accounts: Accounts
 
     @property
     def figures(self) -> dict[str, object]:

@@ -97,12 +97,23 @@ def describe_settings(settings: Mapping) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """Settings and the function that runs them, identified by file and name."""
+    """Settings and the function that runs them, identified by file and name.
 
-    settings: Mapping[str, object]  # keyword arguments of the function, in JSON's types
-    file: str  # the file that defines the function; other processes import it from there
-    name: str  # the name of the function
-    # Hash of the sources on which the result depends, from `source_hash`
+    Attributes
+    ----------
+    settings
+        Keyword arguments of the function, in JSON's types.
+    file
+        The file that defines the function; other processes import it from there.
+    name
+        The name of the function.
+    source
+        Hash of the sources on which the result depends, from `source_hash`.
+    """
+
+    settings: Mapping[str, object]
+    file: str
+    name: str
     source: str = field(default="", repr=False)
 
     @classmethod

@@ -17,13 +17,35 @@ LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, the errors that the verdict names
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Chart(StudyResult):
-    """What `chart` found: the table has a row for each setting."""
+    """What `chart` found: the table has a row for each setting.
 
-    quantity: str = ""  # text of the quantity
-    # The converged limit of the problem: value, uncertainty, order; None if it was not found
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    quantity
+        Text of the quantity.
+    limit
+        The converged limit of the problem: value, uncertainty, order; None if it was not
+        found.
+    others
+        Quantities of interest that the chart is not of.
+    size
+        Size of the quantity, in its unit; errors are a percentage of it.
+    """
+
+    quantity: str = ""
     limit: Convergence | None = None
-    others: tuple[str, ...] = ()  # quantities of interest that the chart is not of
-    size: float = math.nan  # size of the quantity, in its unit; errors are a percentage of it
+    others: tuple[str, ...] = ()
+    size: float = math.nan
 
     @property
     def front(self) -> Table:

@@ -21,29 +21,62 @@ REFINED = {
 
 @dataclass(frozen=True)
 class Difference:
-    """A variant against the first one, in % or in the unit of the quantity."""
+    """A variant against the first one, in % or in the unit of the quantity.
 
-    as_given: float  # on the mesh and with the step that are given
-    # Of the extrapolated values: the exact difference is expected in limit ± uncertainty
+    Attributes
+    ----------
+    as_given
+        On the mesh and with the step that are given.
+    limit
+        Difference of the extrapolated values.
+    uncertainty
+        Half width of the range in which the exact difference is expected.
+    """
+
+    as_given: float
     limit: float
     uncertainty: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(StudyResult):
-    """What `compare` found; the table has a row for each variant."""
+    """What `compare` found; the table has a row for each variant.
 
-    quantity: str = ""  # text of the quantity
-    unit: str = ""  # its SI unit
-    refine: str = "h"  # "h", "dt" or "both"
-    # The `Convergence` of each variant that ran
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    quantity
+        Text of the quantity.
+    unit
+        Its SI unit.
+    refine
+        "h", "dt" or "both".
+    studies
+        The `Convergence` of each variant that ran.
+    differences
+        Of each variant from the first in `studies`.
+    scale
+        Value that is 100 %; NaN if it is zero within its uncertainty: then differences
+        have the unit of the quantity.
+    overlay
+        End of the first two variants as given; None where there are none.
+    """
+
+    quantity: str = ""
+    unit: str = ""
+    refine: str = "h"
     studies: Mapping[str, Convergence] = field(default_factory=dict)
-    # Of each variant from the first in `studies`
     differences: Mapping[str, Difference] = field(default_factory=dict)
-    # Value that is 100 %; NaN if it is zero within its uncertainty: then differences have the unit
-    # of the quantity
     scale: float = math.nan
-    # End of the first two variants as given; None where there are none
     overlay: Overlay | None = None
 
     def notes(self) -> list[str]:

@@ -19,26 +19,65 @@ SLOW = 0.3  # below this order nothing converges for practical purposes
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(StudyResult):
-    """What `converge` found; lengths in m, times in s, the quantity in its own unit."""
+    """What `converge` found; lengths in m, times in s, the quantity in its own unit.
 
-    quantity: str = ""  # text of the quantity
-    unit: str = ""  # its SI unit
-    value: float = math.nan  # the quantity on the finest level; of a field, path or vector its size
-    # The exact value is expected in value ± uncertainty: of what was refined, plus the shares
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    quantity
+        Text of the quantity.
+    unit
+        Its SI unit.
+    value
+        The quantity on the finest level; of a field, path or vector its size.
+    uncertainty
+        The exact value is expected in value ± uncertainty: of what was refined, plus the
+        shares.
+    limit
+        The value extrapolated to h = 0 or dt = 0.
+    order
+        The observed order, NaN if there is none.
+    theory
+        The theoretical order.
+    converges
+        Whether the verdict begins with "converges".
+    refine
+        "h", "dt" or "both".
+    shares
+        Estimated size of each part of the error: "mesh" or "time step" or both (what was
+        refined), and "time step" or "mesh" and "solver" as far as they were estimated.
+    estimate
+        The `Estimate` from the published procedure.
+    gradings
+        With ``grade=True``, the gradings of the meshes; the table then also has rows of
+        uniform meshes.
+    levels
+        Rows of the runs of the levels, coarse to fine.
+    others
+        Rows of the runs that show the shares of what was not refined.
+    """
+
+    quantity: str = ""
+    unit: str = ""
+    value: float = math.nan
     uncertainty: float = math.nan
-    limit: float = math.nan  # the value extrapolated to h = 0 or dt = 0
-    order: float = math.nan  # the observed order, NaN if there is none
-    theory: float = math.nan  # the theoretical order
-    converges: bool = False  # whether the verdict begins with "converges"
-    refine: str = "h"  # "h", "dt" or "both"
-    # Estimated size of each part of the error: "mesh" or "time step" or both (what was refined),
-    # and "time step" or "mesh" and "solver" as far as they were estimated
+    limit: float = math.nan
+    order: float = math.nan
+    theory: float = math.nan
+    converges: bool = False
+    refine: str = "h"
     shares: Mapping[str, float] = field(default_factory=dict)
-    estimate: Estimate | None = None  # the `Estimate` from the published procedure
-    # With ``grade=True``, the gradings of the meshes; the table then also has rows of uniform
-    # meshes
+    estimate: Estimate | None = None
     gradings: tuple[Grading, ...] = ()
-    # Rows of the runs: of the levels, coarse to fine, and of others that show the other shares
     levels: Sequence[Mapping] = ()
     others: Sequence[Mapping] = ()
 

@@ -16,7 +16,17 @@ from fecloth.system.state import State
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Opened):
-    """A problem and how its cases run; its methods are the studies of the same names."""
+    """A problem and how its cases run; its methods are the studies of the same names.
+
+    Attributes
+    ----------
+    problems
+        Several for `compare` alone.
+    given
+        What was said once, for all studies: h, dt, probes, and how the cases run.
+    takes_usual_limit
+        Whether each study chooses the longest time of a case.
+    """
 
     converge = converging.converge
     compare = comparing.compare

@@ -29,17 +29,41 @@ SHOWN = 0.1  # extents of the cloth by which the files show a mode
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(StudyResult):
-    """The modes of lowest frequency, with `warnings` if they are in doubt."""
+    """The modes of lowest frequency, with `warnings` if they are in doubt.
 
-    system: System  # what vibrates
-    state: State  # the state about which it vibrates
-    # (count,) [Hz], ascending. A negative frequency is −√(−ω²)/(2π) of an unstable mode, which
-    # grows by the factor e in 1/(2π |f|) seconds.
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    system
+        What vibrates.
+    state
+        The state about which it vibrates.
+    frequencies
+        (count,) [Hz], ascending. A negative frequency is −√(−ω²)/(2π) of an unstable
+        mode, which grows by the factor e in 1/(2π |f|) seconds.
+    eigenvalues
+        (count,) ω² [1/s²].
+    shapes
+        (count, n, 3) u with u · M u = 1 [1/√kg], zero where pins hold.
+    zero
+        Frequency [Hz] up to which a mode counts as one without stiffness, such as the
+        motion of a rigid body: round-off hides whether it is more.
+    """
+
+    system: System
+    state: State
     frequencies: np.ndarray
-    eigenvalues: np.ndarray  # (count,) ω² [1/s²]
-    shapes: np.ndarray  # (count, n, 3) u with u · M u = 1 [1/√kg], zero where pins hold
-    # Frequency [Hz] up to which a mode counts as one without stiffness, such as the motion of a
-    # rigid body: round-off hides whether it is more.
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
     zero: float
 
     @property

@@ -17,11 +17,21 @@ from fecloth.system.system import System
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Two states, each with its system; the meshes may differ, the piece of cloth must not."""
+    """Two states, each with its system; the meshes may differ, the piece of cloth must not.
 
-    first: tuple[System, State]  # A
-    second: tuple[System, State]  # B
-    arrays: Arrays  # `other`, x_B(X), and `difference`, x_B(X) − x_A(X), (n, 3) at the nodes of A
+    Attributes
+    ----------
+    first
+        A.
+    second
+        B.
+    arrays
+        `other`, x_B(X), and `difference`, x_B(X) − x_A(X), (n, 3) at the nodes of A.
+    """
+
+    first: tuple[System, State]
+    second: tuple[System, State]
+    arrays: Arrays
 
     @classmethod
     def of(cls, first: tuple[System, State], second: tuple[System, State]) -> "Overlay":

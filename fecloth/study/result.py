@@ -56,7 +56,13 @@ def _cell(value: object) -> str:
 
 @dataclass(frozen=True)
 class Table(Sequence[Mapping[str, Cell]]):
-    """Rows of named cells; numbers are shown to four digits, or as many as their error has."""
+    """Rows of named cells; numbers are shown to four digits, or as many as their error has.
+
+    Attributes
+    ----------
+    rows
+        The rows: column → cell.
+    """
 
     rows: tuple[Mapping[str, Cell], ...]
 
@@ -119,14 +125,27 @@ def _text(value: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What a study found."""
+    """What a study found.
 
-    title: str  # what was studied
-    verdict: str  # the answer in words
-    table: Table  # one row for each run or level; see `Table`
-    # A sentence for each likely mistake in the set-up of what was studied
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    """
+
+    title: str
+    verdict: str
+    table: Table
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
-    remarks: tuple[str, ...] = field(default=(), kw_only=True)  # sentences on what was noticed
+    remarks: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"

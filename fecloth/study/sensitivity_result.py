@@ -27,14 +27,39 @@ class Sensitivity(StudyResult):
     Of a single quantity `value` and `checked` are numbers, and the others have the shape
     (parameters,); of a list of quantities they have the shapes (quantities,) and (quantities,
     parameters).
+
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    parameters
+        Their names.
+    quantities
+        Their texts.
+    value
+        Of the quantities, in their units.
+    derivative
+        Unit of the quantity over the unit of the parameter; NaN for none.
+    elasticity
+        Change of the quantity in per cent if the parameter changes by 1 %.
+    checked
+        Distance of the derivatives from a pair of twin runs, relative to the sum of all
+        changes.
     """
 
-    parameters: tuple[str, ...] = ()  # their names
-    quantities: tuple[str, ...] = ()  # their texts
-    value: Any = np.nan  # of the quantities, in their units
-    derivative: Any = np.nan  # unit of the quantity over the unit of the parameter; NaN for none
-    elasticity: Any = np.nan  # change of the quantity in per cent if the parameter changes by 1 %
-    # Distance of the derivatives from a pair of twin runs, relative to the sum of all changes.
+    parameters: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    value: Any = np.nan
+    derivative: Any = np.nan
+    elasticity: Any = np.nan
     checked: Any = np.nan
 
     @property

@@ -25,12 +25,32 @@ LONGEST_CASE = 120.0  # s
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilityMap(StudyResult):
-    """What `stability` found: the table has a row for each method and combination of values."""
+    """What `stability` found: the table has a row for each method and combination of values.
 
-    keys: tuple[str, ...] = ()  # names of the keys that were varied
-    methods: tuple[str, ...] = ()  # names of the methods
-    # One row for each run: method, values, dt, status ("ok", "wrong", "failed", or the status of a
-    # case that was stopped), cause, energy made over the energy that moved, CPU seconds
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    keys
+        Names of the keys that were varied.
+    methods
+        Names of the methods.
+    cells
+        One row for each run: method, values, dt, status ("ok", "wrong", "failed", or the
+        status of a case that was stopped), cause, energy made over the energy that moved,
+        CPU seconds.
+    """
+
+    keys: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
     cells: Table = field(default_factory=lambda: Table(()))
 
     @property

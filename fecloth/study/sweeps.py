@@ -22,11 +22,31 @@ from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(StudyResult):
-    """What `sweep` found: the table has a row for each combination of values."""
+    """What `sweep` found: the table has a row for each combination of values.
 
-    keys: tuple[str, ...] = ()  # names of the columns that were varied
-    quantities: tuple[str, ...] = ()  # names of the columns that were computed
-    units: tuple[str, ...] = ()  # SI unit of each quantity
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    keys
+        Names of the columns that were varied.
+    quantities
+        Names of the columns that were computed.
+    units
+        SI unit of each quantity.
+    """
+
+    keys: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def figure(self) -> Figure:
         """Return a panel for each quantity over the first key, a line for each other value."""

@@ -38,17 +38,39 @@ ROUND_OFF = 1e-11  # relative to the values; what solvers leave
 
 @dataclass(frozen=True)
 class Estimate:
-    """What successive values say of their limit."""
+    """What successive values say of their limit.
 
-    value: float  # the value of the finest level
-    limit: float  # the extrapolated value φ₀; the value of the finest level where there is none
-    uncertainty: float  # U, in the unit of the values: the exact limit is expected in value ± U
-    order: float  # the observed order; NaN where the values have none
-    theory: float  # the theoretical order
-    behaviour: str  # "monotone", "oscillating", "diverging" or "constant" (equal to round-off)
-    scatter: float  # σ of the fit, 0 with three levels
-    data_range: float  # Δ; σ ≥ Δ says that the fit shows scatter only
-    procedure: str  # name of the procedure
+    Attributes
+    ----------
+    value
+        The value of the finest level.
+    limit
+        The extrapolated value φ₀; the value of the finest level where there is none.
+    uncertainty
+        U, in the unit of the values: the exact limit is expected in value ± U.
+    order
+        The observed order; NaN where the values have none.
+    theory
+        The theoretical order.
+    behaviour
+        "monotone", "oscillating", "diverging" or "constant" (equal to round-off).
+    scatter
+        σ of the fit, 0 with three levels.
+    data_range
+        Δ; σ ≥ Δ says that the fit shows scatter only.
+    procedure
+        Name of the procedure.
+    """
+
+    value: float
+    limit: float
+    uncertainty: float
+    order: float
+    theory: float
+    behaviour: str
+    scatter: float
+    data_range: float
+    procedure: str
 
 
 def estimate_uncertainty(

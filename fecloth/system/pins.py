@@ -254,6 +254,8 @@ class Slide(Pin):
     ----------
     where, motion, velocity, name
         As for `Pin`; a motion moves the line or plane, so only its part across these counts.
+    clamp, rotate
+        Refused: only a `Pin` can hold or turn the normal of the edge.
     direction
         Direction of the line, of any length; give this or `normal`.
     normal

@@ -27,13 +27,23 @@ COARSE = f"it is above {100 * RESOLVED:.0f} % of stress and moment; take a small
 
 @dataclass(frozen=True, eq=False)
 class SpaceError:
-    """An estimate of the error in space of a state; see `space_error`."""
+    """An estimate of the error in space of a state; see `space_error`.
 
-    # Root of the energy of the error over the energy of the strain; NaN without an estimate
+    Attributes
+    ----------
+    relative
+        Root of the energy of the error over the energy of the strain; NaN without an
+        estimate.
+    density
+        (m,) energy of the error per reference area of each triangle [J/m²]; NaN where a
+        term has none.
+    reason
+        Why there is no estimate, or "".
+    """
+
     relative: float
-    # (m,) energy of the error per reference area of each triangle [J/m²]; NaN where a term has none
     density: np.ndarray
-    reason: str = ""  # why there is no estimate, or ""
+    reason: str = ""
 
     def __str__(self) -> str:
         return name_space_error(self.relative, self.reason)

@@ -11,13 +11,24 @@ from fecloth.terms.records import remembered
 @remembered
 @dataclass(frozen=True, eq=False)
 class State:
-    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s]."""
+    """Time t [s], positions x (n, 3) [m] and velocities v (n, 3) [m/s].
+
+    Attributes
+    ----------
+    t
+        Time [s].
+    x
+        (n, 3) positions [m].
+    v
+        (n, 3) velocities [m/s].
+    history
+        Records that terms keep, of a state from which a run shall go on with them, as
+        `equilibrium` leaves it; see `System.start_history`. None: they begin anew.
+    """
 
     t: float
     x: np.ndarray
     v: np.ndarray
-    # Records that terms keep, of a state from which a run shall go on with them, as `equilibrium`
-    # leaves it; see `System.start_history`. None: they begin anew.
     history: tuple | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:

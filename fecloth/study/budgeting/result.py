@@ -26,21 +26,60 @@ class Budget(StudyResult):
     """What `budget` found: standard uncertainties, in the unit of each quantity.
 
     Of a single quantity these are numbers, else arrays (quantities,).
+
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    quantities
+        Their texts.
+    parameters
+        Names of the uncertain numbers.
+    value
+        On the finest mesh.
+    time
+        Standard uncertainty by the time step.
+    space
+        Standard uncertainty by the mesh.
+    solver
+        Standard uncertainty by the tolerance of the solver.
+    input
+        Standard uncertainty by the uncertain numbers.
+    start
+        Standard uncertainty by the start; 0 where no starts were disturbed.
+    data
+        Of what was measured; 0 for nothing.
+    total
+        Root of the sum of the squares of the six parts.
+    difference
+        Value − measured; NaN for nothing measured.
+    agrees
+        |difference| ≤ 2 total.
+    shares
+        (quantities, parameters) parts of input² by first order; empty where samples gave
+        it.
     """
 
-    quantities: tuple[str, ...] = ()  # their texts
-    parameters: tuple[str, ...] = ()  # names of the uncertain numbers
-    value: Any = np.nan  # on the finest mesh
+    quantities: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    value: Any = np.nan
     time: Any = np.nan
     space: Any = np.nan
     solver: Any = np.nan
     input: Any = np.nan
     start: Any = np.nan
-    data: Any = np.nan  # of what was measured; 0 for nothing
+    data: Any = np.nan
     total: Any = np.nan
-    difference: Any = np.nan  # value − measured; NaN for nothing measured
-    agrees: Any = False  # |difference| ≤ 2 total
-    # (quantities, parameters) parts of input² by first order; empty where samples gave it
+    difference: Any = np.nan
+    agrees: Any = False
     shares: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def figure(self) -> Figure:

@@ -27,21 +27,56 @@ COLUMNS = 3  # of panels of the figure
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(StudyResult):
-    """What `fit` found: the table has a row for each constant."""
+    """What `fit` found: the table has a row for each constant.
 
-    values: Mapping[str, float] = field(default_factory=dict)  # name → constant [SI]
-    # name → ends of the 95 % interval; NaN where the data do not tell it or the law is wrong
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    values
+        Name → constant [SI].
+    intervals
+        Name → ends of the 95 % interval; NaN where the data do not tell it or the law is
+        wrong.
+    covariance
+        Of values, [SI²].
+    identified
+        Names of the constants that the data tell.
+    misfit
+        Reduced χ²: 1 if the residuals are as large as the uncertainties.
+    numerical
+        Name → shift by h/2 and dt/2 [SI]; NaN where nothing can be refined.
+    law_fails
+        Whether the misfit is larger than the uncertainties allow.
+    offsets
+        Experiment → slack [SI].
+    experiments
+        a row for each measured column.
+    points
+        a row for each measured point.
+    fabric
+        The fitted table [fabric].
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, Interval] = field(default_factory=dict)
-    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # of values, [SI²]
-    identified: tuple[str, ...] = ()  # names of the constants that the data tell
-    misfit: float = np.nan  # reduced χ²: 1 if the residuals are as large as the uncertainties
-    # name → shift by h/2 and dt/2 [SI]; NaN where nothing can be refined
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    identified: tuple[str, ...] = ()
+    misfit: float = np.nan
     numerical: Mapping[str, float] = field(default_factory=dict)
     law_fails: bool = False
-    offsets: Mapping[str, float] = field(default_factory=dict)  # experiment → slack [SI]
-    experiments: Table = EMPTY  # a row for each measured column
-    points: Table = EMPTY  # a row for each measured point
-    fabric: Mapping[str, Any] = field(default_factory=dict)  # the fitted table [fabric]
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    experiments: Table = EMPTY
+    points: Table = EMPTY
+    fabric: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def resolved(self) -> bool:

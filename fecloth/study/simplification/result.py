@@ -18,16 +18,46 @@ SHADES = {"needed": COLOURS[1], "by chance": COLOURS[1], "resolved": "0.6", "not
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simplification(StudyResult):
-    """What `simplify` found: the table has a row for each variant, by its change."""
+    """What `simplify` found: the table has a row for each variant, by its change.
 
-    tolerance: float = 0.01  # largest relative change of a quantity
-    quantities: tuple[str, ...] = ()  # texts of the quantities
-    resolved: bool = True  # whether the scene's own known errors are within the tolerance
-    scene: Path | None = None  # path of the reduced scene in the folder that was given, or None
-    reduced: str = ""  # the text of the reduced scene
-    file: str = "reduced.toml"  # the name of its file; for a function reduced.txt, a list
-    change: float = 0.0  # largest change of the reduced scene
-    saved: float = 0.0  # part of the CPU seconds that it saves; 0 if nothing can be simpler
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    tolerance
+        Largest relative change of a quantity.
+    quantities
+        Texts of the quantities.
+    resolved
+        Whether the scene's own known errors are within the tolerance.
+    scene
+        Path of the reduced scene in the folder that was given, or None.
+    reduced
+        The text of the reduced scene.
+    file
+        The name of its file; for a function reduced.txt, a list.
+    change
+        Largest change of the reduced scene.
+    saved
+        Part of the CPU seconds that it saves; 0 if nothing can be simpler.
+    """
+
+    tolerance: float = 0.01
+    quantities: tuple[str, ...] = ()
+    resolved: bool = True
+    scene: Path | None = None
+    reduced: str = ""
+    file: str = "reduced.toml"
+    change: float = 0.0
+    saved: float = 0.0
 
     @property
     def scene_file(self) -> tuple[str, str]:

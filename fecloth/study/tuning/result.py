@@ -29,24 +29,60 @@ COLUMNS = {  # of a setting: names in `Choice` and in the table
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(StudyResult):
-    """What `tune` found: the table has a row for each run, with its estimated error."""
+    """What `tune` found: the table has a row for each run, with its estimated error.
 
-    error: float = math.nan  # estimated, relative, the largest of all quantities; 0.01 is 1 %
-    seconds: float = math.nan  # measured CPU time of the tuned setting [s]
-    predicted: float = math.nan  # its predicted CPU time [s]
-    # Whether a run with a finer mesh or shorter steps shows that the error, or with a budget the
-    # time, is as asked for.
+    Attributes
+    ----------
+    title
+        What was studied.
+    verdict
+        The answer in words.
+    table
+        One row for each run or level; see `Table`.
+    warnings
+        A sentence for each likely mistake in the set-up of what was studied.
+    remarks
+        Sentences on what was noticed.
+    error
+        Estimated, relative, the largest of all quantities; 0.01 is 1 %.
+    seconds
+        Measured CPU time of the tuned setting [s].
+    predicted
+        Its predicted CPU time [s].
+    proved
+        Whether a run with a finer mesh or shorter steps shows that the error, or with a
+        budget the time, is as asked for.
+    tolerance
+        The largest relative error that the caller gave, or NaN.
+    budget
+        The CPU time that the caller gave [s], or NaN.
+    quantities
+        Texts of the quantities.
+    parts
+        The error by its cause: "space", "time", "solver" and "model", as far as they
+        exist.
+    settings
+        The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s].
+    text
+        The tuned scene as TOML; "" of a function's problem.
+    scene
+        Path of tuned.toml in the folder that was given, or None.
+    search_seconds
+        CPU time of the search with its set-up, without the run that verified the tuned
+        setting [s].
+    """
+
+    error: float = math.nan
+    seconds: float = math.nan
+    predicted: float = math.nan
     proved: bool = False
-    tolerance: float = math.nan  # the largest relative error that the caller gave, or NaN
-    budget: float = math.nan  # the CPU time that the caller gave [s], or NaN
-    quantities: tuple[str, ...] = ()  # texts of the quantities
-    # The error by its cause: "space", "time", "solver" and "model", as far as they exist.
+    tolerance: float = math.nan
+    budget: float = math.nan
+    quantities: tuple[str, ...] = ()
     parts: Mapping[str, float] = field(default_factory=dict)
-    # The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s].
     settings: Mapping[str, Any] = field(default_factory=dict)
-    text: str = ""  # the tuned scene as TOML; "" of a function's problem
-    scene: Path | None = None  # path of tuned.toml in the folder that was given, or None
-    # CPU time of the search with its set-up, without the run that verified the tuned setting [s].
+    text: str = ""
+    scene: Path | None = None
     search_seconds: float = math.nan
 
     def notes(self) -> list[str]:
