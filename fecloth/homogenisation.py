@@ -21,9 +21,10 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     A strain ε = (ε11, ε22, γ12) is imposed on one period of area A. The nodes of the period may
     move relative to the affine displacement. The minimum of the energy is then A/2 ε·ℂ ε.
 
-    The energy ½ u·K u of patches of nx × ny periods at rest, with εX plus a displacement that is
-    equal in all periods, is differenced with respect to nx and ny: the contribution of a border is
-    proportional to its length and cancels. Raises `InputError` for an unknown pattern.
+    The energy ½ u·K u of patches of nx × ny periods at rest, with εX plus a displacement that
+    is equal in all periods, is differenced with respect to nx and ny: the contribution of a
+    border is proportional to its length and cancels. Raises `InputError` for an unknown
+    pattern.
 
     Parameters
     ----------
@@ -39,9 +40,9 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
     Returns
     -------
     (3, 3) array
-        ℂ [N/m] in the order 11, 22, 12: C11, C22, C12 and the shear modulus C33 = ``[2, 2]``. C13
-        and C23 couple stretch and shear. ℂ is isotropic if C11 = C22 = C12 + 2 C33 and
-        C13 = C23 = 0. Then ν = C12/C11 and Y = C11 (1 − ν²).
+        ℂ [N/m] in the order 11, 22, 12: C11, C22, C12 and the shear modulus C33 = ``[2, 2]``.
+        C13 and C23 couple stretch and shear. ℂ is isotropic if C11 = C22 = C12 + 2 C33 and C13
+        = C23 = 0. Then ν = C12/C11 and Y = C11 (1 − ν²).
     """
     period = _period(pattern, h, "plane_moduli")
     patches = [(sign, size * period) for sign, size in SIZES]
@@ -91,10 +92,11 @@ def _plane_displacements(X, row):
 def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) -> np.ndarray:
     """(3, 3) bending stiffness D [N m] of an infinite pattern: ½ kᵀ D k per area.
 
-    k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection, over which D is the
-    minimum of the energy of `HingeBending`, to second order about the flat state, per area of a
-    cell. D does not depend on the size of the cell: refinement does not make the model converge to
-    the plate energy B (κ11² + κ22² + …). Raises `InputError` for an unknown pattern.
+    k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection, over which D is
+    the minimum of the energy of `HingeBending`, to second order about the flat state, per area
+    of a cell. D does not depend on the size of the cell: refinement does not make the model
+    converge to the plate energy B (κ11² + κ22² + …). Raises `InputError` for an unknown
+    pattern.
 
     Parameters
     ----------

@@ -84,10 +84,10 @@ def check_term(
 ) -> Checked:
     """Check the force of a term against its energy, and its tangents against its force.
 
-    The errors of central differences must decrease with slope 2, in each state and at each scale of
-    the stiffness of the fabric. Of the bound term, `power` and `supply` are not
-    checked. Raises `VerificationFailed` if a slope is not 2, or if a force is zero and therefore
-    cannot be checked.
+    The errors of central differences must decrease with slope 2, in each state and at each
+    scale of the stiffness of the fabric. Of the bound term, `power` and `supply` are not
+    checked. Raises `VerificationFailed` if a slope is not 2, or if a force is zero and
+    therefore cannot be checked.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def check_term(
     Returns
     -------
     Checked
-        A list of a `Sweep` for each derivative, state and scale; it prints "passed" and the slopes.
+        A list of a `Sweep` for each derivative, state and scale; it prints "passed" and the
+        slopes.
     """
     cloth = cloth or Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
@@ -225,9 +226,9 @@ def check_integrator(
 ) -> np.ndarray:
     """Check the order of a method in dt, from the end states for several numbers of steps.
 
-    The differences ‖x_i − x_{i+1}‖ of successive end states decrease by the factor 2^order. Raises
-    `VerificationFailed` if the last order differs from ``method.traits.order`` by more than
-    `tolerance`.
+    The differences ‖x_i − x_{i+1}‖ of successive end states decrease by the factor 2^order.
+    Raises `VerificationFailed` if the last order differs from ``method.traits.order`` by more
+    than `tolerance`.
 
     Parameters
     ----------

@@ -77,8 +77,8 @@ def lost_output() -> str:
     return f"standard output cannot be written ({failure.strerror})"
 
 
-# The table and the parser import no numerical package, so that --version and --help answer at once,
-# and that signals are handled before NumPy is imported.
+# The table and the parser import no numerical package, so that --version and --help answer at
+# once, and that signals are handled before NumPy is imported.
 
 STATUS = """exit status:
   0  done

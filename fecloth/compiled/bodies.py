@@ -17,10 +17,10 @@ from typing import Any
 def insert_bodies(template: Any, functions: Mapping[str, Callable]) -> Any:
     """Copy a template, a plain function, with the bodies of `functions` for the calls by their key.
 
-    A call must be a statement, or the whole right side of an assignment. Its arguments stand for
-    the parameters as they are written, so they should be names, or cheap. The functions are plain
-    ones that return at their end or not at all. Their local names get the key as a prefix.
-    Functions that the template does not call are not looked at.
+    A call must be a statement, or the whole right side of an assignment. Its arguments stand
+    for the parameters as they are written, so they should be names, or cheap. The functions
+    are plain ones that return at their end or not at all. Their local names get the key as a
+    prefix. Functions that the template does not call are not looked at.
 
     Raises `TypeError` for another number of arguments, a parameter that is assigned to, a return
     before the end, and a global name that has another meaning in the template.

@@ -1,7 +1,7 @@
 """Where the machine code of the kernels is stored: a folder that nobody else can write.
 
-Numba runs the code that it finds there. A folder that another user made, or can write, could hold
-code of that user.
+Numba runs the code that it finds there. A folder that another user made, or can write, could
+hold code of that user.
 """
 
 import atexit
@@ -45,10 +45,10 @@ def cache_folder() -> str:
 def can_be_trusted(folder: Path) -> bool:
     """Whether only this user and root can change what a folder holds.
 
-    The folder must be a real one, no symbolic link, and this user's; each folder above it must be
-    this user's or root's. Group and others must not be able to write any of them; the folders
-    above may have the sticky bit instead, as ``/tmp`` has. On Windows the answer is yes: there a
-    user's folders have lists of access rights.
+    The folder must be a real one, no symbolic link, and this user's; each folder above it must
+    be this user's or root's. Group and others must not be able to write any of them; the
+    folders above may have the sticky bit instead, as ``/tmp`` has. On Windows the answer is
+    yes: there a user's folders have lists of access rights.
     """
     if os.name != "posix":
         return True

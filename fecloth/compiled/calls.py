@@ -1,8 +1,9 @@
 """Calls of compiled kernels one after another, without Python between them.
 
-Python needs 2 to 10 µs to call a kernel, as much as the forces of 200 triangles take. `join` makes
-one function without arguments of several calls, with the addresses of the kernels and their arrays
-as constants: the machine code of the kernels is the same, and so are the bits of the results.
+Python needs 2 to 10 µs to call a kernel, as much as the forces of 200 triangles take. `join`
+makes one function without arguments of several calls, with the addresses of the kernels and
+their arrays as constants: the machine code of the kernels is the same, and so are the bits of
+the results.
 
 Numba's convention for a compiled function is used: ``status f(result*, error**, arguments...)``,
 in which an array is seven or more words: two pointers for the memory's owner (null: nobody),

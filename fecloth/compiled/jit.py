@@ -1,9 +1,9 @@
 """Numba compilation with a disk cache that cannot go stale.
 
-Numba notices a change of the file that defines a kernel, not of a function in another file that
-the kernel calls. The cache folder is therefore named after a hash of every source file of the
-package that holds kernels, and a kernel with functions from outside the package is cached under a
-name with their `fingerprint`.
+Numba notices a change of the file that defines a kernel, not of a function in another file
+that the kernel calls. The cache folder is therefore named after a hash of every source file of
+the package that holds kernels, and a kernel with functions from outside the package is cached
+under a name with their `fingerprint`.
 """
 
 import builtins
@@ -62,9 +62,10 @@ event.register("numba:compile", _RareCollection())
 def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
     """Compile a function over arrays and keep the machine code on disk (an entry point).
 
-    Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so NaN
-    and infinity survive and the result does not depend on the thread count. A kernel from outside
-    the package is compiled anew when its bytecode, its constants or its callees change.
+    Products and sums may be contracted to fused multiply-adds; no other liberty is taken, so
+    NaN and infinity survive and the result does not depend on the thread count. A kernel from
+    outside the package is compiled anew when its bytecode, its constants or its callees
+    change.
     """
     is_own = str(function.__module__).partition(".")[0] == __name__.partition(".")[0]
     if is_own:
@@ -81,8 +82,8 @@ def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
 def inner(function: Function, **more: bool) -> Function:
     """Compile a function that kernels call: it is cached as a part of them.
 
-    For them it has no wrapper, which would take as long to compile as the function itself. A call
-    from Python compiles it once more, with one.
+    For them it has no wrapper, which would take as long to compile as the function itself. A
+    call from Python compiles it once more, with one.
     """
     compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True} | more))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
@@ -110,8 +111,8 @@ def contiguous(context: Any, array: Any) -> Any:
 def insert(template: Function, **functions: Callable) -> Function:
     """Copy a template, a plain function, with compiled `functions` for its globals of that name.
 
-    The compiled copy calls them directly. Numba caches such a copy on disk, but neither a closure
-    over a compiled function nor a function that takes one as an argument.
+    The compiled copy calls them directly. Numba caches such a copy on disk, but neither a
+    closure over a compiled function nor a function that takes one as an argument.
     """
     if unknown := functions.keys() - set(template.__code__.co_names):
         raise TypeError(f"{template.__qualname__} does not call {', '.join(sorted(unknown))}")
@@ -121,7 +122,8 @@ def insert(template: Function, **functions: Callable) -> Function:
 
 def specialise(template: Callable[..., Result], **functions: Callable) -> Callable[..., Result]:
     """Compile a template as a `kernel`, with `functions` inserted (see `insert`)."""
-    # The machine code is found again by the bytecode, the constants and the callees of all of them.
+    # The machine code is found again by the bytecode, the constants and the callees of all of
+    # them.
     return _compile_by_content(insert(template, **functions))
 
 

@@ -4,10 +4,10 @@ A `Team` belongs to a `System`; its terms and the matrices of its steps use it. 
 compiled and release Python's lock, so plain threads of Python share them: each is called with
 its own part of the elements or nodes, and the thread that asks takes the first part itself.
 
-Two rules keep the bits. Forces and tangents: every node has one owner, and the owner adds up all
-that the node gets, in the order in which one thread would (`SharedLoop`). Sums over all nodes:
-they are made of blocks of a fixed size, and the sums of the blocks are added in order. Loops that
-iterate keep their threads from begin to end: see `threads`.
+Two rules keep the bits. Forces and tangents: every node has one owner, and the owner adds up
+all that the node gets, in the order in which one thread would (`SharedLoop`). Sums over all
+nodes: they are made of blocks of a fixed size, and the sums of the blocks are added in order.
+Loops that iterate keep their threads from begin to end: see `threads`.
 """
 
 import math
@@ -64,12 +64,12 @@ MOST_UNITS = 64  # in a portion
 class ThreadChoice:
     """Whether a loop runs on one thread or on all (``threads="auto"``), by a calibration.
 
-    On an idle machine two threads halve the time of a long loop; on a busy one they wait for each
-    other, many times as long. So a few calls of each are timed in turn, after one of each that sets
-    up the loop. The smaller median decides: one call that was interrupted changes nothing. Then one
-    thread takes over when the calls on all threads have lost more than two calls, or `BUDGET` of a
-    `REST`, and what they had gained, up to `CREDIT`. The loop is calibrated again when what was
-    lost is `BUDGET` of the time since.
+    On an idle machine two threads halve the time of a long loop; on a busy one they wait for
+    each other, many times as long. So a few calls of each are timed in turn, after one of each
+    that sets up the loop. The smaller median decides: one call that was interrupted changes
+    nothing. Then one thread takes over when the calls on all threads have lost more than two
+    calls, or `BUDGET` of a `REST`, and what they had gained, up to `CREDIT`. The loop is
+    calibrated again when what was lost is `BUDGET` of the time since.
     """
 
     # The mode between calibrations, and the seconds of all calls in each mode.

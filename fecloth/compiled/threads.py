@@ -1,8 +1,9 @@
 """The threads of a process, and how threads that share a loop wait for each other.
 
-Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin to
-end. The threads wait for each other by `wait`: a thread that waits gives its core to others after
-a microsecond, so that on a busy machine it does not keep the core from the thread it waits for.
+Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin
+to end. The threads wait for each other by `wait`: a thread that waits gives its core to others
+after a microsecond, so that on a busy machine it does not keep the core from the thread it
+waits for.
 """
 
 import sys
@@ -107,8 +108,8 @@ def attend(counter: Array, known: int) -> None:
 class Worker:
     """A thread that makes one call after another.
 
-    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So it, and
-    who waits for it, look at a counter for 0.1 ms before they sleep.
+    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So
+    it, and who waits for it, look at a counter for 0.1 ms before they sleep.
     """
 
     def __init__(self) -> None:

@@ -139,9 +139,9 @@ class DistributedSolver:
 class DistributedSystem(System):
     """A `System` in the first of several processes, which drives the others.
 
-    It has the whole mesh and state; the terms with elements, the matrix and the linear solver are
-    in parts on all processes. What acts on single nodes, such as gravity, stays here. To all else
-    it is a `System`: methods, ledger and files know nothing of the parts.
+    It has the whole mesh and state; the terms with elements, the matrix and the linear solver
+    are in parts on all processes. What acts on single nodes, such as gravity, stays here. To
+    all else it is a `System`: methods, ledger and files know nothing of the parts.
     """
 
     is_whole: ClassVar[bool] = False

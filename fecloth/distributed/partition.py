@@ -26,8 +26,8 @@ MOST_RANGES = 8  # processes; with more, ranges of nodes are long and thin
 class Part:
     """The nodes that a process owns, with the triangles around them.
 
-    The forces and the tangent at the nodes that it owns are the same as of the whole cloth. At the
-    others, its ghosts, they are not, as triangles are missing there.
+    The forces and the tangent at the nodes that it owns are the same as of the whole cloth. At
+    the others, its ghosts, they are not, as triangles are missing there.
     """
 
     # (k, 2) coordinates [m], and (m, 3) corners as numbers of the part.

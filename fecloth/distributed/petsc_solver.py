@@ -1,9 +1,10 @@
 """PETSc's Krylov solvers on the rows that a process owns.
 
-Options: conjugate gradients (BiCGStab where the matrix is not symmetric) on the residual itself.
-Smoothed aggregation (GAMG) takes the rigid motions of the present shape as its near null space. Its
-smoother is a symmetric Gauss-Seidel sweep on the rows of each process: Jacobi's with Chebyshev's
-polynomial takes many more iterations on compressed cloth. It keeps its interpolation.
+Options: conjugate gradients (BiCGStab where the matrix is not symmetric) on the residual
+itself. Smoothed aggregation (GAMG) takes the rigid motions of the present shape as its near
+null space. Its smoother is a symmetric Gauss-Seidel sweep on the rows of each process:
+Jacobi's with Chebyshev's polynomial takes many more iterations on compressed cloth. It keeps
+its interpolation.
 """
 
 import time

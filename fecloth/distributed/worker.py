@@ -75,7 +75,8 @@ ABILITIES = {
 class Worker:
     """The part of a process: its system, its rows of the matrix, and its share of the solver.
 
-    Positions and velocities hold ghosts too; results only what it owns. `key` names a bound term.
+    Positions and velocities hold ghosts too; results only what it owns. `key` names a bound
+    term.
     """
 
     def __init__(self, description: PartDescription):

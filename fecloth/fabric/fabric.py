@@ -26,8 +26,9 @@ MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its i
 class Fabric:
     """Constants of a woven, knitted or coated sheet; SI, all stiffness per width.
 
-    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes. Raises `InputError`
-    for a constant that is not finite or not positive, or an inadmissible Poisson ratio.
+    Numbers are in SI; texts such as "150 g/m^2" may have the units of scenes. Raises
+    `InputError` for a constant that is not finite or not positive, or an inadmissible Poisson
+    ratio.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ class Fabric:
         G = Y / (2 (1 + ν)). A fabric with two different tensile stiffnesses must state it.
     bending_rigidity
         B, moment per width and curvature [N m] of a cloth bent to a cylinder; one number,
-        (warp, weft), or None if unknown. A term that needs it then raises an error. A narrow strip,
-        free to curve across, has B (1 − ν_b²).
+        (warp, weft), or None if unknown. A term that needs it then raises an error. A narrow
+        strip, free to curve across, has B (1 − ν_b²).
     bending_poisson_ratio
         ν_b [-] of bending: a strip bent to the curvature κ along the warp and free across
         takes −ν_b κ √(B₁/B₂) there. −1 < ν_b < 1.
@@ -129,8 +130,8 @@ class Fabric:
     def preset(cls, name: str) -> Self:
         """Create a published fabric; `presets` returns the names.
 
-        The sources of the numbers are in the file fecloth/fabric/fabrics.toml. Raises `InputError`
-        for an unknown name.
+        The sources of the numbers are in the file fecloth/fabric/fabrics.toml. Raises
+        `InputError` for an unknown name.
 
         Examples
         --------
@@ -179,9 +180,10 @@ class Fabric:
         load
             Largest tensile load Fm [gf/cm]. It is 500 in the standard setting of the instrument.
         tensile
-            ``"secant"``: Y gives the load Fm at the extension EMT, Y = Fm / ((1 + ε)(ε + ε²/2)).
-            ``"energy"``: Y gives the energy WT = LT Fm EMT / 2 at EMT, Y = 2 WT / (ε + ε²/2)². In
-            the test the clamps prevent the lateral contraction. This is neglected, as with ν = 0.
+            ``"secant"``: Y gives the load Fm at the extension EMT, Y = Fm / ((1 + ε)(ε +
+            ε²/2)). ``"energy"``: Y gives the energy WT = LT Fm EMT / 2 at EMT, Y = 2 WT / (ε +
+            ε²/2)². In the test the clamps prevent the lateral contraction. This is neglected,
+            as with ν = 0.
         source
             Text that is stored in the fabric.
         bending_poisson_ratio
@@ -218,8 +220,8 @@ class Fabric:
     ) -> Self:
         """Create a fabric from the results of the FAST instruments, in their units.
 
-        Raises `InputError` for a field that is missing, unknown or not positive, or for a C45 too
-        short for C (see `bias_rigidity`).
+        Raises `InputError` for a field that is missing, unknown or not positive, or for a C45
+        too short for C (see `bias_rigidity`).
 
         Parameters
         ----------
@@ -230,8 +232,8 @@ class Fabric:
         poisson_ratio, bending_poisson_ratio, source
             As for `from_kes`: FAST measures neither ratio.
         load
-            5, 20 or 100 [gf/cm]. Y gives this load at the extension E5, E20 or E100, by the secant
-            formula of `from_kes`.
+            5, 20 or 100 [gf/cm]. Y gives this load at the extension E5, E20 or E100, by the
+            secant formula of `from_kes`.
 
         Notes
         -----
@@ -306,9 +308,10 @@ class Fabric:
     def plate(self) -> np.ndarray:
         """(3, 3) bending stiffness D [N m] on (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft.
 
-        D₁₁ = B₁, D₂₂ = B₂, D₁₂ = ν_b √(B₁B₂) and D₆₆ = (H − D₁₂)/2. H = (4 B₄₅ − B₁ − B₂)/2 gives
-        the rigidity B₄₅ at 45°; without it H = √(B₁B₂) (Huber; Timoshenko and Woinowsky-Krieger
-        1959, Theory of Plates and Shells, section 86). The fabric must have a bending rigidity.
+        D₁₁ = B₁, D₂₂ = B₂, D₁₂ = ν_b √(B₁B₂) and D₆₆ = (H − D₁₂)/2. H = (4 B₄₅ − B₁ − B₂)/2
+        gives the rigidity B₄₅ at 45°; without it H = √(B₁B₂) (Huber; Timoshenko and
+        Woinowsky-Krieger 1959, Theory of Plates and Shells, section 86). The fabric must have
+        a bending rigidity.
         """
         assert self.bending is not None
         warp, weft = self.bending

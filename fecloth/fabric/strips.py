@@ -21,10 +21,10 @@ Rows = Sequence[Sequence[float]]
 def force(rows: Rows, strain: float, along: str) -> float:
     """Return the force per unstretched width [N/m] of a strip with free sides at the strain ε [-].
 
-    `rows` are the six of `stretching` [N/m], `along` is a key of `ALONG`. The force is λ s at the
-    stretch λ = 1 + ε. The second Piola-Kirchhoff stress S = s d dᵀ acts along the strip d only,
-    S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along warp or weft does not
-    shear. (Where the rows have c₃₃ < 0 it would shear without force.)
+    `rows` are the six of `stretching` [N/m], `along` is a key of `ALONG`. The force is λ s at
+    the stretch λ = 1 + ε. The second Piola-Kirchhoff stress S = s d dᵀ acts along the strip d
+    only, S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along warp or weft
+    does not shear. (Where the rows have c₃₃ < 0 it would shear without force.)
     """
     c = math.cos(math.radians(ALONG[along]))
     s = math.sin(math.radians(ALONG[along]))
@@ -50,8 +50,8 @@ def _moduli(rows: np.ndarray, E: np.ndarray) -> np.ndarray:
     """Return the matrix [N/m] from (E11, E22, E12) to (S11, S22, S12) where the strain is E.
 
     It has twice the numbers of a row, which is interpolated by the larger principal strain,
-    √(1 + 2E) − 1 from 0 to `END`, and by the angle of its direction to u. Source: ARCSim, dde.cpp
-    (`evaluate_stretching_sample`) and physics.cpp (`stretching_force`).
+    √(1 + 2E) − 1 from 0 to `END`, and by the angle of its direction to u. Source: ARCSim,
+    dde.cpp (`evaluate_stretching_sample`) and physics.cpp (`stretching_force`).
     """
     values, vectors = np.linalg.eigh([[E[0], E[2]], [E[2], E[1]]])
     part = min(max((math.sqrt(1 + 2 * values[1]) - 1) / END, 0.0), 1.0)

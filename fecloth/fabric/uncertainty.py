@@ -27,9 +27,9 @@ PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
 class Uncertainty:
     """Standard uncertainties of the constants of a fabric, and the correlations between them.
 
-    A key is the name of a constant, as "shear_stiffness", or of one number of a pair (warp, weft),
-    as "tensile_stiffness.0". The name of a pair stands for each of its numbers that has no key of
-    its own. `read` makes one from a table.
+    A key is the name of a constant, as "shear_stiffness", or of one number of a pair (warp,
+    weft), as "tensile_stiffness.0". The name of a pair stands for each of its numbers that has
+    no key of its own. `read` makes one from a table.
     """
 
     # (key, standard uncertainty): in SI, or a text such as "10.0 %", a part of the constant
@@ -83,9 +83,9 @@ class Uncertainty:
     def covariance(self, fabric: Any, keys: Iterable[str] | None = None) -> np.ndarray:
         """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI.
 
-        Without `keys` the numbers are the numbers of `standard`. It raises `InputError` for a key
-        without an uncertainty, and for correlations that contradict each other: the matrix ρ has a
-        negative eigenvalue.
+        Without `keys` the numbers are the numbers of `standard`. It raises `InputError` for a
+        key without an uncertainty, and for correlations that contradict each other: the matrix
+        ρ has a negative eigenvalue.
         """
         standard = self.standard(fabric)
         place = {name: i for i, name in enumerate(standard)}

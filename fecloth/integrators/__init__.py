@@ -1,7 +1,7 @@
 """Time integrators: each is the rule that takes one step.
 
-A method of your own needs the names that this package exports; `integrators.protocol` says what it
-must offer.
+A method of your own needs the names that this package exports; `integrators.protocol` says
+what it must offer.
 """
 
 from typing import Any

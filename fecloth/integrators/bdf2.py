@@ -15,8 +15,8 @@ from fecloth.system.state import State
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
-# A step does not resolve an impact if the force of contact changes in it by this part, and if that
-# would change the momentum of what it touches by this part.
+# A step does not resolve an impact if the force of contact changes in it by this part, and if
+# that would change the momentum of what it touches by this part.
 JUMP = 0.5
 KICK = 0.35
 
@@ -61,8 +61,8 @@ class BDF2(WithMemory):
     def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
         """The method's rate of y(x): (y₁ − (1 + e) y₀ + e y₋)/(b dt).
 
-        The rate of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as the
-        difference between x₀ ± dt/2 v₀ that is exact for y quadratic in x.
+        The rate of the first step is the trapezoidal rule's, (y₁ − y₀)/(dt/2) − ẏ₀, with ẏ₀ as
+        the difference between x₀ ± dt/2 v₀ that is exact for y quadratic in x.
         """
         x = state.x
         if last is None:
@@ -90,9 +90,9 @@ class BDF2(WithMemory):
         """Open a step after the one that left this memory; q = v₁ − v₀.
 
         The first step is a step of another method. With contact it is of first order, which
-        leaves this method of second order: the friction and the push at its begin are not to be
-        relied on, as a cloth that stands still may be held by any friction below the limit. So is
-        the step after a step in which the force of contact jumped.
+        leaves this method of second order: the friction and the push at its begin are not to
+        be relied on, as a cloth that stands still may be held by any friction below the limit.
+        So is the step after a step in which the force of contact jumped.
         """
         system, state, dt, memory, history = begin
         contact = any(term.needs_end for term in system.bound)

@@ -94,9 +94,9 @@ def derive_step(
 
         [R(q + ε δq; p + ε) − R(q − ε δq; p − ε)]/(2ε) = 0,
 
-    which corrections δq ← δq − J⁻¹ (left side) solve. So J need not be exact: the factor of the run
-    serves. Both steps are then closed at q ± ε δq, and their difference is the result. An explicit
-    step has no equation: q is the acceleration of each side.
+    which corrections δq ← δq − J⁻¹ (left side) solve. So J need not be exact: the factor of
+    the run serves. Both steps are then closed at q ± ε δq, and their difference is the result.
+    An explicit step has no equation: q is the acceleration of each side.
 
     Explicit methods have no `tangents`. It raises `NoDerivative` for a method without `open` and
     `close`, where what terms remember has another form at both sides, as where a contact begins,

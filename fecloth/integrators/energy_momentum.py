@@ -23,8 +23,8 @@ FEW = 120  # iterations with the symmetric tangent, each at a fifth of the cost 
 class EnergyMomentum(StageMethod):
     """M (v₁ − v₀)/dt = f̄(x₀, x₁), x₁ = x₀ + dt (v₀ + v₁)/2; unknown q = v₁ − v₀.
 
-    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. With d = x₁ − x₀, f at
-    the mean position, and u = M d without its rigid part,
+    f̄ is a discrete gradient, −f̄ · (x₁ − x₀) = U(x₁) − U(x₀), term by term. With d = x₁ − x₀,
+    f at the mean position, and u = M d without its rigid part,
 
         f̄ = f − (N / u·d) u,   N = U(x₁) − U(x₀) + f · d
 
@@ -34,20 +34,20 @@ class EnergyMomentum(StageMethod):
     the mean position, velocity and time. The details are in `fecloth.terms.discrete_gradient`.
 
     Second order, A-stable, no damping of linear modes of any frequency. Keeps the energy, and
-    linear and angular momentum where no load is fixed in space, to the Newton tolerance, at any
-    step. What a step does not resolve is wrong nevertheless, in phase and shape, and is not damped
-    away: where a cloth crumples at long steps, Newton takes 2 to 7 times the CPU time of
-    `BackwardEuler`, or fails (`hanging` in studies/newton_catalogue).
+    linear and angular momentum where no load is fixed in space, to the Newton tolerance, at
+    any step. What a step does not resolve is wrong nevertheless, in phase and shape, and is
+    not damped away: where a cloth crumples at long steps, Newton takes 2 to 7 times the CPU
+    time of `BackwardEuler`, or fails (`hanging` in studies/newton_catalogue).
 
-    Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43; Gonzalez (1996),
-    Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6.
+    Source: Simo and Tarnow (1992), The Discrete Energy–Momentum Method, ZAMP 43; Gonzalez
+    (1996), Time Integration and Discrete Hamiltonian Systems, J. Nonlinear Sci. 6.
 
     Parameters
     ----------
     tangent
         "exact": not symmetric, needs a direct solver. "symmetric": for any solver, but not for
-        steps that turn the cloth by half a radian. "auto": symmetric, and exact in a step that does
-        not converge in 120 iterations.
+        steps that turn the cloth by half a radian. "auto": symmetric, and exact in a step that
+        does not converge in 120 iterations.
     """
 
     tangent: str = "auto"

@@ -1,8 +1,8 @@
 """Explicit methods: forces and updates only, on the lumped mass, without any matrix.
 
-Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ; what
-is beyond it grows without bound. Pins and slides act through their projector P at the end of each
-step; moved pins are exactly at their prescribed positions.
+Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ;
+what is beyond it grows without bound. Pins and slides act through their projector P at the end
+of each step; moved pins are exactly at their prescribed positions.
 """
 
 import time
@@ -104,10 +104,10 @@ class Explicit(OpensSteps):
 class ForwardEuler(Explicit):
     """v₁ = v₀ + dt M⁻¹ f(x₀, v₀), x₁ = x₀ + dt v₀.
 
-    First order. Stable for ω dt ≤ 2ζ where ζ < 1, 2/(ζ + √(ζ² − 1)) above, so for no dt without
-    damping: a mode grows by √(1 + ω²dt²) a step. Keeps linear momentum, not angular, and gains
-    energy; here to show why others are used.
-    Source: Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, chapter I.
+    First order. Stable for ω dt ≤ 2ζ where ζ < 1, 2/(ζ + √(ζ² − 1)) above, so for no dt
+    without damping: a mode grows by √(1 + ω²dt²) a step. Keeps linear momentum, not angular,
+    and gains energy; here to show why others are used. Source: Hairer, Nørsett and Wanner
+    (1993), Solving Ordinary Differential Equations I, chapter I.
 
     Parameters
     ----------
@@ -165,14 +165,14 @@ class CentralDifference(Explicit):
     """v½ = v₀ + dt/2 a₀, x₁ = x₀ + dt v½, a₁ = M⁻¹ f(x₁, v₀ + dt a₀), v₁ = v½ + dt/2 a₁.
 
     Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
-    damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first order.
-    One force a step, kept for the next one; `many_steps` takes them in one call. Stable for
-    ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. No damping of its
-    own at any frequency below. Where nothing damps it is symplectic: the energy error stays
-    bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a.
-    Keeps linear and angular momentum.
-    Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
-    Störmer–Verlet method, Acta Numerica 12, section 1.
+    damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first
+    order. One force a step, kept for the next one; `many_steps` takes them in one call. Stable
+    for ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. No damping of
+    its own at any frequency below. Where nothing damps it is symplectic: the energy error
+    stays bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a.
+    Keeps linear and angular momentum. Source: Hairer, Lubich and Wanner (2003), Geometric
+    numerical integration illustrated by the Störmer–Verlet method, Acta Numerica 12, section
+    1.
 
     Parameters
     ----------

@@ -44,8 +44,8 @@ class Column:
     base: np.ndarray
     force: np.ndarray
     last: np.ndarray
-    # (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d at
-    # the last stage.
+    # (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d
+    # at the last stage.
     sums: np.ndarray
 
     def at_force(self, f: np.ndarray, moves: Moves) -> Call:

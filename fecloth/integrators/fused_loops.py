@@ -33,8 +33,8 @@ class Held(NamedTuple):
     # (c,) ascending nodes, and (c, 3, 3) projectors onto their free directions.
     at: np.ndarray
     P: np.ndarray
-    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all steps
-    # where no pin moves.
+    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all
+    # steps where no pin moves.
     path: np.ndarray
     speed: np.ndarray
     # (3, c, 3) x, v and a at the begin of a step; (c, 3) positions at its end [m].

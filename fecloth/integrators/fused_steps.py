@@ -1,8 +1,9 @@
 """Many steps of central differences without Python between them, for any terms that are compiled.
 
-The steps are the steps of `CentralDifference.step`, to the last bit: the kernels of the terms add
-to one force in the same order, and the loops over the nodes round each operation by itself. Work,
-dissipation and the numerical dissipation of every step are added up, for the energy ledger.
+The steps are the steps of `CentralDifference.step`, to the last bit: the kernels of the terms
+add to one force in the same order, and the loops over the nodes round each operation by
+itself. Work, dissipation and the numerical dissipation of every step are added up, for the
+energy ledger.
 """
 
 from collections.abc import Mapping
@@ -114,11 +115,11 @@ class FusedSteps:
     ) -> Taken | None:
         """Take steps of the given sizes, the last one so that its `Step` is known.
 
-        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal but
-        for round-off. With `look` = (phase, period) the stretches are looked at after step s,
-        from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond the
-        stretches `least` and `largest` no further step is taken. The result is None if a value is
-        not finite: then nothing is known of these steps.
+        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal
+        but for round-off. With `look` = (phase, period) the stretches are looked at after step
+        s, from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond
+        the stretches `least` and `largest` no further step is taken. The result is None if a
+        value is not finite: then nothing is known of these steps.
         """
         rows = MotionRows.evaluate(self.system.constraints, times, sizes)
         held = self._held(rows)

@@ -69,10 +69,10 @@ class LinearlyImplicitEuler(OpensSteps):
     """(M + dt D + dt² K) Δv = dt f(x₀, v₀) − dt² K v₀, x₁ = x₀ + dt (v₀ + Δv).
 
     One linear solve a step: the first Newton iterate of backward Euler. First order; on linear
-    problems it is backward Euler, A-stable and L-stable, and damps like it. Keeps linear momentum,
-    loses angular momentum, and energy unless it fails: at large steps on a stiff cloth in
-    compression the linearisation does, without notice.
-    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
+    problems it is backward Euler, A-stable and L-stable, and damps like it. Keeps linear
+    momentum, loses angular momentum, and energy unless it fails: at large steps on a stiff
+    cloth in compression the linearisation does, without notice. Source: Baraff and Witkin
+    (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
     traits = replace(

@@ -28,8 +28,9 @@ def many_steps(
 ) -> State:
     """Take many steps of `CentralDifference`; return the last state, equal to round-off.
 
-    No energies are added up, no stretches are looked at, and Python makes one call for all steps.
-    The end has v and x of the same time, so the next call goes on as if there had been no end.
+    No energies are added up, no stretches are looked at, and Python makes one call for all
+    steps. The end has v and x of the same time, so the next call goes on as if there had been
+    no end.
 
     Source: as for `CentralDifference`.
 
@@ -40,15 +41,15 @@ def many_steps(
     dt, steps
         Step [s], the same for all, and their number.
     threads
-        Of the processor that share the work; the result is the same to the last bit. Cores that
-        other processes keep busy take longer than one, as the threads wait for each other in each
-        step.
+        Of the processor that share the work; the result is the same to the last bit. Cores
+        that other processes keep busy take longer than one, as the threads wait for each other
+        in each step.
 
     Raises
     ------
     InputError
-        For a term or a pin that needs Python in each step, a consistent mass, or a wrong number of
-        threads.
+        For a term or a pin that needs Python in each step, a consistent mass, or a wrong
+        number of threads.
     StepFailed
         If the end is not finite, as beyond the limit on dt (see `critical_dt`); its `state` is
         the start, the only state stored.

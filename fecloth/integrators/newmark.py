@@ -22,10 +22,10 @@ from fecloth.terms.records import remembered
 class WithMemory(OpensSteps):
     """Base class of methods with a memory; it supplies `step` and their numerical dissipation.
 
-    The memory is a frozen record, `Step.memory`, that `march` hands to the next step; without it a
-    method starts anew. A subclass supplies `traits`, and `open` and `close` or a `step` of its
-    own. The traits have θ = ½, because M Δv · v̄ with v̄ = (v₀ + v₁)/2 is the change of the kinetic
-    energy.
+    The memory is a frozen record, `Step.memory`, that `march` hands to the next step; without
+    it a method starts anew. A subclass supplies `traits`, and `open` and `close` or a `step`
+    of its own. The traits have θ = ½, because M Δv · v̄ with v̄ = (v₀ + v₁)/2 is the change of
+    the kinetic energy.
     """
 
     traits: MethodTraits
@@ -71,7 +71,8 @@ class AccelerationMethod(WithMemory):
         """Open a step after the one that left this memory; q = a₁.
 
         Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        `over` is the system over the step, if the rates over it are not the rates of this method.
+        `over` is the system over the step, if the rates over it are not the rates of this
+        method.
         """
         system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
@@ -122,7 +123,8 @@ class Newmark(AccelerationMethod):
     (γ − ½)(ω dt)²/2 of a slow mode's amplitude a step; with β = (γ + ½)²/4 the fastest ones keep
     |γ − 3/2|/(γ + ½). Keeps linear momentum, not angular.
 
-    Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div. 85.
+    Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div.
+    85.
 
     Parameters
     ----------

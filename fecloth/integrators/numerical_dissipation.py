@@ -20,11 +20,11 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
         M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
 
     where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
-    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger takes
-    as dissipated, or as work of the air; for the other loads without an energy v is v̄. Exact for
-    energies quadratic in x and linear damping; on others the ledger's remainder shows the rest.
-    It need not grow in every step. Where pins are moved it holds what the damping does between
-    dt v and Δx.
+    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger
+    takes as dissipated, or as work of the air; for the other loads without an energy v is v̄.
+    Exact for energies quadratic in x and linear damping; on others the ledger's remainder
+    shows the rest. It need not grow in every step. Where pins are moved it holds what the
+    damping does between dt v and Δx.
     """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
@@ -55,8 +55,8 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
 def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
     """Work −f̄ · Δx [J] against the terms that dissipate over the step, less what they dissipate.
 
-    f̄ is their part of the force that moved the cloth. The work differs from the dissipated energy
-    as far as the cloth turns, and its rates change, in one step.
+    f̄ is their part of the force that moved the cloth. The work differs from the dissipated
+    energy as far as the cloth turns, and its rates change, in one step.
     """
     acting = (step.over or system).bound
     which = [i for i, over in enumerate(acting) if over.dissipates_over_step]

@@ -117,10 +117,10 @@ class BackwardEuler(StageMethod):
 class ImplicitMidpoint(StageMethod):
     """M (v₁ − v₀)/dt = f((x₀ + x₁)/2, (v₀ + v₁)/2), x₁ = x₀ + dt (v₀ + v₁)/2; q = v₁ − v₀.
 
-    Second order, A-stable, no damping of linear modes of any frequency. Symplectic; keeps linear
-    and angular momentum to the Newton tolerance, and the energy of a linear problem; on
-    nonlinear problems the energy can grow at steps that do not resolve the fast modes.
-    Source: Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
+    Second order, A-stable, no damping of linear modes of any frequency. Symplectic; keeps
+    linear and angular momentum to the Newton tolerance, and the energy of a linear problem; on
+    nonlinear problems the energy can grow at steps that do not resolve the fast modes. Source:
+    Hairer, Lubich and Wanner (2006), Geometric Numerical Integration, section I.1, eq. 1.7.
     """
 
     traits = MethodTraits(

@@ -1,10 +1,11 @@
 """What a time integrator offers: its traits, its step, and the abilities that some have.
 
-A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or of
-`ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few lines; the
-file studies/examples/integrator.py has one of each. `fecloth.integrators` exports them, and the
-`Step`, `prescribed_end`, `set_prescribed` and `remembered` named below. `Counts()` of
-`fecloth.nonlinear.statistics` are the counts of a step without Newton's iteration.
+A method of your own is a frozen dataclass with `traits` and the functions of `Integrator`, or
+of `ExplicitIntegrator`. `StageMethod` and `WithMemory` are bases that supply all but a few
+lines; the file studies/examples/integrator.py has one of each. `fecloth.integrators` exports
+them, and the `Step`, `prescribed_end`, `set_prescribed` and `remembered` named below.
+`Counts()` of `fecloth.nonlinear.statistics` are the counts of a step without Newton's
+iteration.
 """
 
 import math
@@ -37,23 +38,23 @@ class MethodTraits:
     order
         p: the error at a given time is proportional to dt^p.
     theta
-        Place between the old (0) and the new (1) state where the forces balance: the work of the
-        pins over a step is the power at the velocity v₀ + θ Δv. Take ½ if M Δv · (v₀ + v₁)/2 is the
-        change of the kinetic energy that your method accounts for.
+        Place between the old (0) and the new (1) state where the forces balance: the work of
+        the pins over a step is the power at the velocity v₀ + θ Δv. Take ½ if M Δv · (v₀ +
+        v₁)/2 is the change of the kinetic energy that your method accounts for.
     explicit
-        Whether a step needs forces only. An explicit method gets no linear solver, offers `check`,
-        and may be stepped near its stability limit.
+        Whether a step needs forces only. An explicit method gets no linear solver, offers
+        `check`, and may be stepped near its stability limit.
     symmetric
         Whether the system matrix is symmetric if the terms' tangents are.
     error_constant
-        c > 0: a step's error in x is c dt^(p + 1) times the (p + 1)-th time derivative of x. None
-        if it is not known: then `Adaptive` refuses the method.
+        c > 0: a step's error in x is c dt^(p + 1) times the (p + 1)-th time derivative of x.
+        None if it is not known: then `Adaptive` refuses the method.
     drift
-        (q, κ): the error of a slow undamped mode of frequency ω after the time t, relative to its
-        amplitude, is κ (ω dt)^q ω t. It may be an error of the phase or of the amplitude: the
-        eigenvalue of a step is about e^(iω dt) (1 + c (ω dt)^(q + 1)) with a complex c, |c| = κ.
-        Without it, the error in time of a run is estimated from (order, error_constant). That
-        estimate is too large if errors of single steps cancel.
+        (q, κ): the error of a slow undamped mode of frequency ω after the time t, relative to
+        its amplitude, is κ (ω dt)^q ω t. It may be an error of the phase or of the amplitude:
+        the eigenvalue of a step is about e^(iω dt) (1 + c (ω dt)^(q + 1)) with a complex c,
+        |c| = κ. Without it, the error in time of a run is estimated from (order,
+        error_constant). That estimate is too large if errors of single steps cancel.
     stability
         (a, b): a mode with k = ω² and d = 2 ζ ω is stable if a dt² k + b dt d < 1. (0, 0) is an
         A-stable method. None if the limit has another form or is not known.
@@ -77,8 +78,8 @@ class MethodTraits:
     Raises
     ------
     InputError
-        For a trait of another name, an order that is no integer >= 0, a theta outside [0, 1], and
-        for an explicit method that claims to be A-stable.
+        For a trait of another name, an order that is no integer >= 0, a theta outside [0, 1],
+        and for an explicit method that claims to be A-stable.
 
     Examples
     --------
@@ -199,13 +200,14 @@ class ChoosesMethod(Protocol):
 class StepChoice(Integrator, Protocol):
     """A method together with the choice of its steps: `traits.chooses_dt` is True.
 
-    Its ``step(system, state, horizon, solver, memory, history)`` takes one step of any size up to
-    `horizon` [s]; the time of the state that it returns says how long it was. Its traits are
-    ``replace(method.traits, chooses_dt=True)``, and its memory contains the memory of the method.
+    Its ``step(system, state, horizon, solver, memory, history)`` takes one step of any size up
+    to `horizon` [s]; the time of the state that it returns says how long it was. Its traits
+    are ``replace(method.traits, chooses_dt=True)``, and its memory contains the memory of the
+    method.
 
-    `FixedStep`, `GivenSteps`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are such
-    values, and `simulation.resolve.choose_steps` decides between them. The base `ChosenSteps` has
-    all but `method` and `step` of a value whose steps are not fixed.
+    `FixedStep`, `GivenSteps`, `StabilityLimited` and `Adaptive` of `fecloth.simulation` are
+    such values, and `simulation.resolve.choose_steps` decides between them. The base
+    `ChosenSteps` has all but `method` and `step` of a value whose steps are not fixed.
     """
 
     @property

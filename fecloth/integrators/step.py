@@ -1,9 +1,9 @@
 """A step in time: its begin, its solution and its result, with what all implicit methods share.
 
-An implicit step is opened, from the state, the memory of the method and the history of the terms;
-solved, for the unknown q at which R(q) = 0; and closed, from q to the new state, memory and
-history. Each part is a function of its own, so that others can evaluate the residual, and the end
-of the step, at a q that they have.
+An implicit step is opened, from the state, the memory of the method and the history of the
+terms; solved, for the unknown q at which R(q) = 0; and closed, from q to the new state, memory
+and history. Each part is a function of its own, so that others can evaluate the residual, and
+the end of the step, at a q that they have.
 """
 
 from dataclasses import dataclass, replace
@@ -63,7 +63,8 @@ class Step:
     earlier: History | None = None
     # the size [s] that a choice of steps asked of the method, if it was another than in `march`
     size: float | None = None
-    # (n, 3) [N] the force at the begin, of a step whose pins do the work of the mean of both ends
+    # (n, 3) [N] the force at the begin, of a step whose pins do the work of the mean of both
+    # ends
     first_force: np.ndarray | None = None
     # what was opened and solved, of methods that have `open` and `close`
     solution: Solution | None = None
@@ -142,8 +143,9 @@ UNCOUNTED = Counts()  # of a step that is closed at a q which it did not solve f
 class Opening:
     """An implicit step that is open: ``method.open(system, state, dt, memory, history)``.
 
-    The unknown q (n, 3) gives x = x̃ + wx q, v = ṽ + wv q and a = ã + wa q at the `stage`. The step
-    is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to any q.
+    The unknown q (n, 3) gives x = x̃ + wx q, v = ṽ + wv q and a = ã + wa q at the `stage`. The
+    step is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to
+    any q.
     """
 
     method: Any  # whose step it is; the first step of BDF2 is a step of another method

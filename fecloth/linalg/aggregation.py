@@ -3,8 +3,8 @@
 Source: Vaněk, Mandel and Brezina (1996), Algebraic multigrid by smoothed aggregation for second
 and fourth order elliptic problems, sections 4.1 (aggregates) and 3 (prolongator).
 
-An aggregate has six unknowns, the sizes of its rigid motions: "nodes" 2a and 2a + 1 of the coarse
-matrix are the first three and the last three motions of aggregate a.
+An aggregate has six unknowns, the sizes of its rigid motions: "nodes" 2a and 2a + 1 of the
+coarse matrix are the first three and the last three motions of aggregate a.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
 """The compiled loop of conjugate gradients, which threads share to the same bits.
 
-Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1 (PCG)
-and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a `BlockMatrix`.
+Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1
+(PCG) and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a
+`BlockMatrix`.
 """
 
 from typing import Any
@@ -22,11 +23,11 @@ def conjugate_gradients(
 ) -> tuple[int, int]:  # fmt: skip
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
-    Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse` (n,
-    6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A x,
-    both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p, and A
-    p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z, rᵀ r and β
-    where an earlier call ended at its limit; or rᵀ z < 0.
+    Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse`
+    (n, 6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A
+    x, both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p,
+    and A p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z,
+    rᵀ r and β where an earlier call ended at its limit; or rᵀ z < 0.
 
     Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
     """

@@ -20,7 +20,8 @@ REFINEMENTS = 2  # of a solution, at the most
 class Direct:
     """Base of direct solvers: the solution with a factor of the matrix that was prepared last.
 
-    A subclass has `name`, `prepare`, which sets `_A` and `_seconds`, and `_apply`, which is A⁻¹ b.
+    A subclass has `name`, `prepare`, which sets `_A` and `_seconds`, and `_apply`, which is
+    A⁻¹ b.
     """
 
     name: str
@@ -43,9 +44,9 @@ class Direct:
     ) -> tuple[np.ndarray, SolveInfo]:
         """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used.
 
-        x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method reduces
-        the residual below the round-off of its own evaluation (Oettli and Prager 1964). Therefore
-        a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+        x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method
+        reduces the residual below the round-off of its own evaluation (Oettli and Prager
+        1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
         """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
@@ -131,8 +132,8 @@ class Pardiso(Direct):
 class SuperLU(Direct):
     """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
 
-    If `symmetric`, the pivots are on the diagonal in minimum-degree order, otherwise partial. Then
-    the factor is copied to check their signs: twice the memory, and a third more time.
+    If `symmetric`, the pivots are on the diagonal in minimum-degree order, otherwise partial.
+    Then the factor is copied to check their signs: twice the memory, and a third more time.
     """
 
     name = "superlu"
@@ -166,8 +167,8 @@ class SuperLU(Direct):
             )
         except RuntimeError as error:
             raise failure(f"superlu could not factorise A: {error}") from error
-        # Rows are interchanged only if a diagonal pivot is zero. Otherwise A = L D Lᵀ, and D, the
-        # diagonal of U, has the signs of the eigenvalues.
+        # Rows are interchanged only if a diagonal pivot is zero. Otherwise A = L D Lᵀ, and D,
+        # the diagonal of U, has the signs of the eigenvalues.
         if (lu.perm_r != lu.perm_c).any() or not (lu.U.diagonal() > 0).all():
             raise failure("superlu found a pivot <= 0: A is not positive definite")
         return lu

@@ -1,11 +1,11 @@
 """Gauss–Seidel sweeps over the blocks of a `BlockMatrix`, one colour of nodes after the other.
 
-Nodes of one colour are not coupled, so that the result does not depend on their order, nor on the
-threads among which they may be shared. Vectors and matrix are stored in the order of the sweep:
-with the mesh's order each colour would read most of the memory of all nodes.
+Nodes of one colour are not coupled, so that the result does not depend on their order, nor on
+the threads among which they may be shared. Vectors and matrix are stored in the order of the
+sweep: with the mesh's order each colour would read most of the memory of all nodes.
 
-Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, sections 4.1.1 (block
-relaxation) and 12.4.3 (multicolouring).
+Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, sections 4.1.1
+(block relaxation) and 12.4.3 (multicolouring).
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class SweepOrder:
     """The nodes of a pattern by colours, and its blocks in the same order.
 
     For place q of the order, blocks indptr[q] … indptr[q + 1] − 1 are in columns of earlier
-    colours, and blocks indptr[n + q] … indptr[n + q + 1] − 1 in columns of later colours: L and U
-    are apart in memory. Blocks on the diagonal are left out.
+    colours, and blocks indptr[n + q] … indptr[n + q + 1] − 1 in columns of later colours: L
+    and U are apart in memory. Blocks on the diagonal are left out.
     """
 
     # (n,) int32 node at each place, and place of each node.
@@ -117,8 +117,8 @@ def sweep_forward(
 ) -> None:  # fmt: skip
     """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours of a `SweepOrder`.
 
-    `values` are the blocks from `gather`, `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`, and b
-    and x are (n, 3), all in this order.
+    `values` are the blocks from `gather`, `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`,
+    and b and x are (n, 3), all in this order.
     """
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])

@@ -15,8 +15,8 @@ Updates = list[tuple[float, np.ndarray]]
 class LowRankUpdate:
     """What turns A⁻¹ b into (A + Σ c u uᵀ)⁻¹ b, for any b.
 
-    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U, x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y.
-    Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
+    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U, x = y − Z (1/c + Uᵀ Z)⁻¹
+    Uᵀ y. Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
     """
 
     # (3n, k) the vectors u, and the solutions of A z = u.
@@ -42,9 +42,9 @@ class LowRankUpdate:
     def require_definite(self, updates: Updates) -> None:
         """Raise `IndefiniteMatrix` if A + Σ c u uᵀ is not positive definite, where A is.
 
-        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so that
-        the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c.
-        Source: Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
+        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so
+        that the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c. Source:
+        Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
         """
         negative = sum(c < 0 for c, _ in updates)
         if (np.linalg.eigvalsh(0.5 * (self.small + self.small.T)) <= 0).sum() != negative:

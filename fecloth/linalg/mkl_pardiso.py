@@ -70,9 +70,10 @@ def routine() -> Callable[..., None]:
     import pypardiso
 
     solver = pypardiso.ps  # of the module: a new one would search again
-    # Equal calls with equal numbers of threads are to give equal bits. In the default mode sums
-    # depend on the addresses of arrays (oneMKL Developer Guide, Obtaining Numerically Reproducible
-    # Results). The mode stays if another package has used the MKL, which then rejects the call.
+    # Equal calls with equal numbers of threads are to give equal bits. In the default mode
+    # sums depend on the addresses of arrays (oneMKL Developer Guide, Obtaining Numerically
+    # Reproducible Results). The mode stays if another package has used the MKL, which then
+    # rejects the call.
     if "MKL_CBWR" not in os.environ:
         solver.libmkl.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
     solver.libmkl.MKL_Set_Dynamic(ctypes.c_int(0))  # threads do not depend on the load

@@ -1,19 +1,20 @@
 """Conjugate gradients preconditioned by smoothed-aggregation multigrid, shared by threads.
 
-A cycle sweeps forward over the nodes of a level, corrects by the next level, and sweeps backward:
+A cycle sweeps forward over the nodes of a level, corrects by the next level, and sweeps
+backward:
 
     M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
 
-with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle), since
-these cost little and save a third of the iterations; of small levels it is one. M⁻¹ is symmetric
-for every symmetric A, and positive definite where C and D are. This needs no bound of eigenvalues,
-as Chebyshev smoothing does, and it remains true if the coarse levels belong to another matrix. C is
-definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all levels that belong
-together.
+with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle),
+since these cost little and save a third of the iterations; of small levels it is one. M⁻¹ is
+symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
+of eigenvalues, as Chebyshev smoothing does, and it remains true if the coarse levels belong to
+another matrix. C is definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all
+levels that belong together.
 
-All threads call the functions of a cycle. The nodes of a colour, the rows and the aggregates are
-divided among them, and each number is computed by one thread as by any other. The small levels are
-left to the first thread.
+All threads call the functions of a cycle. The nodes of a colour, the rows and the aggregates
+are divided among them, and each number is computed by one thread as by any other. The small
+levels are left to the first thread.
 
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, section 13.4.
 """
@@ -59,11 +60,13 @@ class Level:
 
     grid: Grid
     A: BlockMatrix  # the matrix
-    # (b − n, 3, 3) its blocks beside the diagonal, by colours. The blocks of the finest level are
-    # in single precision, as are P and Pᵀ: reading them from memory takes most of the time.
+    # (b − n, 3, 3) its blocks beside the diagonal, by colours. The blocks of the finest level
+    # are in single precision, as are P and Pᵀ: reading them from memory takes most of the
+    # time.
     values: np.ndarray
     inverse: np.ndarray  # (n, 6) inverses of the diagonal blocks, by colours
-    # The prolongator and its transpose: nodes of this level by colours. The coarsest has 0 columns.
+    # The prolongator and its transpose: nodes of this level by colours. The coarsest has 0
+    # columns.
     P: sparse.bsr_matrix
     transposed: sparse.bsr_matrix
     work: np.ndarray  # (5, n, 3) work arrays
@@ -102,9 +105,9 @@ def make_levels(
 ) -> list[Level]:
     """Compute the prolongators and the coarse matrices of A.
 
-    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the motions
-    with little energy that all levels can represent, which are overwritten, and `kind` is the
-    precision of the finest level.
+    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the
+    motions with little energy that all levels can represent, which are overwritten, and `kind`
+    is the precision of the finest level.
     """
     grid, *coarser = grids
     if not coarser:
@@ -128,9 +131,9 @@ class Multigrid(PCG):
     """Conjugate gradients preconditioned by a cycle of multigrid.
 
     The aggregates are made once for each pattern. The coarse matrices are kept, also for other
-    matrices, until the additional iterations have cost as much as new ones: then at most twice the
-    best cost is paid. The text above says why the cycle remains definite. A solve fails after
-    `max_iterations`.
+    matrices, until the additional iterations have cost as much as new ones: then at most twice
+    the best cost is paid. The text above says why the cycle remains definite. A solve fails
+    after `max_iterations`.
     """
 
     name = "multigrid"

@@ -37,9 +37,9 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
     """Invert the symmetric diagonal blocks by their cofactors.
 
-    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets the
-    entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not positive
-    definite (Sylvester's criterion), or −1.
+    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets
+    the entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not
+    positive definite (Sylvester's criterion), or −1.
     """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]

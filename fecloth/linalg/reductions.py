@@ -1,7 +1,7 @@
 """Sums over the nodes, computed on the calling thread.
 
-BLAS is not used because it starts its own threads even for such short sums. On a busy machine these
-threads wait for each other, and a run of 8,000 triangles took ten times as long.
+BLAS is not used because it starts its own threads even for such short sums. On a busy machine
+these threads wait for each other, and a run of 8,000 triangles took ten times as long.
 """
 
 import math

@@ -4,13 +4,13 @@
 been computed with A and found small enough.
 
 The solver "auto" is conjugate gradients, multigrid or a factorisation: each matrix goes to the
-solver whose solves have taken the least work on average.
-Conjugate gradients begin. All averages begin with guesses. The averages of the solvers that are not
-in use fall slowly, so that each is tried again at times: the dearer it was, the later. An iteration
-that takes several times the guess of the cheapest other solver is given up; this counts as its
-average, and the other one continues at once. If the step size changes by more than a factor of 2,
-all begins anew. Where the pattern of the matrices changes, as with contact, what its analysis costs
-is added, in proportion to how often it changed lately.
+solver whose solves have taken the least work on average. Conjugate gradients begin. All
+averages begin with guesses. The averages of the solvers that are not in use fall slowly, so
+that each is tried again at times: the dearer it was, the later. An iteration that takes
+several times the guess of the cheapest other solver is given up; this counts as its average,
+and the other one continues at once. If the step size changes by more than a factor of 2, all
+begins anew. Where the pattern of the matrices changes, as with contact, what its analysis
+costs is added, in proportion to how often it changed lately.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit.
 `studies.benchmarks.auto_solver` compares whole runs with the best solver's.

@@ -95,8 +95,8 @@ class Cloth:
 
         `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
         "cross" (each cell cut along both diagonals) or "equilateral". The node sets are left,
-        right, bottom, top, corners and boundary. `element` is "P1" or "P2". Towards the places of
-        a `grading` the triangles of an unstructured mesh become smaller, see `Grading`.
+        right, bottom, top, corners and boundary. `element` is "P1" or "P2". Towards the places
+        of a `grading` the triangles of an unstructured mesh become smaller, see `Grading`.
         """
         mesh = generate.rectangle(width, height, h, pattern, grading)
         return cls._from_mesh(mesh, element, corner_sets=["corners"])
@@ -127,9 +127,9 @@ class Cloth:
         """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
 
         Physical groups become node and edge sets. A mesh with three coordinates is accepted if
-        all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any command,
-        otherwise only commands of geometry and mesh sizes. Gmsh is stopped after `time_limit`
-        seconds. A `grading`, see `Grading`, is for a .geo file with h.
+        all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any
+        command, otherwise only commands of geometry and mesh sizes. Gmsh is stopped after
+        `time_limit` seconds. A `grading`, see `Grading`, is for a .geo file with h.
         """
         return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
 
@@ -146,10 +146,10 @@ class Cloth:
     ) -> "Cloth":
         """Create a cloth from coordinates, triangles, named node sets and named regions.
 
-        For P2 too the nodes are the corners only; the midpoints of the edges are added. A node set
-        gets the midpoints of the edges that have both ends in the set. A node set with the name of
-        a region gets the midpoints of the edges of the region's triangles. Raises `MeshError` for
-        arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
+        For P2 too the nodes are the corners only; the midpoints of the edges are added. A node
+        set gets the midpoints of the edges that have both ends in the set. A node set with the
+        name of a region gets the midpoints of the edges of the region's triangles. Raises
+        `MeshError` for arrays that are not a valid flat mesh; see `fecloth.mesh.flat_mesh`.
 
         Parameters
         ----------
@@ -173,10 +173,10 @@ class Cloth:
     def join(cls, pieces: "Sequence[Cloth]", names: Sequence[str]) -> "Cloth":
         """Make one cloth of several pieces that share no node, such as two layers that touch.
 
-        Each piece keeps its coordinates, which may overlap, because each is flat by itself. The
-        sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its nodes and the
-        region of its triangles. Raises `InputError` for fewer than two pieces, names that are not
-        as many and different, or other elements.
+        Each piece keeps its coordinates, which may overlap, because each is flat by itself.
+        The sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its nodes and
+        the region of its triangles. Raises `InputError` for fewer than two pieces, names that
+        are not as many and different, or other elements.
 
         Examples
         --------

@@ -5,10 +5,10 @@ Across an interior edge with the dihedral angle θ the slopes of its two triangl
     α_left = θ/2 + φ,   α_right = θ/2 − φ.
 
 Morley's plate has one unknown φ for each edge. Here φ = Σ w_f θ_f over the hinges f of the two
-triangles, with the weights w of least norm that are exact for every constant curvature. The mean
-of the curvature over the mesh does not depend on φ, so a constant moment does no work on a local
-deflection; and the deflections are some of Morley's, so the energy is at least Morley's: there is
-no other motion without energy than the affine ones.
+triangles, with the weights w of least norm that are exact for every constant curvature. The
+mean of the curvature over the mesh does not depend on φ, so a constant moment does no work on
+a local deflection; and the deflections are some of Morley's, so the energy is at least
+Morley's: there is no other motion without energy than the affine ones.
 
 A clamped edge of the boundary is one more hinge, from its triangle to a plane that is held; its
 slope is its angle. Free edges have no moment, and a user of the slopes eliminates theirs.
@@ -41,8 +41,8 @@ class EdgeSlopes:
     def patches(self) -> sparse.csr_matrix:
         """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
 
-        They are hinges of the edge's two triangles. With fewer than three hinges all triangles at
-        the four nodes take part; where the angles hardly tell one of the curvatures, all
+        They are hinges of the edge's two triangles. With fewer than three hinges all triangles
+        at the four nodes take part; where the angles hardly tell one of the curvatures, all
         triangles at the two nodes of the edge.
         """
         plate = self._plain
@@ -73,9 +73,9 @@ class EdgeSlopes:
     def pairs(self) -> np.ndarray:
         """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
 
-        They are the same for any plate on this mesh. On regular meshes many weights are zero. The
-        weights of the edges in `_changing` are not zero in every plate: they have all hinges of
-        their patches.
+        They are the same for any plate on this mesh. On regular meshes many weights are zero.
+        The weights of the edges in `_changing` are not zero in every plate: they have all
+        hinges of their patches.
         """
         m = len(self.edges.triangles)
         h = len(self.edges.of_hinge)
@@ -101,8 +101,8 @@ class EdgeSlopes:
     def _changing(self) -> np.ndarray:
         """(h,) whether the weights of an edge depend on seams and clamps.
 
-        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam or
-        a clamp: one between two regions, or on the boundary.
+        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam
+        or a clamp: one between two regions, or on the boundary.
         """
         sides = self.edges.hinges.sides
         seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
@@ -117,10 +117,10 @@ class EdgeSlopes:
     ) -> tuple[sparse.csr_matrix, np.ndarray]:
         """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
 
-        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y. The
-        `material` (m,) is equal where two triangles have the same D; across a seam between two
-        materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the boundary,
-        whose slope is held, are the hinges h … h + c − 1.
+        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y.
+        The `material` (m,) is equal where two triangles have the same D; across a seam between
+        two materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the
+        boundary, whose slope is held, are the hinges h … h + c − 1.
         """
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():

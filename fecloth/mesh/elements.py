@@ -6,10 +6,11 @@
                                               4: F is linear in X and
                                               StVK's energy quartic in F
 
-The triangles of the flat cloth have straight edges: along a curved border the mesh itself has an
-error of order h². `add_midpoints` appends the midpoints in scikit-fem's order of the edges. Source
-of the six points: Dunavant (1985), High degree efficient symmetrical Gaussian quadrature rules for
-the triangle, Int. J. Numer. Meth. Engng 21, 1129–1148, as implemented in scikit-fem.
+The triangles of the flat cloth have straight edges: along a curved border the mesh itself has
+an error of order h². `add_midpoints` appends the midpoints in scikit-fem's order of the edges.
+Source of the six points: Dunavant (1985), High degree efficient symmetrical Gaussian
+quadrature rules for the triangle, Int. J. Numer. Meth. Engng 21, 1129–1148, as implemented in
+scikit-fem.
 """
 
 from collections.abc import Collection, Iterator

@@ -44,17 +44,17 @@ class FlatMesh:
         triangle) are added unless sets of this name exist. An edge set without a node set of the
         same name gets one.
 
-        Raises `MeshError` for coordinates that are not finite or not in a plane, indices out of
-        range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
-        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets, and
-        sets with pairs that are no edge.
+        Raises `MeshError` for coordinates that are not finite or not in a plane, indices out
+        of range, repeated vertices, zero-area, inverted, duplicate, overlapping or unconnected
+        triangles, an edge of more than two triangles, unused or coincident nodes, empty sets,
+        and sets with pairs that are no edge.
 
         Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz
         those two coordinates are used. Any other plane gets an orthonormal frame, whose first
-        axis is the projection of the global x axis, or of the y axis if the plane is normal to x.
-        Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages name
-        the file or function `where`, and the numbers `node_ids` and `triangle_ids` in place of
-        the indices.
+        axis is the projection of the global x axis, or of the y axis if the plane is normal to
+        x. Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages
+        name the file or function `where`, and the numbers `node_ids` and `triangle_ids` in
+        place of the indices.
         """
         X, triangles = _arrays(X, triangles, where)
         n = len(X)

@@ -1,12 +1,12 @@
 """Which commands a .geo file may hold: geometry, names, sizes; nothing that reads, writes or runs.
 
-A .geo file is a program for Gmsh's interpreter, which can also run commands of the system and write
-files. `check_geo` allows the words of a list and refuses all others. It returns the tokens that it
-has read, without comments, as a new text, so that Gmsh reads exactly what was checked: for Gmsh a
-zero byte ends a comment, and a text ends by itself after 1023 characters.
+A .geo file is a program for Gmsh's interpreter, which can also run commands of the system and
+write files. `check_geo` allows the words of a list and refuses all others. It returns the
+tokens that it has read, without comments, as a new text, so that Gmsh reads exactly what was
+checked: for Gmsh a zero byte ends a comment, and a text ends by itself after 1023 characters.
 
-Whatever names a file or a command needs a text. Texts stand only where they are names or formulas,
-and no allowed word makes a text of anything else.
+Whatever names a file or a command needs a text. Texts stand only where they are names or
+formulas, and no allowed word makes a text of anything else.
 """
 
 import re

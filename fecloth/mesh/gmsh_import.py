@@ -200,8 +200,8 @@ def _gmsh_sets(gmsh, ids, where):
 
 
 def _check_no_empty_groups(gmsh, groups, where):
-    # Gmsh does not list a group without entities, but returns the name for its tag. Therefore all
-    # tags up to a limit are tried; this takes 1 µs per tag.
+    # Gmsh does not list a group without entities, but returns the name for its tag. Therefore
+    # all tags up to a limit are tried; this takes 1 µs per tag.
     tag_limit = min(10_000, max([1000, *(tag + 100 for _, tag in groups)]))
     for dim, kind in enumerate(_DIMENSIONS):
         for tag in range(1, tag_limit):

@@ -12,8 +12,8 @@ _DEBIAN_PACKAGES = (
     "libglu1-mesa libgl1 libgomp1 libx11-6 libxext6 libxrender1 libxfixes3 libxcursor1 "
     "libxft2 libxinerama1 libfontconfig1 zlib1g"
 )
-# Of Gmsh's 2-D algorithms 6 (Frontal-Delaunay) gives the best triangles and edges of length h. More
-# than one smoothing sweep takes 1.7 times the time and improves only the worst triangle.
+# Of Gmsh's 2-D algorithms 6 (Frontal-Delaunay) gives the best triangles and edges of length h.
+# More than one smoothing sweep takes 1.7 times the time and improves only the worst triangle.
 GMSH_OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,

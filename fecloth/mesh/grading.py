@@ -25,10 +25,11 @@ class Grading:
 
         s(r) = min(1, max(r/d, r₁/d)^power),    r₁ = d (h/d)^(1 / (1 − power))
 
-    r₁ is about the edge length at the place; s is at least 10⁻³ at a set and 10⁻⁵ at a point. So a
-    smaller h alone refines the whole family of meshes. Where the solution behaves like r^λ, as at a
-    corner, uniform meshes of elements with the order p of stress have only the order min(λ, p).
-    With power > 1 − λ/p the order is p, and the number of triangles still grows like 1/h².
+    r₁ is about the edge length at the place; s is at least 10⁻³ at a set and 10⁻⁵ at a point.
+    So a smaller h alone refines the whole family of meshes. Where the solution behaves like
+    r^λ, as at a corner, uniform meshes of elements with the order p of stress have only the
+    order min(λ, p). With power > 1 − λ/p the order is p, and the number of triangles still
+    grows like 1/h².
 
     Source: Babuška, Kellogg and Pitkäranta (1979), Direct and inverse error estimates for finite
     elements with mesh refinements, Numer. Math. 33, 447–471.

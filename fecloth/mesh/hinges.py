@@ -12,8 +12,8 @@ import scipy.sparse as sparse
 class Hinges:
     """All interior edges of a flat mesh; create them with `from_triangles`.
 
-    A hinge is the edge from its node 0 to its node 1. Node 2 is the opposite corner of the triangle
-    to the left of 0 → 1, and node 3 the opposite corner of the triangle to the right.
+    A hinge is the edge from its node 0 to its node 1. Node 2 is the opposite corner of the
+    triangle to the left of 0 → 1, and node 3 the opposite corner of the triangle to the right.
     """
 
     nodes: np.ndarray  # (h, 4) int32 node indices
@@ -61,9 +61,9 @@ class Hinges:
     def flat_gradient(self) -> np.ndarray:
         """(h, 4) g with θ = Σ g_a z_a to first order in the deflections z of the nodes [1/m].
 
-        A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height of
-        the triangle above the edge. The entries of the edge's nodes follow from the lever rule.
-        Σ g_a X_a = 0: an affine deflection does not bend the cloth.
+        A deflection z of an opposite node turns its triangle by z/h_i, where h_i is the height
+        of the triangle above the edge. The entries of the edge's nodes follow from the lever
+        rule. Σ g_a X_a = 0: an affine deflection does not bend the cloth.
         """
         g2, g3 = (0.5 * self.length[:, None] / self.areas).T
         s2, s3 = self.feet.T

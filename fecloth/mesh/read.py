@@ -30,8 +30,9 @@ def read(
     Parameters
     ----------
     path : str or path
-        Gmsh meshes ``.geo`` files and reads ``.msh`` files (2.2, 4.1, text or binary). meshio reads
-        all others (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.inp``, ``.xdmf`` with h5py, ...).
+        Gmsh meshes ``.geo`` files and reads ``.msh`` files (2.2, 4.1, text or binary). meshio
+        reads all others (``.vtu``, ``.vtk``, ``.obj``, ``.stl``, ``.inp``, ``.xdmf`` with
+        h5py, ...).
     h : float, optional
         Edge length [m], for ``.geo`` only. It replaces the ``h`` of the file's
         ``DefineConstant[ h = ... ];``. In a file without this line it is both the lower and the
@@ -48,11 +49,11 @@ def read(
     Returns
     -------
     FlatMesh
-        Made by `FlatMesh.from_arrays`. Physical groups of points, curves and surfaces become node
-        sets. Groups of curves also become edge sets. A group without a name is called
-        ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are united.
-        meshio's point and cell sets, and the names in ``field_data`` for ``gmsh:physical`` cell
-        data, are read in the same way.
+        Made by `FlatMesh.from_arrays`. Physical groups of points, curves and surfaces become
+        node sets. Groups of curves also become edge sets. A group without a name is called
+        ``curve_<tag>``, and likewise for points and surfaces. Groups with the same name are
+        united. meshio's point and cell sets, and the names in ``field_data`` for
+        ``gmsh:physical`` cell data, are read in the same way.
 
     Notes
     -----

@@ -1,9 +1,9 @@
 """A smooth field from one that jumps between triangles, by polynomials fitted around each node.
 
 Around each corner a polynomial is fitted, by least squares, to the values at points of the
-triangles there. In a triangle the polynomials of its three corners are blended by the barycentric
-coordinates. A finite element solution has its best derivatives at such points; so the difference
-between the smooth field and the given one estimates the error of the given one.
+triangles there. In a triangle the polynomials of its three corners are blended by the
+barycentric coordinates. A finite element solution has its best derivatives at such points; so
+the difference between the smooth field and the given one estimates the error of the given one.
 
 Source: Zienkiewicz and Zhu (1987), A simple error estimator and adaptive procedure for practical
 engineering analysis, for the estimate, and (1992), The superconvergent patch recovery and a
@@ -102,8 +102,8 @@ def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
 def _fit(centre, corners, values, samples, patch):
     """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2).
 
-    Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether there
-    are too few points (k,).
+    Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether
+    there are too few points (k,).
     """
     starts = patch.indptr[:-1]
     entries = patch.indices

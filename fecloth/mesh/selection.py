@@ -14,8 +14,8 @@ def nodes(cloth, where: Where) -> np.ndarray:
     """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
 
     Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
-    named curve or region of P2 triangles includes the midpoints of its edges. Raises `InputError`
-    if the set is unknown, an index is out of range, or no node is selected.
+    named curve or region of P2 triangles includes the midpoints of its edges. Raises
+    `InputError` if the set is unknown, an index is out of range, or no node is selected.
     """
     if isinstance(where, str):
         known(f"node set {where!r}", where, sorted(cloth.node_sets), "Cloth.nodes")
@@ -42,8 +42,8 @@ def nodes(cloth, where: Where) -> np.ndarray:
 def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Indices of the triangles in a named region, or where a predicate on centroids holds.
 
-    The predicate takes the centroids (m, 2) [m] and returns (m,) booleans. Raises `InputError` if
-    the region is unknown or contains no triangle.
+    The predicate takes the centroids (m, 2) [m] and returns (m,) booleans. Raises `InputError`
+    if the region is unknown or contains no triangle.
     """
     if callable(where):
         selected = np.flatnonzero(where(cloth.X[cloth.triangles].mean(axis=1)))

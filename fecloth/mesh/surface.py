@@ -30,8 +30,8 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
     in a plane, do not count, nor do pairs with a common node. The time is proportional to the
     triangles (s, 3).
 
-    Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others near
-    it on the average, as in a cloth that has collapsed.
+    Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others
+    near it on the average, as in a cloth that has collapsed.
     """
     x = np.ascontiguousarray(x, dtype=float)
     corners = x[triangles]
@@ -160,13 +160,13 @@ class Surface:
 class Enclosure:
     """A surface of triangles and a cap over each of its rims: what is needed for its volume.
 
-    A cap has the triangles between the edges of a rim and the mean of its nodes. So the volume of
-    a dome is that between the dome and the plane of its rim.
+    A cap has the triangles between the edges of a rim and the mean of its nodes. So the volume
+    of a dome is that between the dome and the plane of its rim.
     """
 
     triangles: np.ndarray  # (m, k) nodes in the order of `Cloth.cells`: P1 or P2
-    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle; for P2
-    # (r, 3): their midpoints follow.
+    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle;
+    # for P2 (r, 3): their midpoints follow.
     rim: np.ndarray
     centre: sparse.csr_matrix  # (rims, n) matrix from nodal positions to the mean of each rim
     part: np.ndarray  # (r,) rim of each edge

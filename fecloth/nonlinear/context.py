@@ -1,9 +1,9 @@
 """What the steps of a run share: the linear solver, the factor that it holds, and the options.
 
-With the factor of an earlier tangent Newton's iteration converges linearly. That pays while the
-additional solves cost less than a new factor. The decisions use counts of solves and no clock, so
-that a run repeats bit for bit. (Kelley 1995, Iterative Methods for Linear and Nonlinear Equations,
-algorithm 5.3.2, the chord method.)
+With the factor of an earlier tangent Newton's iteration converges linearly. That pays while
+the additional solves cost less than a new factor. The decisions use counts of solves and no
+clock, so that a run repeats bit for bit. (Kelley 1995, Iterative Methods for Linear and
+Nonlinear Equations, algorithm 5.3.2, the chord method.)
 """
 
 import math
@@ -17,7 +17,8 @@ from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.error_left import StepError
 from fecloth.nonlinear.options import Newton
 
-# A tangent and its factor in solves and residuals with it, one thread. (PCG has no factor to keep.)
+# A tangent and its factor in solves and residuals with it, one thread. (PCG has no factor to
+# keep.)
 PRICES = {"pardiso": 5.0, "superlu": 20.0}
 LONGEST_WAIT = 64
 

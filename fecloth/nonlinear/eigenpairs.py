@@ -41,11 +41,11 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
 
     K is the sum of all terms' exact tangents, also tangents of low rank, and u is in the
     directions that pins and slides allow. The iteration is on (K + s M)⁻¹ M with s > 0, whose
-    largest eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times the
-    ratio of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below every
-    λ, and a free body or an unstable state has a factor too. Of an eigenvalue with several
-    vectors the iteration may find one only; so it is repeated without the vectors found, until it
-    finds no eigenvalue that is less than the last of them.
+    largest eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times
+    the ratio of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below
+    every λ, and a free body or an unstable state has a factor too. Of an eigenvalue with
+    several vectors the iteration may find one only; so it is repeated without the vectors
+    found, until it finds no eigenvalue that is less than the last of them.
 
     With `unit_mass` M is the identity, and λ are the eigenvalues of K [N/m], else ω² [1/s²].
     `count` must be less than the number of free degrees of freedom.

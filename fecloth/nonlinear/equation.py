@@ -123,8 +123,8 @@ REACH = 16.0  # times the whole direction: how far a longer step is looked at
 def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> float:
     """The largest α for which all terms allow x + α s, both (n, 3) [m]; infinite without contact.
 
-    Terms limit a direction by their `limit`. An α above 1 is right for a step that is doubled; it
-    is not looked for with terms that couple nodes, whose `limit` is expensive.
+    Terms limit a direction by their `limit`. An α above 1 is right for a step that is doubled;
+    it is not looked for with terms that couple nodes, whose `limit` is expensive.
     """
     limits = [term.limit for term in system.bound if term.limits_direction]
     if not limits:

@@ -35,15 +35,15 @@ class StepError:
 class ErrorLeft:
     """The error that is left after each iteration, estimated from the corrections so far.
 
-    A correction s of the unknown changes the velocity by wv s, and the cloth is then by dt wv s
-    further on after one more step. The length of s is the mass-weighted root mean square of this
-    over the nodes. With the contraction θ, the length of the last correction over the length of the
-    correction before, the error left is about
+    A correction s of the unknown changes the velocity by wv s, and the cloth is then by dt wv
+    s further on after one more step. The length of s is the mass-weighted root mean square of
+    this over the nodes. With the contraction θ, the length of the last correction over the
+    length of the correction before, the error left is about
 
         θ / (1 − θ) × the last length
 
-    Where contacts push, this says little: their forces change much over a hundredth of the gap. So
-    the error counts as unknown there while the residual is above 1 % of their size.
+    Where contacts push, this says little: their forces change much over a hundredth of the
+    gap. So the error counts as unknown there while the residual is above 1 % of their size.
 
     Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, section IV.8.
     """
@@ -54,8 +54,8 @@ class ErrorLeft:
     push: Callable[[np.ndarray], float] | None = None  # size of the forces of contact [N]
     goal: ClassVar[float | None] = None  # relative residual in place of the option's, or None
     # The error left [m]. It is infinite after fewer than two iterations, where the corrections
-    # grow, after a shortened step, and where mass was added to the matrix: then the corrections are
-    # short because they are held back.
+    # grow, after a shortened step, and where mass was added to the matrix: then the
+    # corrections are short because they are held back.
     error: float = math.inf
 
     def correct(self, system: System, correction: np.ndarray, whole: bool) -> None:
@@ -106,8 +106,8 @@ class ErrorInPlace(ErrorLeft):
     """The error that is left in the positions of an equilibrium, against the largest displacement.
 
     A length is here the largest of all nodes. The iteration ends where the error left is below
-    1e-6 of the largest displacement since the start, or where the corrections no longer shrink and
-    the residual is round-off: `length` is then what round-off leaves.
+    1e-6 of the largest displacement since the start, or where the corrections no longer shrink
+    and the residual is round-off: `length` is then what round-off leaves.
     """
 
     goal: ClassVar[float] = FORCES

@@ -65,8 +65,9 @@ def derive_increment(
 
         [f(x + ε δx; p + ε) − f(x − ε δx; p − ε)]/(2ε) = 0,
 
-    where held directions are where the pins have them at p ± ε. Corrections by K⁻¹ solve it. The
-    normal forces of friction are those at x ± ε δx. It raises `NoDerivative` where K is singular.
+    where held directions are where the pins have them at p ± ε. Corrections by K⁻¹ solve it.
+    The normal forces of friction are those at x ± ε δx. It raises `NoDerivative` where K is
+    singular.
     """
     increment, x = solved
     ends = [_Side.of(increment, along, *side) for side in sides.signed]

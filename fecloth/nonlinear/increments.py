@@ -175,13 +175,13 @@ def increase_loads(
 ) -> Increase:
     """Increase the factor on the loads from the first to the second of `loads`.
 
-    The factor is also the time of what moves, unless all stands still `at` a time.
-    `start` is the state at the first factor: in equilibrium, or the start of all where the factor
-    is 0. No increment of the factor is larger than `largest`, but where none of these is solved
-    and the path does not count: a small load may hold a cloth less than the whole. `rate` is
+    The factor is also the time of what moves, unless all stands still `at` a time. `start` is
+    the state at the first factor: in equilibrium, or the start of all where the factor is 0.
+    No increment of the factor is larger than `largest`, but where none of these is solved and
+    the path does not count: a small load may hold a cloth less than the whole. `rate` is
     ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known,
-    and `history` what the terms remember there. They remember each increment that is solved; an
-    increment that is repeated in smaller ones begins with what they remembered before it.
+    and `history` what the terms remember there. They remember each increment that is solved;
+    an increment that is repeated in smaller ones begins with what they remembered before it.
     """
     x, (reached, end), size, total = start.x, loads, largest, Counts()
     over = system

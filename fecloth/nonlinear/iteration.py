@@ -52,21 +52,21 @@ def iterate(
 
     With `left` the iteration ends also where the error left is small against the error in time.
 
-    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go on,
-    or takes too long, the error is `Equation.failure`.
+    If the forces at y are not finite, the iteration starts from `instead`. Where it cannot go
+    on, or takes too long, the error is `Equation.failure`.
 
-    Each iteration solves J s = −R with the exact matrix J or, where that is not positive definite
-    or s is no improvement of any length (`line_search.find_step`), with the first remedy for
-    which it is. With a potential the iteration always ends: the steps that are taken for their
-    residual alone halve the least one so far, so they are few, and all others lower the
-    potential.
+    Each iteration solves J s = −R with the exact matrix J or, where that is not positive
+    definite or s is no improvement of any length (`line_search.find_step`), with the first
+    remedy for which it is. With a potential the iteration always ends: the steps that are
+    taken for their residual alone halve the least one so far, so they are few, and all others
+    lower the potential.
 
-    The iteration also ends where the residual is round-off. That is measured at the start if no
-    iteration is asked for, after an iteration that hardly moved the cloth and left more than a
-    quarter of the residual, and before a failure. Then `Counts.limited` is 1, unless the forces
-    are below a million times their round-off, as in a cloth at rest, and the last iteration moved
-    no node by 1e-7 of the extent of the cloth. If no force exceeds its round-off, the residual
-    counts as 0.
+    The iteration also ends where the residual is round-off. That is measured at the start if
+    no iteration is asked for, after an iteration that hardly moved the cloth and left more
+    than a quarter of the residual, and before a failure. Then `Counts.limited` is 1, unless
+    the forces are below a million times their round-off, as in a cloth at rest, and the last
+    iteration moved no node by 1e-7 of the extent of the cloth. If no force exceeds its
+    round-off, the residual counts as 0.
     """
     work = _Work(equation, context, left)
     most = context.options.max_iterations
@@ -310,9 +310,9 @@ class _Work:
     def direction(self, point: Point, remedy: Remedy) -> np.ndarray:
         """s = −J⁻¹ R with a remedy, or what conjugate gradients had of it, if the equation allows.
 
-        Where they find that J is not definite, their iterate is a direction of descent, shorter
-        than s (Nocedal and Wright 2006, algorithm 7.1). The first CLAMPED such iterations of a step
-        take clamped tangents instead: these lead farther there.
+        Where they find that J is not definite, their iterate is a direction of descent,
+        shorter than s (Nocedal and Wright 2006, algorithm 7.1). The first CLAMPED such
+        iterations of a step take clamped tangents instead: these lead farther there.
         """
         begin = time.perf_counter()
         reuse = self.context.factor_reuse

@@ -37,11 +37,11 @@ def find_step(
 ) -> tuple[Point, float] | None:
     """Find the longest α of 1, ½, ¼, … with an improvement at y + α s: the `Point` and α.
 
-    It is an improvement if ‖R‖ is `enough`, or if the potential falls sufficiently (Nocedal and
-    Wright 2006, Numerical Optimization, eq. 3.6a). For α ≤ `tiny` that fall is lost in round-off,
-    and R·s ≤ 0.8 |R₀·s| tells it (Hager and Zhang 2005, A New Conjugate Gradient Method, SIAM J.
-    Optim. 16, eq. 4.1 with δ = 0.1). Without a potential this rule holds for every α (Matthies
-    and Strang 1979 ask for half), and any fall of ‖R‖ is an improvement.
+    It is an improvement if ‖R‖ is `enough`, or if the potential falls sufficiently (Nocedal
+    and Wright 2006, Numerical Optimization, eq. 3.6a). For α ≤ `tiny` that fall is lost in
+    round-off, and R·s ≤ 0.8 |R₀·s| tells it (Hager and Zhang 2005, A New Conjugate Gradient
+    Method, SIAM J. Optim. 16, eq. 4.1 with δ = 0.1). Without a potential this rule holds for
+    every α (Matthies and Strang 1979 ask for half), and any fall of ‖R‖ is an improvement.
 
     If R·s is steeper at the end of the whole step than at its start, the potential is concave
     along s, and α is doubled for as long as that lasts. Otherwise an iteration would leave a

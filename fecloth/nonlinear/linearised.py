@@ -54,11 +54,11 @@ def correct(
 ) -> Corrected:
     """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
 
-    `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken where
-    corrections do not shrink by half, and after all GMRES with the last. `known` is by what
-    factor corrections of each shrink, as far as it is known. The error is relative to
-    `size_of(y)`, and round-off makes corrections of the size `floor`. Raises `NoDerivative` if no
-    matrix has a factor, or GMRES does not end.
+    `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken
+    where corrections do not shrink by half, and after all GMRES with the last. `known` is by
+    what factor corrections of each shrink, as far as it is known. The error is relative to
+    `size_of(y)`, and round-off makes corrections of the size `floor`. Raises `NoDerivative` if
+    no matrix has a factor, or GMRES does not end.
     """
     solve = None
     contractions = dict[str, float]()

@@ -16,20 +16,20 @@ DEFINITENESS = ("none", "clamp", "on_failure")
 class Newton:
     """How the stage equation of an implicit step is solved.
 
-    The residual of a step is ‖M a − f‖ in the free directions, divided by the forces of the step.
-    These forces are ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate, with the
-    reactions of the pins. One and the same residual is harmless on one fabric and as large as the
-    error in time on another. So the tolerance "auto" compares errors: it ends the iteration when
-    the error left in x and dt v is estimated at less than a tenth of the step's own error in time.
-    `fecloth.nonlinear.error_left.ErrorLeft` estimates the first error,
+    The residual of a step is ‖M a − f‖ in the free directions, divided by the forces of the
+    step. These forces are ‖M a‖ plus the sum over the terms of ‖f_term‖ at the first iterate,
+    with the reactions of the pins. One and the same residual is harmless on one fabric and as
+    large as the error in time on another. So the tolerance "auto" compares errors: it ends the
+    iteration when the error left in x and dt v is estimated at less than a tenth of the step's
+    own error in time. `fecloth.nonlinear.error_left.ErrorLeft` estimates the first error,
     `fecloth.simulation.step_history.StepHistory` the second. The first steps, and all steps of
     energy–momentum, end at the residual 1e-6.
 
     If round-off keeps the residual above the tolerance, the step is accepted. It then counts as
     `limited`, and the run warns, unless the forces themselves are round-off.
 
-    Where the tangent is not positive definite, as in compression, or its direction leads nowhere,
-    "on_failure" tries three remedies in turn:
+    Where the tangent is not positive definite, as in compression, or its direction leads
+    nowhere, "on_failure" tries three remedies in turn:
 
     1. clamped tangents, in at most four iterations of a step, if every force has a potential
        (damping has one in `BackwardEuler` and `BDF2` only);
@@ -37,8 +37,9 @@ class Newton:
        (after Nocedal and Wright 2006, algorithm 3.3);
     3. clamped tangents, where no multiple of the mass helps, as in very long steps.
 
-    Clamping comes first, as it relieves the compression that a first guess leaves in one iteration.
-    In a cloth that stays in compression a clamped tangent lacks what the solution has.
+    Clamping comes first, as it relieves the compression that a first guess leaves in one
+    iteration. In a cloth that stays in compression a clamped tangent lacks what the solution
+    has.
 
     Parameters
     ----------
@@ -56,8 +57,8 @@ class Newton:
         remedies, one after the other, where the exact tangent fails. "clamp": always a clamped
         tangent, so that conjugate gradients always apply. "none": nothing, and the step fails.
     reuse
-        Whether a direct solver takes a factor again in further iterations and steps, while that is
-        cheaper than a new factor.
+        Whether a direct solver takes a factor again in further iterations and steps, while
+        that is cheaper than a new factor.
     """
 
     tolerance: float | Literal["auto"] = "auto"

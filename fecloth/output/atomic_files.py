@@ -60,8 +60,8 @@ def replace_file(path: Path, data: bytes) -> None:
 def append_in_place(path: Path, data: bytes, tail: int) -> None:
     """Write `data` in the place of the last `tail` bytes of a file, in one write.
 
-    A killed process leaves the file as it was or with all the new bytes. The cost does not depend
-    on the size of the file.
+    A killed process leaves the file as it was or with all the new bytes. The cost does not
+    depend on the size of the file.
     """
     with writing(path), path.open("r+b", buffering=0) as stream:
         place = stream.seek(-tail, os.SEEK_END)
@@ -109,7 +109,8 @@ def flush_to_disk(*paths: Path) -> None:
 @contextmanager
 def lock_folder(path: Path) -> Iterator[None]:
     """Lock a run's folder against other runs, by a lock on the file `LOCK` in it."""
-    # The lock ends with the process, however that ends. On a drive without locks it does nothing.
+    # The lock ends with the process, however that ends. On a drive without locks it does
+    # nothing.
     lock = FileLock(path / LOCK, timeout=0)
     with writing(path):
         try:

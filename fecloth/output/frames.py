@@ -1,8 +1,8 @@
 """Frames for ParaView: one .vtu for each state, listed with their times in .pvd and .vtu.series.
 
-A frame's points are the current positions, so that no filter is needed; its arrays are the arrays
-of `frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it. Numbers are
-float64, compressed without loss: a frame read back is the state itself.
+A frame's points are the current positions, so that no filter is needed; its arrays are the
+arrays of `frame_arrays`. The time is in the field data as TimeValue, where VTK looks for it.
+Numbers are float64, compressed without loss: a frame read back is the state itself.
 """
 
 from array import array
@@ -29,8 +29,8 @@ class Frames:
     """Writes states as frames one by one; after each the series on disk is complete.
 
     A frame is written before the lists name it, and a list grows by one write in place: a run
-    killed at any moment leaves lists that open, and a frame costs the same however many there are.
-    Memory: 8 bytes a frame for its time.
+    killed at any moment leaves lists that open, and a frame costs the same however many there
+    are. Memory: 8 bytes a frame for its time.
 
     Attributes
     ----------
@@ -132,7 +132,8 @@ def write_vtk(
 ) -> Path:
     """Write states as a series for ParaView; return the .pvd file.
 
-    Raises `InputError` if there is no state, one is not of this cloth, or a file cannot be written.
+    Raises `InputError` if there is no state, one is not of this cloth, or a file cannot be
+    written.
 
     Parameters
     ----------
@@ -159,8 +160,8 @@ def write_vtk(
 def read_frame(path: str | Path, cloth: Cloth) -> State:
     """Read the state of a .vtu that fecloth wrote for the same cloth: t, x and v bit for bit.
 
-    Raises `InputError` if the file cannot be read, has another mesh, or lacks the velocity or the
-    time.
+    Raises `InputError` if the file cannot be read, has another mesh, or lacks the velocity or
+    the time.
     """
     validation.instance("cloth", cloth, Cloth, "system.cloth", "read_frame")
     mesh = read_vtu(path)

@@ -1,7 +1,7 @@
 """The obstacles of a run for pictures: frames/obstacles_00000i.vtu, listed in obstacles.pvd.
 
-Obstacles that do not move are written once, with the first frame; otherwise each frame has its own.
-An endless one, as a plane, is drawn as far as the cloth is long.
+Obstacles that do not move are written once, with the first frame; otherwise each frame has its
+own. An endless one, as a plane, is drawn as far as the cloth is long.
 """
 
 from collections.abc import Sequence

@@ -9,11 +9,13 @@ its points and the arrays of `frame_arrays.fields`, and the group Steps has thei
     Steps/PointDataOffsets/*, CellDataOffsets/*    the same for the arrays
     Steps/PartOffsets, CellOffsets, ConnectivityIdOffsets    0: all frames share one topology
 
-PartOffsets must be 0 too: otherwise VTK's reader finds no part for the later frames and silently
-shows the values of the first. Components have no names in this format; their order is the order of
-`fecloth/runs/README.md`. Layout: VTK file formats, "VTKHDF", version 2.2 (Kitware).
+PartOffsets must be 0 too: otherwise VTK's reader finds no part for the later frames and
+silently shows the values of the first. Components have no names in this format; their order is
+the order of `fecloth/runs/README.md`. Layout: VTK file formats, "VTKHDF", version 2.2
+(Kitware).
 
-A run writes its frames as .vtu, which a killed process leaves whole, and gathers them at its end.
+A run writes its frames as .vtu, which a killed process leaves whole, and gathers them at its
+end.
 """
 
 import math

@@ -56,8 +56,8 @@ class DataTable:
     def numbers(self, name: str, si: str | None, plain: bool = False) -> np.ndarray:
         """The values of a column in SI; None for `si`, and no unit if `plain`, takes what is there.
 
-        It raises `InputError` for a column that is not there, an unknown unit, and a cell that is
-        no finite number.
+        It raises `InputError` for a column that is not there, an unknown unit, and a cell that
+        is no finite number.
         """
         if name not in self.cells:
             allowed = f"is not in the file, which has {', '.join(self.cells)}"

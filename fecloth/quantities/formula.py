@@ -19,11 +19,10 @@ from fecloth.validation import known
 class Formula:
     """A formula of named variables: a number, or a condition such as ``"X < 0.01 and Y > 1"``.
 
-    It may contain numbers, the variables, pi, ``+ - * / % **``, and the functions sin cos tan tanh
-    exp log sqrt abs sign floor min(a, b) max(a, b) mod(a, b) where(condition, a, b)
-    smoothstep(a, b, t); mod(a, b) is a % b, a − b floor(a/b).
-    Only conditions may contain comparisons ``< <= > >=``, joined by and, or, not. All arithmetic
-    is in double precision.
+    It may contain numbers, the variables, pi, ``+ - * / % **``, and the functions sin cos tan
+    tanh exp log sqrt abs sign floor min(a, b) max(a, b) mod(a, b) where(condition, a, b)
+    smoothstep(a, b, t); mod(a, b) is a % b, a − b floor(a/b). Only conditions may contain
+    comparisons ``< <= > >=``, joined by and, or, not. All arithmetic is in double precision.
 
     Parameters
     ----------

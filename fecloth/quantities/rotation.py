@@ -25,8 +25,8 @@ class Rotation:
     Parameters
     ----------
     point
-        A point p of the axis, three numbers [m]. With a motion u of the pin the axis goes through
-        p + u(t).
+        A point p of the axis, three numbers [m]. With a motion u of the pin the axis goes
+        through p + u(t).
     axis
         Direction of the axis, three numbers. Its length does not matter.
     angle

@@ -95,9 +95,9 @@ def is_quantity(text: str) -> bool:
 def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
     """The value in SI of a number with one of the units of the dimension.
 
-    ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two units
-    means ``*``. Error messages have the `name` of the quantity, and what `other` text is allowed,
-    such as ", or a formula".
+    ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two
+    units means ``*``. Error messages have the `name` of the quantity, and what `other` text is
+    allowed, such as ", or a formula".
     """
     units = dimension.units
     allowed = f"must be a number with one of the units {', '.join(units)}{other}"

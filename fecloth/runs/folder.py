@@ -87,9 +87,9 @@ class FolderMoved(WriteError):
 class RunFolder:
     """Where one run writes; made by `create`.
 
-    Each row and each line is handed to the operating system at once, and whole files are replaced
-    in one go: a killed process loses nothing. After a power cut only what restart files need is
-    safe; see `flush_to_disk`.
+    Each row and each line is handed to the operating system at once, and whole files are
+    replaced in one go: a killed process loses nothing. After a power cut only what restart
+    files need is safe; see `flush_to_disk`.
     """
 
     path: Path
@@ -112,8 +112,8 @@ class RunFolder:
     def create(cls, path: str | Path, overwrite: bool = False) -> "RunFolder":
         """Make an empty folder, or with `overwrite` clear an earlier run's files out of one.
 
-        Only what fecloth writes into a run's folder is removed: frames, the lists that name them,
-        tables, summary, resolved scene and log.
+        Only what fecloth writes into a run's folder is removed: frames, the lists that name
+        them, tables, summary, resolved scene and log.
         """
         path = Path(path)
         cls.refuse(path, overwrite)

@@ -1,9 +1,9 @@
 """Restart files: all that a run needs to continue as if it had never stopped, in one .npz.
 
 A record is a frozen dataclass, marked with `remembered`, of numbers, texts, arrays, mappings,
-tuples and records. Its arrays are members of the .npz; all else is in a JSON header, whose numbers
-read back as the same float64. Reading is strict: a file with a missing or an unknown part is
-refused.
+tuples and records. Its arrays are members of the .npz; all else is in a JSON header, whose
+numbers read back as the same float64. Reading is strict: a file with a missing or an unknown
+part is refused.
 """
 
 import hashlib
@@ -208,8 +208,8 @@ def drop_later(folder: Path, restart: Restart) -> None:
 def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> None:
     """Raise `InputError` with the differences if a restart belongs to another scene.
 
-    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the run
-    must not be complete: it must have steps left, or its last summary.json still to write.
+    `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the
+    run must not be complete: it must have steps left, or its last summary.json still to write.
     """
     then, now = (flatten(tomllib.loads(text)) for text in (restart.scene, scene))
     keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]

@@ -51,11 +51,13 @@ def run_scene(
     path, overwrite
         The folder; one that is not empty is refused unless `overwrite` is set.
     announce
-        Called before the first step with the problem, the choice of the solver, and the warnings.
+        Called before the first step with the problem, the choice of the solver, and the
+        warnings.
     report
         Called after every step.
     resume
-        Continue the run in that folder from its last restart file; what it wrote later is removed.
+        Continue the run in that folder from its last restart file; what it wrote later is
+        removed.
     warn
         Called with each warning that arises during the run and at its end.
     closed

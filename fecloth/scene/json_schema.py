@@ -1,8 +1,8 @@
 """The JSON schema of scene files, with which an editor completes and checks their keys.
 
-Pydantic describes the tables as they are after reading. A file may also write a quantity as text
-with a unit, a method or a fabric by its name, and a single expectation without a list; the schema
-allows these, too.
+Pydantic describes the tables as they are after reading. A file may also write a quantity as
+text with a unit, a method or a fabric by its name, and a single expectation without a list;
+the schema allows these, too.
 """
 
 import json

@@ -13,7 +13,8 @@ from fecloth.simulation.method_choice import Auto
 from fecloth.system.system import System
 from fecloth.terms.loops.bound_condition import BoundCondition
 
-# Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little fill.
+# Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little
+# fill.
 FILL = {"P1": 47, "P2": 30}
 SHARED, WHOLE = 750, 370  # bytes for each block of a process, and each triangle, with GAMG
 MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak; P2: 0.7 of that
@@ -106,9 +107,10 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     """Estimate the peak memory of a run [MB].
 
     A constant for the program, and bytes in proportion to the n nodes, to the entries of the
-    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b blocks
-    of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains and of
-    plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to runs.
+    gradients (triangles × quadrature points × nodes), to the triangles (a frame), to the b
+    blocks of the matrix and, for a factor, to b log₂ n; and the arrays of interpolated strains
+    and of plates. Explicit runs have no matrix; there the hinges and springs count. Fitted to
+    runs.
     """
     n = len(system.cloth.X)
     blocks = 0 if solver == "explicit" else len(system.pattern.indices)

@@ -185,8 +185,8 @@ def check(
 ) -> list[Verdict]:
     """Compare the columns of a run, as in `Result`, with the expected values.
 
-    Values are interpolated linearly between steps. A time outside the run and a value that is not
-    a number fail.
+    Values are interpolated linearly between steps. A time outside the run and a value that is
+    not a number fail.
     """
     columns = {**energies, **observed}
     verdicts = []

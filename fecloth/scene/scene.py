@@ -1,9 +1,9 @@
 """Scenes: a strict TOML file that names a cloth, a fabric, terms, pins, a start and a method.
 
-Scenes mirror the Python calls: the keys of a term, the fabric or the solver are the fields of the
-classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers and values of
-formulas are in SI; a text may be a number with another unit of the same dimension, as in
-``dt = "5 ms"`` (see `units`). Each table is described where it is defined: `tables`,
+Scenes mirror the Python calls: the keys of a term, the fabric or the solver are the fields of
+the classes in `fecloth.terms`, of `Fabric` and of `Newton`, with the same units. Numbers and
+values of formulas are in SI; a text may be a number with another unit of the same dimension,
+as in ``dt = "5 ms"`` (see `units`). Each table is described where it is defined: `tables`,
 `cloth_tables`, `placement`, `schedule` and `probe_tables`.
 """
 
@@ -214,8 +214,8 @@ def load_scene(
 ) -> Scene:
     """Read and check a scene file.
 
-    Raises `SceneError` for any mistake, with the file, the key, its value, what is allowed, and the
-    nearest valid key or name.
+    Raises `SceneError` for any mistake, with the file, the key, its value, what is allowed,
+    and the nearest valid key or name.
 
     Parameters
     ----------

@@ -103,10 +103,10 @@ class Time(Table):
 class EquilibriumTable(Table):
     """The equilibrium under the loads, which grow to their value in `load_steps` equal steps.
 
-    Frames, tables and restart files are as for a run in time, with the part of the loads, from 0
-    to 1, as t; pins and obstacles that move are where their motion has them at that t. The last row
-    and frame are the equilibrium; the first is the start. Whether it is stable is reported: the
-    least eigenvalue of K on the free directions.
+    Frames, tables and restart files are as for a run in time, with the part of the loads, from
+    0 to 1, as t; pins and obstacles that move are where their motion has them at that t. The
+    last row and frame are the equilibrium; the first is the start. Whether it is stable is
+    reported: the least eigenvalue of K on the free directions.
     """
 
     tolerance: Annotated[float, Field(ge=1e-13, lt=1)] | Literal["auto"] = "auto"
@@ -143,8 +143,8 @@ class EquilibriumTable(Table):
 class Output(Table):
     """Which frames, restart files and rows a run writes.
 
-    With `restart_steps` or `restart_every` there are restart files at the start and the end, too.
-    Where a term or a pin needs Python, each step of an explicit run has a row.
+    With `restart_steps` or `restart_every` there are restart files at the start and the end,
+    too. Where a term or a pin needs Python, each step of an explicit run has a row.
     """
 
     frames: int | None = Field(default=None, ge=1)

@@ -135,9 +135,9 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
 
     The text of the table and the meanings of its keys come from the dataclass's docstring. A
-    field annotated ``object`` holds another term, such as the law of a damping. What no file can
-    hold, such as functions, is removed from the types of fields. `more` has types and defaults in
-    place of a field's own.
+    field annotated ``object`` holds another term, such as the law of a damping. What no file
+    can hold, such as functions, is removed from the types of fields. `more` has types and
+    defaults in place of a field's own.
     """
     text, meanings = parts_of_docstring(cls)
     hints = typing.get_type_hints(cls, include_extras=True)

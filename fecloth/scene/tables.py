@@ -84,8 +84,8 @@ _TERMS: dict[str, Any] = {
 def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
     """Return the tables of the package's terms and the user's own by name, and their union.
 
-    A term may hold another term (the law of a damping), so the tables refer to their union by the
-    name "Term", which is resolved at the end.
+    A term may hold another term (the law of a damping), so the tables refer to their union by
+    the name "Term", which is resolved at the end.
     """
     for name, cls in own.items():
         if name in _TERMS:

@@ -20,8 +20,8 @@ from fecloth.terms.records import shift
 class DerivedLoads:
     """A load step whose derivatives are taken: its increments, with the factor of K at each end.
 
-    Without friction and records of terms the end does not depend on the way there: the whole step
-    is one increment then.
+    Without friction and records of terms the end does not depend on the way there: the whole
+    step is one increment then.
     """
 
     step: Step

@@ -143,10 +143,11 @@ class Balance(Account):
     def noise(self, system: System, ledger: Ledger) -> float:
         """Return the energy [J] that does not matter in a balance.
 
-        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the remainder's
-        difference, and `negligible_energy`; and 1e-3 of the largest kinetic energy: given to one
-        direction, it is 3 % of the speed. Where obstacles lift or push a cloth, it is 1e-3 of
-        their work, too: Newton's tolerance "auto" is a part of their forces.
+        It is what round-off and Newton's tolerance leave, 1e-10 of the amounts in the
+        remainder's difference, and `negligible_energy`; and 1e-3 of the largest kinetic
+        energy: given to one direction, it is 3 % of the speed. Where obstacles lift or push a
+        cloth, it is 1e-3 of their work, too: Newton's tolerance "auto" is a part of their
+        forces.
         """
         amounts = sum(abs(amount) for amount in ledger.amounts())
         unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)

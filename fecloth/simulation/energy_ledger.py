@@ -194,8 +194,8 @@ def _work(term, over, old, step, explicit):
     """Work [J] of a load in a step: its mean force at the stages times `load_displacement`.
 
     A contact says it of itself. The air's, whose force also dissipates, is its power at the
-    stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t + dt,
-    as a mean over both ends of the step.
+    stages. A quadratic energy U(x, t), of a tether, is moved by the change of U from t to t +
+    dt, as a mean over both ends of the step.
     """
     new = step.state
     if over.works_over_step:

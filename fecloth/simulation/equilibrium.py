@@ -91,14 +91,15 @@ def equilibrium(
 ) -> Equilibrium:
     """The equilibrium that Newton's iteration reaches from `state`, at the loads of its time.
 
-    Each iteration solves (K + σ M) s = f with the tangent K = −∂f/∂x of all terms. σ is zero where
-    K is positive definite and its step is an improvement: near the solution the convergence is
-    quadratic. Elsewhere each term's tangent is made positive semi-definite, and σ grows until the
-    step is an improvement (after Nocedal and Wright 2006, Numerical Optimization, algorithm 3.3): a
-    flat cloth without stress has no stiffness across, and σ M stands in for it. The length of a
-    step is chosen by `fecloth.nonlinear.line_search`, with its sources; `nonlinear.iteration` has
-    what helps a wrinkled sheet, the watchdog technique (Chamberlain et al. 1982) and truncated
-    Newton. No node moves by more than the extent of the cloth in one iteration.
+    Each iteration solves (K + σ M) s = f with the tangent K = −∂f/∂x of all terms. σ is zero
+    where K is positive definite and its step is an improvement: near the solution the
+    convergence is quadratic. Elsewhere each term's tangent is made positive semi-definite, and
+    σ grows until the step is an improvement (after Nocedal and Wright 2006, Numerical
+    Optimization, algorithm 3.3): a flat cloth without stress has no stiffness across, and σ M
+    stands in for it. The length of a step is chosen by `fecloth.nonlinear.line_search`, with
+    its sources; `nonlinear.iteration` has what helps a wrinkled sheet, the watchdog technique
+    (Chamberlain et al. 1982) and truncated Newton. No node moves by more than the extent of
+    the cloth in one iteration.
 
     A compressed cloth has many equilibria, and the start decides which one is found; a flat
     start without any load across stays flat. If the last `Iteration` had a shift, the tangent is
@@ -111,27 +112,28 @@ def equilibrium(
     load_steps
         None: the loads act at once, as at the time of `state`, and pins hold their nodes where
         `state` has them, slides their held directions: a start for a run. A number n, as in
-        `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`, `Gas`,
-        `Wind`, `PointForce`, `UserForce` and every term that says `load = True`, are multiplied by
-        λ = 1/n, 2/n, …, 1, each solved from where the line through the last two solutions leads. λ
-        is also the time t at which motions of pins and obstacles are evaluated, so that a specimen
-        is drawn from t = 0 to 1, with n = 1 at once. Where that fails the increment of λ is halved,
-        down to 1/64 of the first; after a solution in at most 8 iterations it doubles again, up to
-        1/n. With friction the result depends on this path, and `reason` says so: in each
-        increment friction acts against the way along the surface since the solution before. Load
-        steps serve loads that turn the cloth far, and give the states between. With
-        `BendingFriction` there are at least 20 steps; for None the time stays as in `state`.
+        `[equilibrium]` of a scene: the forces of the loads, which are `Gravity`, `Pressure`,
+        `Gas`, `Wind`, `PointForce`, `UserForce` and every term that says `load = True`, are
+        multiplied by λ = 1/n, 2/n, …, 1, each solved from where the line through the last two
+        solutions leads. λ is also the time t at which motions of pins and obstacles are
+        evaluated, so that a specimen is drawn from t = 0 to 1, with n = 1 at once. Where that
+        fails the increment of λ is halved, down to 1/64 of the first; after a solution in at
+        most 8 iterations it doubles again, up to 1/n. With friction the result depends on this
+        path, and `reason` says so: in each increment friction acts against the way along the
+        surface since the solution before. Load steps serve loads that turn the cloth far, and
+        give the states between. With `BendingFriction` there are at least 20 steps; for None
+        the time stays as in `state`.
     friction
-        Of `BendingFriction`. "laid": as the loads grow. "shaken": then its moments sink to zero in
-        ten more steps, and the elastic equilibrium is left, beside which a cloth rests that is
-        shaken.
+        Of `BendingFriction`. "laid": as the loads grow. "shaken": then its moments sink to
+        zero in ten more steps, and the elastic equilibrium is left, beside which a cloth rests
+        that is shaken.
     tolerance
         A number: on ‖f‖ of the free directions over Σ ‖f_term‖ of all directions at the same
-        positions; the forces on what the pins hold are the reactions. "auto": the iteration ends
-        where the error left in the positions is below 1e-6 of the largest displacement since the
-        start and the residual below 1e-9, or where both are as small as round-off allows. The
-        error is estimated from the last two corrections, if Newton's steps were whole and shrank.
-        Where the tangent is not definite the residual alone decides.
+        positions; the forces on what the pins hold are the reactions. "auto": the iteration
+        ends where the error left in the positions is below 1e-6 of the largest displacement
+        since the start and the residual below 1e-9, or where both are as small as round-off
+        allows. The error is estimated from the last two corrections, if Newton's steps were
+        whole and shrank. Where the tangent is not definite the residual alone decides.
     max_iterations
         Of each load step, and four times as many with friction; beyond it the step has failed.
     solver
@@ -144,18 +146,18 @@ def equilibrium(
     Equilibrium
         A `State` with v = 0, and the residual, iterations, factorisations, reason, and the
         estimated `solver_error` [m] that is left in x. It has the t of `state`, or t = 1 where
-        load steps have moved pins or obstacles: a run then goes on with their motion at t = 1. An
-        unstable equilibrium has a sentence in `warnings`, as doubts about units, terms and pins
-        have, which `run` has too; each comes as a `FeclothWarning`.
+        load steps have moved pins or obstacles: a run then goes on with their motion at t = 1.
+        An unstable equilibrium has a sentence in `warnings`, as doubts about units, terms and
+        pins have, which `run` has too; each comes as a `FeclothWarning`.
 
     Raises
     ------
     EquilibriumFailed
-        If the tolerance is not met: the cloth moves away as nothing holds it, the iteration ends
-        before (the message says how many triangles are slack, the usual cause), or the round-off
-        of the forces is greater than a number that was given (the message says which tolerance can
-        be met). Its `state` is the best one. A cloth on which no force exceeds its round-off is in
-        equilibrium.
+        If the tolerance is not met: the cloth moves away as nothing holds it, the iteration
+        ends before (the message says how many triangles are slack, the usual cause), or the
+        round-off of the forces is greater than a number that was given (the message says which
+        tolerance can be met). Its `state` is the best one. A cloth on which no force exceeds
+        its round-off is in equilibrium.
 
     Examples
     --------

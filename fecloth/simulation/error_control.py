@@ -47,17 +47,17 @@ class Control:
 class Adaptive(ChosenSteps):
     """A method whose steps are as long as a tolerance on their error allows.
 
-    A step of the method, of order p, errs in x by c dt^(p + 1) x^(p + 1). The derivative is taken
-    from the mean accelerations Δv/dt: the last one itself (p = 1), or the difference of the last
-    two over the time between their middles (p = 2). The error is a length, the mass-weighted root
-    mean square over the nodes, and may be
+    A step of the method, of order p, errs in x by c dt^(p + 1) x^(p + 1). The derivative is
+    taken from the mean accelerations Δv/dt: the last one itself (p = 1), or the difference of
+    the last two over the time between their middles (p = 2). The error is a length, the
+    mass-weighted root mean square over the nodes, and may be
 
         dt (atol + rtol R)
 
-    where R is the same mean of the distance from the cloth's centre: so the error is bounded for
-    each second of motion, and the error at the end is proportional to the tolerance (bounded for
-    each step, it would go with tol^(p/(p + 1))). The next step is, with the error e relative to the
-    allowed one and e₋ the error of the step before,
+    where R is the same mean of the distance from the cloth's centre: so the error is bounded
+    for each second of motion, and the error at the end is proportional to the tolerance
+    (bounded for each step, it would go with tol^(p/(p + 1))). The next step is, with the error
+    e relative to the allowed one and e₋ the error of the step before,
 
         0.9 e^(−0.7/p) e₋^(0.4/p) dt
 
@@ -66,18 +66,18 @@ class Adaptive(ChosenSteps):
     Wanner 1996, Solving Ordinary Differential Equations II, eq. IV.2.43). A step beyond its
     tolerance, or one that Newton cannot solve, is rejected and tried shorter.
 
-    The ends of a step do not show a short motion inside it. A step with little error is therefore
-    sampled, at sixteen times for the motion of pins and at five for loads that depend on time, and
-    rejected if these deviate from the interpolation between its ends. Shorter motions may be
-    missed, and `run` warns of this: bound the steps by `longest`, or make one end there with
-    `stops`.
+    The ends of a step do not show a short motion inside it. A step with little error is
+    therefore sampled, at sixteen times for the motion of pins and at five for loads that
+    depend on time, and rejected if these deviate from the interpolation between its ends.
+    Shorter motions may be missed, and `run` warns of this: bound the steps by `longest`, or
+    make one end there with `stops`.
 
-    Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate includes
-    fast waves in the plane of the cloth: a method that does not damp them, as the midpoint rule on
-    an undamped cloth, then takes many short steps. Take generalised-α, BDF2 or energy–momentum, or
-    damp the cloth. The first step is chosen by the acceleration and its change over a short flight.
-    Raises `InputError` for tolerances below 0 or both 0, for a longest step that is not > 0, and
-    for a method without an estimate.
+    Explicit methods stay below their stability limit, see `StabilityLimited`. The estimate
+    includes fast waves in the plane of the cloth: a method that does not damp them, as the
+    midpoint rule on an undamped cloth, then takes many short steps. Take generalised-α, BDF2
+    or energy–momentum, or damp the cloth. The first step is chosen by the acceleration and its
+    change over a short flight. Raises `InputError` for tolerances below 0 or both 0, for a
+    longest step that is not > 0, and for a method without an estimate.
 
     Parameters
     ----------
@@ -123,7 +123,8 @@ class Adaptive(ChosenSteps):
         """Choose the first step so that its error, estimated by differences, is the allowed one.
 
         They are taken over a short flight with moving pins; the step is at most FAR times that
-        flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I, II.4
+        flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I,
+        II.4
         """
         a = acceleration(system, state)
         rate = self.allowed(system, state)

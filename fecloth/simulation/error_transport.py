@@ -34,9 +34,9 @@ class Transport:
 
         δ' = η + s,    M η' = −K δ − D η + M r
 
-    s and r are what is added in each second. The method is L-stable, of order 2, with two stages
-    (Alexander 1977, Diagonally implicit Runge–Kutta methods for stiff ODEs). A stage solves, with
-    h = γ τ and γ = 1 − 1/√2,
+    s and r are what is added in each second. The method is L-stable, of order 2, with two
+    stages (Alexander 1977, Diagonally implicit Runge–Kutta methods for stiff ODEs). A stage
+    solves, with h = γ τ and γ = 1 − 1/√2,
 
         (M + h D + h² K) η = M b − h K a,    δ = a + h η
 

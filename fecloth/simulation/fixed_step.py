@@ -99,9 +99,9 @@ class GivenMemory:
 class GivenSteps(ChosenSteps):
     """A method with steps of given sizes, as the ``StepInfo.size`` of another run.
 
-    Given the sizes, stops and end of a run of `Adaptive`, it repeats that run bit for bit, if the
-    solver keeps nothing of the attempts that were rejected there (`Newton(reuse=False)` with a
-    direct one).
+    Given the sizes, stops and end of a run of `Adaptive`, it repeats that run bit for bit, if
+    the solver keeps nothing of the attempts that were rejected there (`Newton(reuse=False)`
+    with a direct one).
     """
 
     method: Integrator  # the method that takes them

@@ -24,8 +24,8 @@ ROUND_OFF = 64 * np.finfo(float).eps
 class Growth(Account):
     """Whether the last step had more energy than was available."""
 
-    # One step may: a load switched on transfers momentum before it has done work. `follow` raises
-    # `StepFailed` if two steps in a row do.
+    # One step may: a load switched on transfers momentum before it has done work. `follow`
+    # raises `StepFailed` if two steps in a row do.
 
     name = "growth"
     kinetic: float  # of the deformation after the last step [J]

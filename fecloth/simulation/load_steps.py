@@ -1,7 +1,7 @@
 """Static equilibrium in load steps, as a choice of steps that `march` takes.
 
-The "time" is the part of the loads that acts, from 0 at the start to 1. So frames, tables, restart
-files and probes serve a static scene as they serve a motion.
+The "time" is the part of the loads that acts, from 0 at the start to 1. So frames, tables,
+restart files and probes serve a static scene as they serve a motion.
 """
 
 from collections.abc import Iterator, Sequence
@@ -115,9 +115,9 @@ class LoadSteps(ChosenSteps):
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Energy [J] that the slow motion from one equilibrium to the next takes away.
 
-        The energies and the work in the ledger are for the full loads. The work of moved pins is
-        the mean of their forces at both ends times the way. Of a step that was halved, what terms
-        with a history dissipated before the last part is in it.
+        The energies and the work in the ledger are for the full loads. The work of moved pins
+        is the mean of their forces at both ends times the way. Of a step that was halved, what
+        terms with a history dissipated before the last part is in it.
         """
         start, end = step.around(system)
         before = start.energies(old)

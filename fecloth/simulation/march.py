@@ -106,9 +106,9 @@ def march(
 ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
     """Step from `state` to `t_end` and yield each new state with its `StepInfo`.
 
-    A consumer that does not need each state says by ``send(Wanted(step, t))`` which it needs next;
-    the steps before it are then taken in one compiled call where terms and pins allow it, with the
-    same bits. Steps that end at a stop or at `t_end` are always yielded.
+    A consumer that does not need each state says by ``send(Wanted(step, t))`` which it needs
+    next; the steps before it are then taken in one compiled call where terms and pins allow
+    it, with the same bits. Steps that end at a stop or at `t_end` are always yielded.
 
     Parameters
     ----------
@@ -116,9 +116,10 @@ def march(
         What moves, the integrator, and the start; the pins start from where `state` has them.
     dt
         Step [s]. All steps are dt, except that steps before a stop or `t_end` are shortened to
-        end there. A list or an array has the size of each step; then `t_end` may be left out, and
-        the stops must be ends of steps. None for `Adaptive`, which chooses its steps, and for
-        explicit methods, which then take 0.9 of their largest stable step (`StabilityLimited`).
+        end there. A list or an array has the size of each step; then `t_end` may be left out,
+        and the stops must be ends of steps. None for `Adaptive`, which chooses its steps, and
+        for explicit methods, which then take 0.9 of their largest stable step
+        (`StabilityLimited`).
     t_end, stops
         End time, and times between at which a step must end [s].
     solver
@@ -127,9 +128,9 @@ def march(
     newton
         Options of the nonlinear solve.
     most_stretch
-        A step that leaves a triangle stretched by more has failed, so that a blow-up ends before
-        its numbers overflow. Looked at after each implicit step, each eighth explicit one and, of
-        steps taken in one call, each 64th.
+        A step that leaves a triangle stretched by more has failed, so that a blow-up ends
+        before its numbers overflow. Looked at after each implicit step, each eighth explicit
+        one and, of steps taken in one call, each 64th.
     memory
         `StepInfo.memory` of an earlier march with the same arguments, which goes on from its
         state: bit for bit, if that called `SolverContext.drop` at this step.

@@ -47,11 +47,11 @@ class Trial:
 class Auto(ChosenSteps):
     """`Adaptive` around central differences or generalised-α, whichever is predicted to be faster.
 
-    Both take their first steps at the tolerance; the cost of the run is the cost of a step over its
-    length. An explicit step is never longer than stability allows, an implicit one costs as much
-    as some tens of explicit ones; so the stiff, the finely meshed, the damped and the slow go to
-    the implicit method, and what moves with its own waves to the explicit one
-    (studies/benchmarks/method_choice.py).
+    Both take their first steps at the tolerance; the cost of the run is the cost of a step
+    over its length. An explicit step is never longer than stability allows, an implicit one
+    costs as much as some tens of explicit ones; so the stiff, the finely meshed, the damped
+    and the slow go to the implicit method, and what moves with its own waves to the explicit
+    one (studies/benchmarks/method_choice.py).
 
     With contact it is `Adaptive` around `BDF2`, without a trial.
 

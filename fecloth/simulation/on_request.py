@@ -135,9 +135,9 @@ def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
     """Return the area [m²] of the union of the triangles (m, 3), seen from above.
 
     Lines y = constant, at equal distances, cross the shadow. On each line the intervals of the
-    triangles are exact, and parts that several triangles cover count once. Between the lines it
-    is the midpoint rule: the error is of order 2 in their distance, and below a thousandth of the
-    area also where edges are parallel to the lines.
+    triangles are exact, and parts that several triangles cover count once. Between the lines
+    it is the midpoint rule: the error is of order 2 in their distance, and below a thousandth
+    of the area also where edges are parallel to the lines.
     """
     corners = x[triangles, :2]
     order = np.argsort(corners[:, :, 1], axis=1)[:, :, None]
@@ -167,8 +167,9 @@ def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
 def _bind_folds(cloth: Cloth) -> Measure:
     """Return the measure of the waves of the outer border: the number, from 2, of the largest one.
 
-    It is the largest amplitude of the Fourier series of the height over the angle about the middle
-    of the flat cloth, interpolated at equal angles. 0 if the rim is flat; a single wave is a tilt.
+    It is the largest amplitude of the Fourier series of the height over the angle about the
+    middle of the flat cloth, interpolated at equal angles. 0 if the rim is flat; a single wave
+    is a tilt.
     """
     edges = cloth.edge_sets["boundary"]
     n = len(cloth.X)

@@ -30,8 +30,8 @@ PREFIXES = ("reaction:", "least_distance:", "line_force:", "distance of ")
 def reactions(system: System, old: State, step) -> dict[str, np.ndarray]:
     """Pin group → force (3,) [N] with which it holds the cloth over a step, M Δv/dt − f summed.
 
-    f is the mean force over the step. If the step has its own acceleration `a` and the force that
-    it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
+    f is the mean force over the step. If the step has its own acceleration `a` and the force
+    that it `solved` for, these are used: BDF2's reactions belong to the end of the step. Only
     constrained directions count: a slide has no reaction along its line or plane.
     """
     if not system.constraints.groups:

@@ -96,9 +96,9 @@ def size_of(quantity: Quantity, record: RunRecord) -> float:
 def difference_of(quantity: Quantity, a: RunRecord, b: RunRecord) -> float:
     """Return the size of b − a: |b − a| of numbers, the norm of vectors and fields.
 
-    Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b −
-    a|² dt / T) over the steps of the run with fewer steps; each step counts with its end, because
-    reactions have no value at the start.
+    Of probes it is the size of their displacements. Of paths it is the root mean square √(∫ |b
+    − a|² dt / T) over the steps of the run with fewer steps; each step counts with its end,
+    because reactions have no value at the start.
     """
     if quantity.is_field:
         return _norm(quantity, a, b, 1.0)

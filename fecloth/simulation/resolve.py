@@ -97,6 +97,6 @@ def choose_steps(
 
 
 def method_to_report(steps: protocol.StepChoice | Auto):
-    # It is the method itself where steps are fixed, because dt is reported separately; else it is
-    # the choice of steps.
+    # It is the method itself where steps are fixed, because dt is reported separately; else it
+    # is the choice of steps.
     return steps.method if steps.dt else steps

@@ -195,17 +195,18 @@ def run(
 ) -> Result:
     """March to `t_end` and return the last state with the energy ledger and the probes' paths.
 
-    Arguments as for `march`; `report` is called after every step that has a row. A run of
-    more steps than `rows` has about that many rows, evenly spread, and rows that the error in time
-    needs, where its steps can be fused: `CentralDifference` at a fixed or stable dt, with terms and
-    pins that need no Python. The steps, and the sums in the ledger, are the same as with single
-    steps.
+    Arguments as for `march`; `report` is called after every step that has a row. A run of more
+    steps than `rows` has about that many rows, evenly spread, and rows that the error in time
+    needs, where its steps can be fused: `CentralDifference` at a fixed or stable dt, with
+    terms and pins that need no Python. The steps, and the sums in the ledger, are the same as
+    with single steps.
 
     The run also fails after two rows in a row that deform with more kinetic energy than
-    `most_growth` times what the start, the loads and the pins can have supplied (see `Growth`).
-    The `StepFailed` of a run that fails has its `result` so far, without the accounts of its end.
-    Reasons to doubt the result, such as an error in time above 10 % or an energy balance that does
-    not close, are in its `warnings` and come as a `FeclothWarning` each.
+    `most_growth` times what the start, the loads and the pins can have supplied (see
+    `Growth`). The `StepFailed` of a run that fails has its `result` so far, without the
+    accounts of its end. Reasons to doubt the result, such as an error in time above 10 % or an
+    energy balance that does not close, are in its `warnings` and come as a `FeclothWarning`
+    each.
 
     Examples
     --------

@@ -45,10 +45,10 @@ class LimitMemory:
 class StabilityLimited(ChosenSteps):
     """An explicit method at 0.9 of its largest stable step, by `stability.estimate`.
 
-    The limit is taken at the start or, without loads, at rest, whichever is less. A stretched cloth
-    becomes stiffer, with some materials also a compressed one, and the limit falls. It is computed
-    again if a principal stretch exceeds the earlier ones by 2 %, checked every 4 steps, and
-    otherwise after 500 steps. Then it may also grow, by 5 % at most.
+    The limit is taken at the start or, without loads, at rest, whichever is less. A stretched
+    cloth becomes stiffer, with some materials also a compressed one, and the limit falls. It
+    is computed again if a principal stretch exceeds the earlier ones by 2 %, checked every 4
+    steps, and otherwise after 500 steps. Then it may also grow, by 5 % at most.
 
     Parameters
     ----------
@@ -90,7 +90,8 @@ class StabilityLimited(ChosenSteps):
 
     def _start(self, system: System, state: State) -> LimitMemory:
         """Return the first memory: the lesser limit of the start and of the cloth at rest."""
-        # At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no volume.
+        # At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no
+        # volume.
         dt = self._limit(system, state)
         unloaded = system.with_bound(t for t in system.bound if not t.load)
         with suppress(SolveFailed):

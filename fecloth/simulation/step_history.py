@@ -19,13 +19,14 @@ class StepHistory:
     """The mean accelerations of the last steps, for the tolerance "auto" of Newton's iteration.
 
     A method with the drift (q, κ) moves a mode of frequency ω and amplitude A away from the
-    solution by κ (ω dt)^(q + 1) A in each step (`TimeError`). An error of x and dt v by δ moves it
-    away by up to δ/(ω dt), as a wrong velocity goes on. The errors are equal where δ is
+    solution by κ (ω dt)^(q + 1) A in each step (`TimeError`). An error of x and dt v by δ
+    moves it away by up to δ/(ω dt), as a wrong velocity goes on. The errors are equal where δ
+    is
 
         κ (ω dt)^(q + 2) A,   over all modes   κ dt^(q + 2) |d^(q + 2) x / dt^(q + 2)|
 
-    as a mass-weighted root mean square over the nodes without its rigid part. The derivative is a
-    divided difference of the last q + 1 accelerations of the free directions.
+    as a mass-weighted root mean square over the nodes without its rigid part. The derivative
+    is a divided difference of the last q + 1 accelerations of the free directions.
     """
 
     times: tuple[float, ...] = ()  # of the middle of these steps [s]

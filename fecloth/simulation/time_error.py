@@ -75,12 +75,13 @@ class TimeError(Account):
     rigid motion does not feel forgets errors of the deformation only, with the kinetic energy of
     the deformation. x is seen from pins that move. Jumps of loads are added: see `kick_length`.
 
-    This sum is too large where errors cancel each other, and too small where they grow. Where the
-    method solves systems, `Transport` moves the same error on with the cloth, as a field. It is too
-    small where lost energy changes the mean motion. The geometric mean of both is stated. Below the
-    sum over MISSED the field has missed waves between its samples: the sum is stated. Above GROWN
-    times the sum the errors grow, as in a cloth that buckles: there is no estimate. There is none
-    where a pin jumps, and after impacts where they count: see `find_hits`.
+    This sum is too large where errors cancel each other, and too small where they grow. Where
+    the method solves systems, `Transport` moves the same error on with the cloth, as a field.
+    It is too small where lost energy changes the mean motion. The geometric mean of both is
+    stated. Below the sum over MISSED the field has missed waves between its samples: the sum
+    is stated. Above GROWN times the sum the errors grow, as in a cloth that buckles: there is
+    no estimate. There is none where a pin jumps, and after impacts where they count: see
+    `find_hits`.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
@@ -104,7 +105,8 @@ class TimeError(Account):
     rigid: float = 0.0
     deforming: float = 0.0
     largest: float = 0.0
-    # What jumps of loads have given too much or too little: rms velocity [m/s], and since when [s].
+    # What jumps of loads have given too much or too little: rms velocity [m/s], and since when
+    # [s].
     kick: float = 0.0
     kicked: float = math.inf
     # By `Transport`: the error of the drift and of the jumps, and its largest rms of x [m].
@@ -303,8 +305,8 @@ class TimeError(Account):
     def _kicked(self, run: Run, state: State, sample: Sample) -> "TimeError":
         """Return the estimate with the jumps of loads since the last sample.
 
-        A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in the
-        velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
+        A step ends up to dt beside a jump Δa of the acceleration and errs by up to dt Δa/2 in
+        the velocity, by dt Δa/4 on average. Errors of several jumps add up as random ones.
         """
         last = self.recent[-1]
         if not run.loads or not sample.t > last.t or drift_of(run.method.traits) is None:

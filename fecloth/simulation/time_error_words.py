@@ -15,8 +15,8 @@ def describe_time_error(
     error: float,  # by `TimeError`; NaN for no estimate
     method,  # the method or the choice of its steps
     dt: float,  # the mean size of the steps [s]
-    # Time at which a load first jumps [s]. The jump may fall inside any other step: none longer is
-    # proposed, and a shorter one as for an error of order 1.
+    # Time at which a load first jumps [s]. The jump may fall inside any other step: none
+    # longer is proposed, and a shorter one as for an error of order 1.
     jump: float = math.inf,
     is_cause: bool = False,  # whether most of the error comes from jumps
     unknown: str = "",  # why there is no estimate

@@ -78,8 +78,8 @@ def warn_of_gain(balance: Balance) -> str:
 def warn_of_dissipation(run: Run, balance: Balance, ledger: Ledger) -> str:
     """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
 
-    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth that
-    loads keep in motion loses more than it ever has. A cloth that only flies has none.
+    The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth
+    that loads keep in motion loses more than it ever has. A cloth that only flies has none.
     """
     if ledger.silent or ledger.t <= balance.start:
         return ""

@@ -21,8 +21,8 @@ def deviation_within_step(system: System, old: State, step: Step) -> tuple[float
     """Return the deviations of pin motion [m] and of acceleration by loads [m/s²] within a step.
 
     Pin motion is compared with the cubic through its positions and velocities at both ends.
-    Loads, at the final positions and velocities, are compared with the straight line between both
-    ends. A change shorter than a sixteenth of the step can be missed.
+    Loads, at the final positions and velocities, are compared with the straight line between
+    both ends. A change shorter than a sixteenth of the step can be missed.
     """
     t = old.t
     dt = step.state.t - old.t

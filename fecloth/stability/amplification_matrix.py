@@ -23,14 +23,14 @@ from fecloth.terms import Tether
 def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     """Spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
 
-    Above 1 the motion grows. In the long run, each step multiplies its energy by the square.
-    ω dt > 0 and ζ ≥ 0 are numbers or arrays, which are broadcast; the method is one, its class, or
-    its name.
+    Above 1 the motion grows. In the long run, each step multiplies its energy by the square. ω
+    dt > 0 and ζ ≥ 0 are numbers or arrays, which are broadcast; the method is one, its class,
+    or its name.
 
     A `Tether` with damping draws the nodes of a single triangle to the origin: nine uncoupled
-    oscillators. Each starts from another unit vector of x, dt v and the memory of the method, and
-    the method's own `step` gives the columns of its matrix. The error is about 1e-12, and about
-    1e-6 where two eigenvalues are equal, as at ζ = 1.
+    oscillators. Each starts from another unit vector of x, dt v and the memory of the method,
+    and the method's own `step` gives the columns of its matrix. The error is about 1e-12, and
+    about 1e-6 where two eigenvalues are equal, as at ζ = 1.
     """
     method = resolve_method(method)
     omega_dt = _numbers("omega_dt", omega_dt, 0.0)
@@ -49,8 +49,8 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     """(x, v, memory) after a step of dt = 1 from (x, v, memory) before; one component of each.
 
-    The memory is every array (n, 3) that a step hands on to the next one, in a fixed order; for a
-    method that takes it as a first guess only, its columns are zero.
+    The memory is every array (n, 3) that a step hands on to the next one, in a fixed order;
+    for a method that takes it as a first guess only, its columns are zero.
     """
     system = _oscillators(omega_dt, zeta)
     linear = SuperLU(system.symmetric and method.traits.symmetric)

@@ -53,19 +53,21 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
     state grows at any step. A nonlinear cloth may gain energy nevertheless (as with the midpoint
     rule, the trapezoidal rule and generalised-α), and Newton's iteration may find no solution.
 
-    Forward Euler needs damping in every mode: a taut sheet has transverse modes that strain-rate
-    damping leaves undamped, and its limit is 0, as without any damping. Up to 400 free directions
-    it is the least over all eigenvalues of (λ²M + λD + K) z = 0 of 2 |Re λ|/|λ|², as |1 + dt λ| ≤ 1
-    requires, whether or not K and D have the same modes. With more directions it is a safe dt,
+    Forward Euler needs damping in every mode: a taut sheet has transverse modes that
+    strain-rate damping leaves undamped, and its limit is 0, as without any damping. Up to 400
+    free directions it is the least over all eigenvalues of (λ²M + λD + K) z = 0 of 2 |Re
+    λ|/|λ|², as |1 + dt λ| ≤ 1 requires, whether or not K and D have the same modes. With more
+    directions it is a safe dt,
 
         min(least of d/k, 2/largest d)   over all directions, k, d their Rayleigh quotients,
 
-    which equals the limit if the modes are the same and ζ ≤ 0.7 for all of them, and is at least
-    half of it if they are the same. In both cases damping below 1e-9 of the largest counts as none.
+    which equals the limit if the modes are the same and ζ ≤ 0.7 for all of them, and is at
+    least half of it if they are the same. In both cases damping below 1e-9 of the largest
+    counts as none.
 
-    A cloth that stretches in the run becomes stiffer, and the limit falls: compute it again there
-    (`estimate` does so cheaply). Raises
-    `SolveFailed` if K or D is not finite at the state, or the eigenvalue is not found.
+    A cloth that stretches in the run becomes stiffer, and the limit falls: compute it again
+    there (`estimate` does so cheaply). Raises `SolveFailed` if K or D is not finite at the
+    state, or the eigenvalue is not found.
 
     Parameters
     ----------
@@ -104,10 +106,10 @@ def _as_solve_failed() -> Iterator[None]:
 def element_bound(system: System, method="symplectic_euler") -> float:
     """A step that is stable at rest [s], at most `critical_dt`, by `rate_bounds`.
 
-    It takes one assembly and no eigenvalues. With a lumped mass the step is up to 1.3 times smaller
-    than `critical_dt` (StVK sheets 1.1 times), with a consistent one up to 1.7 times. A stretched
-    cloth is stiffer than at rest, and the step may be unstable: use `critical_dt`, which takes the
-    state. Raises `SolveFailed` if K or D is not finite at rest, as with a gas.
+    It takes one assembly and no eigenvalues. With a lumped mass the step is up to 1.3 times
+    smaller than `critical_dt` (StVK sheets 1.1 times), with a consistent one up to 1.7 times.
+    A stretched cloth is stiffer than at rest, and the step may be unstable: use `critical_dt`,
+    which takes the state. Raises `SolveFailed` if K or D is not finite at rest, as with a gas.
 
     Forward Euler needs a lower bound of the damping, which rows do not give: its step is 0 if
     anything is stiff.
@@ -127,9 +129,10 @@ def element_bound(system: System, method="symplectic_euler") -> float:
 def rate_bounds(system: System) -> tuple[float, float]:
     """Upper bounds of the eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at rest, without pins.
 
-    The largest one is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w > 0
-    (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math. Z.
-    48). A consistent mass is at least a part of its scaled diagonal, which counts in its place.
+    The largest one is at most the largest Σ_j |A_ij| w_j/(m_i w_i) over the rows i, for any w
+    > 0 (Collatz 1942, Einschließungssatz für die charakteristischen Zahlen von Matrizen, Math.
+    Z. 48). A consistent mass is at least a part of its scaled diagonal, which counts in its
+    place.
     """
     part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
     mass = np.repeat(part * system.diagonal_mass, 3)

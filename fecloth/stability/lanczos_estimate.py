@@ -23,16 +23,18 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
     """The dt of `critical_dt` within about `tol`, from a few force evaluations alone [s].
 
     A mode is stable if a dt² k + b dt d < 1, where (a, b) is the limit of the method. So the
-    largest eigenvalue of M^-½ (a dt² K + b dt D) M^-½ must be below 1. Lanczos' method finds it,
-    with all vectors kept orthogonal (Golub and Van Loan 2013, Matrix Computations, section 10.3),
-    from differences of forces, f(x, v) − f(x + a dt² z, v + b dt z) for a small z. So no matrix is
-    assembled, and terms that couple all nodes are included. A Ritz value is at most the eigenvalue,
-    so its residual is added to it. The result is an estimate and no bound: use a fraction of it.
+    largest eigenvalue of M^-½ (a dt² K + b dt D) M^-½ must be below 1. Lanczos' method finds
+    it, with all vectors kept orthogonal (Golub and Van Loan 2013, Matrix Computations, section
+    10.3), from differences of forces, f(x, v) − f(x + a dt² z, v + b dt z) for a small z. So
+    no matrix is assembled, and terms that couple all nodes are included. A Ritz value is at
+    most the eigenvalue, so its residual is added to it. The result is an estimate and no
+    bound: use a fraction of it.
 
-    Every call starts from a random vector: a start from the last eigenvector does not find that
-    another end of the cloth has become the stiffest. dt is infinite where nothing is stiff. Raises
-    `InputError` for a method without ``traits.stability`` = (a, b), a > 0, or a consistent mass,
-    and `SolveFailed` if a force is not finite at the state or close to it, with the term's name.
+    Every call starts from a random vector: a start from the last eigenvector does not find
+    that another end of the cloth has become the stiffest. dt is infinite where nothing is
+    stiff. Raises `InputError` for a method without ``traits.stability`` = (a, b), a > 0, or a
+    consistent mass, and `SolveFailed` if a force is not finite at the state or close to it,
+    with the term's name.
     """
     check_system(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")

@@ -161,12 +161,13 @@ def run_cases(
 ) -> list[dict[str, object]]:
     """Run `function(**settings)` for the settings of each case; rows in the order of the cases.
 
-    A row holds the settings, the returned numbers and strings, `status` and `cause`. The function
-    may also return lists of numbers, for figures; results.csv omits them. The row of a failed case
-    has no results. Each result is written to OUT/cache at once, and is read from there the next
-    time, unless the settings, fecloth, the study's file, its imports or its scenes have changed. If
-    a case reads any other file, put the contents of the file into its settings. Raises `InputError`
-    if the function is not at the top level of a file, or the settings are not JSON-able.
+    A row holds the settings, the returned numbers and strings, `status` and `cause`. The
+    function may also return lists of numbers, for figures; results.csv omits them. The row of
+    a failed case has no results. Each result is written to OUT/cache at once, and is read from
+    there the next time, unless the settings, fecloth, the study's file, its imports or its
+    scenes have changed. If a case reads any other file, put the contents of the file into its
+    settings. Raises `InputError` if the function is not at the top level of a file, or the
+    settings are not JSON-able.
 
     Parameters
     ----------

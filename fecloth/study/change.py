@@ -18,7 +18,8 @@ class Change:
     """What is different in a changed problem."""
 
     name: str = ""  # in words, for messages; "" if these need no words
-    # Values by key: the keys of a scene are written as for --set; a function's are its arguments.
+    # Values by key: the keys of a scene are written as for --set; a function's are its
+    # arguments.
     values: Mapping[str, object] = field(default_factory=dict)
     # What values cannot say, as another term in place of one: returns the tables that it gets,
     # which are a copy, changed.

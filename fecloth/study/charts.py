@@ -62,25 +62,25 @@ def chart(
 ) -> Chart:
     """Run a problem with other methods, elements, models, meshes and steps: errors over seconds.
 
-    The error of a setting is its distance to the limit of this very problem, from `converge` in h
-    and dt; the limit has an uncertainty, below which an error means nothing. The Pareto front
-    holds the settings that no other beats in both error and CPU seconds. These are measured after
-    a warm-up, without compilation; of short runs the fastest of three counts.
+    The error of a setting is its distance to the limit of this very problem, from `converge`
+    in h and dt; the limit has an uncertainty, below which an error means nothing. The Pareto
+    front holds the settings that no other beats in both error and CPU seconds. These are
+    measured after a warm-up, without compilation; of short runs the fastest of three counts.
 
     Each combination runs with h, h/2, … and dt, dt/2, dt/4. Explicit methods take 0.9 of their
-    stable step; methods that choose their steps take three tolerances rtol. A combination that the
-    problem refuses, a run that fails and a case above `time_limit` are rows with that status.
-    Raises `InputError` for an unknown name, a quantity that no run in time has, or a problem
-    without h and dt.
+    stable step; methods that choose their steps take three tolerances rtol. A combination that
+    the problem refuses, a run that fails and a case above `time_limit` are rows with that
+    status. Raises `InputError` for an unknown name, a quantity that no run in time has, or a
+    problem without h and dt.
 
     Parameters
     ----------
     problem, quantity
         As for `of` and `converge`.
     methods, elements, models
-        Names as in a scene, such as "bdf2", "P2", "NeoHookean"; by default the scene's own with
-        the usual others, P1 and P2, and its own model. Of a function's problem they are values of
-        its arguments `method`, `element` and `model`.
+        Names as in a scene, such as "bdf2", "P2", "NeoHookean"; by default the scene's own
+        with the usual others, P1 and P2, and its own model. Of a function's problem they are
+        values of its arguments `method`, `element` and `model`.
     meshes
         Number of meshes: h, h/2, …
     levels

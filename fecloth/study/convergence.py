@@ -150,9 +150,9 @@ def judge(
 ) -> tuple[bool, str]:
     """Return whether values converge, and a sentence that says so and why not.
 
-    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ by
-    a small part of the `size` of the quantity, without an order, that part is what is known.
-    `doubt` is the warning of the finest run by which its values are no evidence.
+    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ
+    by a small part of the `size` of the quantity, without an order, that part is what is
+    known. `doubt` is the warning of the finest run by which its values are no evidence.
     """
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"

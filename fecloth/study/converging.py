@@ -37,12 +37,13 @@ def converge(
     """Refine a problem level by level; return the quantity with its uncertainty and a verdict.
 
     The first level has the problem's own h and dt; each further one divides what is refined by
-    `ratio`. The uncertainty belongs to the finest level, see `fecloth.study.uncertainty`; to it are
-    added the errors that the levels do not show: of the time step, or of the mesh, of the solver's
-    tolerance, and of the gaps of contact, each from one more run of the first level, times 3 as for
-    two levels (Roache 1994). Fields and paths are judged by the differences between levels. Raises
-    `InputError` for a problem that cannot be refined so, an unknown quantity, or too long a time;
-    with `grade` for meshes that cannot be graded, or without an estimate of the error in space.
+    `ratio`. The uncertainty belongs to the finest level, see `fecloth.study.uncertainty`; to
+    it are added the errors that the levels do not show: of the time step, or of the mesh, of
+    the solver's tolerance, and of the gaps of contact, each from one more run of the first
+    level, times 3 as for two levels (Roache 1994). Fields and paths are judged by the
+    differences between levels. Raises `InputError` for a problem that cannot be refined so, an
+    unknown quantity, or too long a time; with `grade` for meshes that cannot be graded, or
+    without an estimate of the error in space.
 
     Parameters
     ----------
@@ -52,17 +53,17 @@ def converge(
         A text as in [interest] (see the page of scenes) or a function of the result of `fc.run`,
         by default the first of [interest], the path of the first probe, or the displacement.
     refine
-        "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the orders p
-        and q.
+        "h", "dt", or "both" in the ratio that balances their errors, dt ∝ h^(p/q) for the
+        orders p and q.
     levels, ratio
-        Their number, and h or dt of a level over h or dt of the next level: by default 2, for h of
-        unstructured meshes √2.
+        Their number, and h or dt of a level over h or dt of the next level: by default 2, for
+        h of unstructured meshes √2.
     grade
         Whether to run the levels again on meshes graded towards corners and pins, as
-        `choose_gradings` finds them from the error in space of the first level. Then the result is
-        the result on the graded meshes; the table has both, and the verdict says what the grading
-        saves. A function takes the gradings as its argument `grading`, for the constructor of
-        `Cloth`.
+        `choose_gradings` finds them from the error in space of the first level. Then the
+        result is the result on the graded meshes; the table has both, and the verdict says
+        what the grading saves. A function takes the gradings as its argument `grading`, for
+        the constructor of `Cloth`.
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 Figure: TypeAlias = "matplotlib.figure.Figure"  # imported when a figure is drawn: it takes 0.5 s
 
-# Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which is
-# too light for a line on white.
+# Okabe and Ito (2008): colours that colour-blind readers can tell apart, without yellow, which
+# is too light for a line on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")

@@ -51,16 +51,17 @@ def choose_gradings(
 ) -> tuple[Grading, ...]:
     """Return the gradings of a cloth with which the fewest triangles have the same error.
 
-    The energy of the error of a triangle, e_t of `space_error`, goes like its size to the power
-    2p; p is the order of stress. With sizes c h s, N ∝ c⁻² Σ A_t/s_t² triangles have the error
-    E ∝ c^2p Σ e_t s_t^2p. So N E^(1/p) does not depend on c; it is least where all triangles have
-    the same error. Greedily the place, the distance and the power of `Grading` are added that
-    reduce it most: first corners of the border and the ends of pins on it, then pinned curves.
-    A node that is pinned alone is no such place: a membrane has no finite stiffness there, and
-    with smaller triangles it only gives way further.
+    The energy of the error of a triangle, e_t of `space_error`, goes like its size to the
+    power 2p; p is the order of stress. With sizes c h s, N ∝ c⁻² Σ A_t/s_t² triangles have the
+    error E ∝ c^2p Σ e_t s_t^2p. So N E^(1/p) does not depend on c; it is least where all
+    triangles have the same error. Greedily the place, the distance and the power of `Grading`
+    are added that reduce it most: first corners of the border and the ends of pins on it, then
+    pinned curves. A node that is pinned alone is no such place: a membrane has no finite
+    stiffness there, and with smaller triangles it only gives way further.
 
-    `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings. If
-    all gradings together save less than the share `least_saved` of the triangles, there are none.
+    `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings.
+    If all gradings together save less than the share `least_saved` of the triangles, there are
+    none.
     """
     error = space_error(setup.system, state)
     cloth = setup.cloth

@@ -44,8 +44,8 @@ def measure_problem(
 def measure(
     setup: Setup,
     recorded: Sequence[str],  # columns, or names of vectors, that are returned over the whole run
-    # Number of natural frequencies about the start, or about the equilibrium; then a setup in time
-    # is not run.
+    # Number of natural frequencies about the start, or about the equilibrium; then a setup in
+    # time is not run.
     modes: int = 0,
     function: Callable[[Any], float] | None = None,  # a user's function of the result
     # Whether the CPU seconds will be compared: first a few steps warm up, and a short run is

@@ -112,21 +112,21 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
 
         K u = ω² M u,   f = ω / 2π
 
-    K = −∂f/∂x is the sum of all terms' exact tangents at the positions and the time of `state`, for
-    v = 0, with tangents of low rank that couple all nodes (`Gas`). M is the mass of the system,
-    lumped or consistent, and u is in the directions that pins and slides allow. Damping does not
-    count. About a state that is no equilibrium the modes belong to the motion relative to the
-    motion that begins there; find the equilibrium first.
+    K = −∂f/∂x is the sum of all terms' exact tangents at the positions and the time of
+    `state`, for v = 0, with tangents of low rank that couple all nodes (`Gas`). M is the mass
+    of the system, lumped or consistent, and u is in the directions that pins and slides allow.
+    Damping does not count. About a state that is no equilibrium the modes belong to the motion
+    relative to the motion that begins there; find the equilibrium first.
 
-    With the consistent mass frequencies converge from above: with h² on P1 and h⁴ on P2, of plates
-    (`PlateBending`) with h² on both. One vector of a set with equal frequencies is as good as
-    another.
+    With the consistent mass frequencies converge from above: with h² on P1 and h⁴ on P2, of
+    plates (`PlateBending`) with h² on both. One vector of a set with equal frequencies is as
+    good as another.
 
     A tangent that is not symmetric, of `Pressure`, `Drag`, `Wind` or `UserForce` with
     ``tangent = "exact"``, counts with its symmetric part, with a warning: flutter is not found.
 
-    Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method; the iteration is
-    ARPACK's (Lehoucq, Sorensen and Yang 1998), by SciPy's `eigsh`.
+    Source: Ericsson and Ruhe (1980), The spectral transformation Lanczos method; the iteration
+    is ARPACK's (Lehoucq, Sorensen and Yang 1998), by SciPy's `eigsh`.
 
     Parameters
     ----------

@@ -43,14 +43,15 @@ class Opened:
     ) -> Self:
         """Open a problem for studies: each study is a method of what this returns.
 
-        The functions of the same names, as `fecloth.study.converge`, take these arguments, too, and
-        open the problem for one study.
+        The functions of the same names, as `fecloth.study.converge`, take these arguments,
+        too, and open the problem for one study.
 
         Parameters
         ----------
         problem
-            A scene, its path, or a function of h and dt (either may be missing) and of `settings`
-            that returns cloth, system, method and start. For `compare` also a list of several.
+            A scene, its path, or a function of h and dt (either may be missing) and of
+            `settings` that returns cloth, system, method and start. For `compare` also a list
+            of several.
         h, dt, t_end, probes
             Of a function's problem: first edge length [m], step [s], end [s] (without it the
             equilibrium is the result) and probes.

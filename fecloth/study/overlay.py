@@ -60,11 +60,11 @@ def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path)
     """Write the frames of run A with the positions of run B and the difference, for ParaView.
 
     The folders are of two runs of one piece of cloth, whose meshes may differ: a position is
-    interpolated linearly at the material point. `output` is folder and name of the new series, as
-    "out/springs/overlay". Returns the .pvd file. Its frames are the frames of A whose time B has,
-    too, with `displacement`, `velocity`, `reference`, `other` = x_B(X) and `difference` = x_B(X) −
-    x_A(X). Raises `InputError` if a folder has no frames, or the runs have no time in common, and
-    `MeshError` if a node of A does not lie on the cloth of B.
+    interpolated linearly at the material point. `output` is folder and name of the new series,
+    as "out/springs/overlay". Returns the .pvd file. Its frames are the frames of A whose time
+    B has, too, with `displacement`, `velocity`, `reference`, `other` = x_B(X) and `difference`
+    = x_B(X) − x_A(X). Raises `InputError` if a folder has no frames, or the runs have no time
+    in common, and `MeshError` if a node of A does not lie on the cloth of B.
     """
     a, b = Series.open(folder_a), Series.open(folder_b)
     same = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)

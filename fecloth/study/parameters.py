@@ -39,8 +39,8 @@ class Parameter:
 
     name: str
     value: float
-    # The unit of its changes: |value|, or the scale that was given. A change of p by 1 is a change
-    # of the value by the width.
+    # The unit of its changes: |value|, or the scale that was given. A change of p by 1 is a
+    # change of the value by the width.
     width: float
 
     def at(self, change: float) -> float:
@@ -141,7 +141,8 @@ def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
 
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
     """The setup of the problem with other values, on nodes that belong to those of `base`."""
-    # It raises `InputError` if the values are refused, or change the triangles or the held nodes.
+    # It raises `InputError` if the values are refused, or change the triangles or the held
+    # nodes.
     try:
         changed = problem.changed(Change(values=grouped(problem, values)))
         setup = changed.setup(base.cloth)

@@ -97,9 +97,10 @@ def quantities_of(probes: Sequence[str], static: bool) -> tuple[Quantity, ...]:
 def space_order(quantity: Quantity, setup: Setup) -> float:
     """Return the theoretical order in h, for a smooth solution.
 
-    For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2, and 4
-    of energies, frequencies, areas, volumes and reactions. With bending or a round border of
-    straight edges it is at most 2. `find_obstacles` says where point values have order 2 only.
+    For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2,
+    and 4 of energies, frequencies, areas, volumes and reactions. With bending or a round
+    border of straight edges it is at most 2. `find_obstacles` says where point values have
+    order 2 only.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":
@@ -139,7 +140,8 @@ FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
 
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
     """Return a sentence for each feature of a system that limits or prevents convergence in h."""
-    # `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the end.
+    # `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the
+    # end.
     system = setup.system
     remarks = []
     for name, (_, nodes) in system.constraints.groups.items():

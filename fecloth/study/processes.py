@@ -17,9 +17,9 @@ from fecloth.study import status, threads
 from fecloth.study.command import require_packages
 from fecloth.study.fingerprint import load_function, source_hash
 
-# The system ends a late process after this many times its CPU time: a case that looks at its limit
-# by itself comes before it. A process that hangs is stopped after this many times its limit by the
-# clock, and at least so many seconds [s].
+# The system ends a late process after this many times its CPU time: a case that looks at its
+# limit by itself comes before it. A process that hangs is stopped after this many times its
+# limit by the clock, and at least so many seconds [s].
 LATER = 1.2
 HANGING = 30.0
 LEAST_HANGING = 60.0
@@ -108,8 +108,8 @@ PATIENCE = 10.0  # s to reach the scheduler and its first worker
 def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
     """Yield (case, result) as the cases finish on a Dask cluster.
 
-    The workers need fecloth installed, and the file of the study under the same path; they import
-    the study's function from that file.
+    The workers need fecloth installed, and the file of the study under the same path; they
+    import the study's function from that file.
     """
     require_packages("distributed")
     from distributed import as_completed

@@ -48,23 +48,24 @@ def sensitivity(
 
     whose right side is a central difference of R at the solved q, and which the factor or the
     preconditioner of the step solves. An equilibrium is one such step, an explicit step has no
-    equation. So a parameter costs a part of a run, and no rounding of two runs that differ little.
+    equation. So a parameter costs a part of a run, and no rounding of two runs that differ
+    little.
 
-    A pair of twin runs, with all parameters changed by 0.03 % at once, each in the direction that
-    increases the first quantity, checks every answer: `checked` is its distance from the sum of
-    the derivatives. So it tells little of parameters that count much less than others. Above 1 % a
-    second pair follows, changed by 0.001 %, and then the answer is "no derivative here": folds that
-    change, contacts that begin, friction between stick and slip have none.
+    A pair of twin runs, with all parameters changed by 0.03 % at once, each in the direction
+    that increases the first quantity, checks every answer: `checked` is its distance from the
+    sum of the derivatives. So it tells little of parameters that count much less than others.
+    Above 1 % a second pair follows, changed by 0.001 %, and then the answer is "no derivative
+    here": folds that change, contacts that begin, friction between stick and slip have none.
 
     Parameters
     ----------
     problem
         As for `fecloth.study.of`.
     parameters
-        Names: keys of a scene, as "fabric.bending_rigidity" or "terms.1.time", with numbers (from
-        0) for single items of lists; arguments of a function, or {"B": 1e-5}, which gives them
-        values. By default all numbers of [fabric] and the terms, or all arguments of a function
-        but h and dt, that are not 0.
+        Names: keys of a scene, as "fabric.bending_rigidity" or "terms.1.time", with numbers
+        (from 0) for single items of lists; arguments of a function, or {"B": 1e-5}, which
+        gives them values. By default all numbers of [fabric] and the terms, or all arguments
+        of a function but h and dt, that are not 0.
     quantity
         One, or a list; by default the first of [interest], or the first of the problem.
     scale

@@ -103,9 +103,9 @@ def stability(
 
     System, start and time come from the problem; its own method and step are not used. Each
     method takes its defaults. Implicit ones take 8, 16, … 256 steps; explicit ones six steps
-    within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. A measured limit is
-    a range: 12 % wide where the prediction is right and the run has 100 steps (shorter ones show
-    growth less), else a factor of two at most.
+    within 2.8 and 0.35 times their predicted limit, `critical_dt` at the start. A measured
+    limit is a range: 12 % wide where the prediction is right and the run has 100 steps
+    (shorter ones show growth less), else a factor of two at most.
 
     A run is "ok"; "failed" if a step failed, with the cause; or "wrong": it reached the end, but
     made more than 5 % of the energy that moved, or warned, as of a large error in time. Raises

@@ -91,7 +91,8 @@ def sweep(
     over
         Values of one or more keys: texts such as "fabric.bending_rigidity=1e-6:1e-4:log:9",
         "…:lin:5" or "time.method=bdf2,newmark", or a mapping of keys to values. The keys of a
-        scene are written as for ``--set``; the keys of a function are its arguments, with h and dt.
+        scene are written as for ``--set``; the keys of a function are its arguments, with h
+        and dt.
     quantity
         One or more; by default all of [interest], or of all probes, or the displacement.
     shared

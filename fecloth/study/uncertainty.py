@@ -3,21 +3,22 @@
 With φ_i = φ₀ + α h_i^p on sizes h₁ < h₂ < …, φ₀ the limit and p the observed order:
 
 * Three levels: the grid convergence index (Roache 1994, J. Fluids Eng. 116, 405–413), with p of
-  meshes with any ratios (Celik et al. 2008, J. Fluids Eng. 130, 078001), U = F |φ₁ − φ₀|. F = 1.25
-  where p lies between 0.5 and the theoretical order P. Otherwise, if p > 0, the theoretical order
-  and F = 3 are taken.
+  meshes with any ratios (Celik et al. 2008, J. Fluids Eng. 130, 078001), U = F |φ₁ − φ₀|. F =
+  1.25 where p lies between 0.5 and the theoretical order P. Otherwise, if p > 0, the
+  theoretical order and F = 3 are taken.
 * From four levels on: least squares (Eça and Hoekstra 2014, J. Comput. Phys. 262, 104–130). Of
-  the fits with p free, with equal weights and with weights ∝ 1/h, the fit with the smaller standard
-  deviation σ counts; where p is unreasonable, the best of fits with fixed powers. With the data
-  range Δ = (max φ − min φ)/(n − 1) and F = 1.25 (3 where p is unreasonable)
+  the fits with p free, with equal weights and with weights ∝ 1/h, the fit with the smaller
+  standard deviation σ counts; where p is unreasonable, the best of fits with fixed powers.
+  With the data range Δ = (max φ − min φ)/(n − 1) and F = 1.25 (3 where p is unreasonable)
 
       U = F |φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|                      if σ < Δ
       U = 3 σ/Δ (|φ_fit(h₁) − φ₀| + σ + |φ₁ − φ_fit(h₁)|)                otherwise.
 
-Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They were
-fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid convergence index
-of the two finest levels with P, F = 3 and the scatter of the free fit is taken if it is smaller:
-this is not in the papers. Values that oscillate or diverge get at least three times their range.
+Both are stated for order 2; here P takes its place, and the fixed powers are P − 1 and P. They
+were fitted to all levels; where p > P the coarse ones spoil such a fit, and the grid
+convergence index of the two finest levels with P, F = 3 and the scatter of the free fit is
+taken if it is smaller: this is not in the papers. Values that oscillate or diverge get at
+least three times their range.
 """
 
 import math

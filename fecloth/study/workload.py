@@ -10,8 +10,9 @@ from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.dimensionless import wave_speed
 
-# CPU seconds per triangle, and the stable step of central differences over h / wave speed, of StVK
-# and hinges; and CPU seconds of a step on any mesh, with plates, damping, energies and a probe.
+# CPU seconds per triangle, and the stable step of central differences over h / wave speed, of
+# StVK and hinges; and CPU seconds of a step on any mesh, with plates, damping, energies and a
+# probe.
 IMPLICIT_STEP = 1e-5
 EXPLICIT_STEP = 2e-7
 BINDING = 3e-5

@@ -15,9 +15,10 @@ FARTHEST = 4.0  # times the longest way of a held node: the longest of any other
 def carry(system: System, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Positions (n, 3) [m] with held nodes at the `target` (n, 3), and the others carried along.
 
-    In each piece they follow the rigid motion that fits the held nodes best, and then the affine
-    motion that fits what is left: pins that are drawn apart stretch a cloth alike, pins that move
-    alike take it along. Where that leads far, as with a short edge that turns, the mean counts.
+    In each piece they follow the rigid motion that fits the held nodes best, and then the
+    affine motion that fits what is left: pins that are drawn apart stretch a cloth alike, pins
+    that move alike take it along. Where that leads far, as with a short edge that turns, the
+    mean counts.
     """
     y = x.copy()
     for piece in system.movable_pieces:

@@ -140,8 +140,8 @@ class Constraints:
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Prescribed position and velocity (n, 3) at t + dt of nodes that are at x at time t.
 
-        They are meaningful in the constrained directions only. If no pin moves, the position is x
-        itself, not a copy.
+        They are meaningful in the constrained directions only. If no pin moves, the position
+        is x itself, not a copy.
         """
         v = np.zeros_like(x)
         if self._moved:

@@ -15,17 +15,18 @@ TURNS = 4  # how often the direction of the push is taken anew
 def lay_down(system: System, state: State) -> State:
     """The state at rest, each free piece moved as a whole to where its contact carries its load.
 
-    A piece goes along its load f, as `Gravity`, until it comes nearer than the gap of an obstacle,
-    a mesh or another piece. Then it moves along the direction n of the push p of all contact until
+    A piece goes along its load f, as `Gravity`, until it comes nearer than the gap of an
+    obstacle, a mesh or another piece. Then it moves along the direction n of the push p of all
+    contact until
 
         n · (Σ p + Σ f) = 0
 
-    over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s of
-    the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece, a run
-    from there neither hops nor falls. Moments are not balanced here: a piece that tilts, hangs over
-    or bends as it is laid down, and a held piece, find their rest by `equilibrium`. Raises
-    `InputError` if no piece is free, if no load acts on one, or if nothing lies in the direction of
-    a load.
+    over its nodes: on a plane of the slope φ, of a cloth of areal density ρ, at the distance s
+    of the gap with the pressure κ p(s) = ρ g cos φ. On a plane that is parallel to the piece,
+    a run from there neither hops nor falls. Moments are not balanced here: a piece that tilts,
+    hangs over or bends as it is laid down, and a held piece, find their rest by `equilibrium`.
+    Raises `InputError` if no piece is free, if no load acts on one, or if nothing lies in the
+    direction of a load.
 
     Parameters
     ----------

@@ -71,8 +71,8 @@ def movable_pieces(
 ) -> tuple[Piece, ...]:
     """Return the pieces that are free, held by pins that move, or free to slide as a whole.
 
-    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs between
-    two triangles.
+    Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs
+    between two triangles.
     """
     count, label = _connect(len(cloth.X), [cloth.stencil, *stencils])
     moved = np.zeros(len(label), bool)

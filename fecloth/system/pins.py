@@ -93,36 +93,37 @@ def _refused(parts: object, name: str) -> InputError:
 class Pin:
     """x(t) = x(t₀) + motion(t) − motion(t₀): nodes that stay where the run starts, or are moved.
 
-    With `rotate` they turn about an axis, which the motion carries along: with p the point of the
-    axis, u the motion and R the rotation, x(t) = p + u(t) + R(t) R(t₀)ᵀ (x(t₀) − p − u(t₀)).
+    With `rotate` they turn about an axis, which the motion carries along: with p the point of
+    the axis, u the motion and R the rotation, x(t) = p + u(t) + R(t) R(t₀)ᵀ (x(t₀) − p −
+    u(t₀)).
 
-    Source: the filter of Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 5, in
-    the form P A P + (I − P) with the projector P onto a node's free directions (Ascher and
+    Source: the filter of Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 5,
+    in the form P A P + (I − P) with the projector P onto a node's free directions (Ascher and
     Boxerman 2003, On the modified conjugate gradient method in cloth simulation).
 
     Valid at any deformation, for a rigid support. A single pinned node is a softer support the
-    finer the mesh is, as `PointForce` explains: pin edges. Steps must be short enough to sample a
-    motion; a run with fixed steps warns of one that mostly acts between them.
+    finer the mesh is, as `PointForce` explains: pin edges. Steps must be short enough to
+    sample a motion; a run with fixed steps warns of one that mostly acts between them.
 
     Parameters
     ----------
     where
         A node set's name, node indices, or a predicate on X.
     motion
-        Displacement [m] as three formulas of t [s], X and Y [m], such as
-        ``("0", "0", "0.1*sin(2*pi*t)")``, or as a function of time, ``motion(t) -> (3,)`` for all
-        nodes or ``(k, 3)`` in the order of ``cloth.nodes(where)``. Only its changes count:
-        x(t) = x(t₀) + motion(t) − motion(t₀). None: fixed.
+        Displacement [m] as three formulas of t [s], X and Y [m], such as ``("0", "0",
+        "0.1*sin(2*pi*t)")``, or as a function of time, ``motion(t) -> (3,)`` for all nodes or
+        ``(k, 3)`` in the order of ``cloth.nodes(where)``. Only its changes count: x(t) = x(t₀)
+        + motion(t) − motion(t₀). None: fixed.
     velocity
-        Time derivative of the motion [m/s], as formulas or a function; if None, the derivative of a
-        function is a central difference over 2e-5 s, one-sided where it would need a time before
-        the start of the step. The derivative of formulas is exact.
+        Time derivative of the motion [m/s], as formulas or a function; if None, the derivative
+        of a function is a central difference over 2e-5 s, one-sided where it would need a time
+        before the start of the step. The derivative of formulas is exact.
     name
         Name of the group in reactions; if None, the set's name.
     clamp
-        Whether to hold also the normal of the cloth, as it is where the run starts, along the edges
-        of the boundary whose nodes are all pinned. Without it they are free to turn, as on a hinge.
-        A clamp needs a bending term that can hold a normal: `PlateBending`.
+        Whether to hold also the normal of the cloth, as it is where the run starts, along the
+        edges of the boundary whose nodes are all pinned. Without it they are free to turn, as
+        on a hinge. A clamp needs a bending term that can hold a normal: `PlateBending`.
     rotate
         `Rotation` that turns the nodes, and the normals of a clamp.
 
@@ -240,8 +241,8 @@ class Pin:
 class Slide(Pin):
     """Nodes that slide without friction along a line or in a plane, from where the run starts.
 
-    The free directions of each node are the image of a projector P; the reaction lies in the image
-    of I − P:
+    The free directions of each node are the image of a projector P; the reaction lies in the
+    image of I − P:
 
         P = d dᵀ             along the line of direction d     (rank 1)
         P = I − n nᵀ         in the plane of normal n          (rank 2)

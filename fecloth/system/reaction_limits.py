@@ -15,10 +15,10 @@ from fecloth.system.constraints import Constraints
 class ReactionLimits:
     """Limits for the nodes of triangles that the pins hold whole.
 
-    Such triangles push on each other as hard as their stiffness and strain have it. A steel grip
-    that is held at a strain of 1 % would hide every force of the cloth in it. What the cloth can do
-    to a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a distance l_ij: its
-    stiffness at rest times a strain of 1.
+    Such triangles push on each other as hard as their stiffness and strain have it. A steel
+    grip that is held at a strain of 1 % would hide every force of the cloth in it. What the
+    cloth can do to a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a
+    distance l_ij: its stiffness at rest times a strain of 1.
     """
 
     nodes: np.ndarray  # (k,) nodes of triangles held whole; none in most systems

@@ -62,15 +62,16 @@ def name_space_error(relative: float, reason: str = "") -> str:
 def space_error(system: System, state: State) -> SpaceError:
     """Estimate the error in space of a state: how far stress and moment are from smooth ones.
 
-    The exact strain E and curvature κ are nearly smooth; the mesh's E and κ jump between triangles.
-    Smooth ones E*, κ* are recovered from them (`fecloth.mesh.recovery`), apart on each side of a
-    seam between two fabrics. In the norm of the energy
+    The exact strain E and curvature κ are nearly smooth; the mesh's E and κ jump between
+    triangles. Smooth ones E*, κ* are recovered from them (`fecloth.mesh.recovery`), apart on
+    each side of a seam between two fabrics. In the norm of the energy
 
         ‖e‖² = ∫ ½ (E* − E):ℂ:(E* − E) + ½ (κ* − κ):D:(κ* − κ) dA
 
-    estimates the error, with the same formula for the exact E and κ; ℂ are the moduli at the state.
-    The relative error is ‖e‖ over the root of the energy of the membranes and plates. It falls with
-    h on P1 and for plates, with h² for P2 membranes; errors of positions with its square.
+    estimates the error, with the same formula for the exact E and κ; ℂ are the moduli at the
+    state. The relative error is ‖e‖ over the root of the energy of the membranes and plates.
+    It falls with h on P1 and for plates, with h² for P2 membranes; errors of positions with
+    its square.
 
     Of the exact error it is between 0.6 and 1.2 (`studies/convergence/space_error.md`).
 
@@ -80,9 +81,9 @@ def space_error(system: System, state: State) -> SpaceError:
     open, for a cloth without strain, where it folds at the size of its triangles
     (`fecloth.system.space_error`), and above 50 %.
 
-    It does not see what is smooth and wrong: a wrong equilibrium, errors that grew during a motion,
-    the polygon of a curved border, or, where stress and moment are nearly constant, errors below a
-    few per cent. In a motion it is the error of the present stress.
+    It does not see what is smooth and wrong: a wrong equilibrium, errors that grew during a
+    motion, the polygon of a curved border, or, where stress and moment are nearly constant,
+    errors below a few per cent. In a motion it is the error of the present stress.
 
     Source: Zienkiewicz and Zhu (1987), A simple error estimator and adaptive procedure for
     practical engineering analysis, for stress; here for stress and moment together.
@@ -146,10 +147,10 @@ def folds_at_mesh_size(cloth: Cloth, x: np.ndarray) -> bool:
 def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     """Share of the hinge angles (h,) that a constant curvature around each node does not explain.
 
-    At a node, κ minimises Σ (θ − Λ κ)² over the hinges of its triangles, with the angles Λ κ of a
-    flat sheet that is bent to κ. The share is the root of these sums over the root of Σ θ², both
-    over all nodes: 0 for a constant curvature, of the order of h where it is smooth, near 1 for
-    folds as fine as the triangles.
+    At a node, κ minimises Σ (θ − Λ κ)² over the hinges of its triangles, with the angles Λ κ
+    of a flat sheet that is bent to κ. The share is the root of these sums over the root of Σ
+    θ², both over all nodes: 0 for a constant curvature, of the order of h where it is smooth,
+    near 1 for folds as fine as the triangles.
     """
     edges = cloth.edge_slopes.edges
     hinges = edges.hinges

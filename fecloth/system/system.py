@@ -57,8 +57,8 @@ class System(Arguments):
     """The force balance M a = f(x, v, t) of one cloth.
 
     Raises `InputError` for a `start` of another cloth, a clamped pin without a term that holds
-    normals, a term that cannot be bound or does not know the cloth's element, or a pin that names
-    no node.
+    normals, a term that cannot be bound or does not know the cloth's element, or a pin that
+    names no node.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class System(Arguments):
     grain
         Angle of the warp from the X axis [rad], for all or by region.
     start
-        State at which the run starts; clamped pins hold its normals, and a ``rest="start"`` means
-        its angles. Default: `rest`.
+        State at which the run starts; clamped pins hold its normals, and a ``rest="start"``
+        means its angles. Default: `rest`.
     threads
-        Threads that share the loops of forces, tangents, solvers and explicit steps: a number, or
-        "auto", the default, for all cores wherever they are faster than one. The results are the
-        same to the last bit.
+        Threads that share the loops of forces, tangents, solvers and explicit steps: a number,
+        or "auto", the default, for all cores wherever they are faster than one. The results
+        are the same to the last bit.
 
     Examples
     --------
@@ -293,8 +293,8 @@ class System(Arguments):
     def commit(self, state: State, history: History | None) -> History | None:
         """The records at the end of a step, of the system over that step.
 
-        `history` are the records at its begin. Raises `InputError` for a term that had a record and
-        gives none.
+        `history` are the records at its begin. Raises `InputError` for a term that had a
+        record and gives none.
         """
         if history is None:
             return None

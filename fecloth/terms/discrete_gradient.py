@@ -4,25 +4,26 @@ From positions x₀ to x₁ = 2x − x₀, with d = x₁ − x₀ and a force f 
 
     f̄ = f − (N / u·d) u,   N = U(x₁) − U(x₀) + f · d
 
-has the work f̄ · d = U(x₀) − U(x₁), whatever the step and the direction u. For f = −∂U/∂x and u = d
-this is the discrete gradient of Gonzalez (1996), Time Integration and Discrete Hamiltonian Systems,
-J. Nonlinear Sci. 6, taken for the cloth as a whole: N is one number, not one of each element. N is
-of third order in d, so f̄ − f of second, and the step keeps its order.
+has the work f̄ · d = U(x₀) − U(x₁), whatever the step and the direction u. For f = −∂U/∂x and
+u = d this is the discrete gradient of Gonzalez (1996), Time Integration and Discrete
+Hamiltonian Systems, J. Nonlinear Sci. 6, taken for the cloth as a whole: N is one number, not
+one of each element. N is of third order in d, so f̄ − f of second, and the step keeps its
+order.
 
-u is d times the mass, like a change of momentum. Where no rigid motion changes U, it is without the
-rigid part of d,
+u is d times the mass, like a change of momentum. Where no rigid motion changes U, it is
+without the rigid part of d,
 
     u_a = m_a (d_a − d̄ − ω × p_a),   p_a = x_a − x̄,   Θω = Σ m p × d,   Θ = Σ m (|p|² I − p pᵀ)
 
-with the means d̄ and x̄ by mass. Then neither f nor u has a resultant or a moment about x, and the
-step keeps linear and angular momentum. Other terms, as loads that are fixed in space, have both,
-and a rigid motion changes U: there u = M d.
+with the means d̄ and x̄ by mass. Then neither f nor u has a resultant or a moment about x, and
+the step keeps linear and angular momentum. Other terms, as loads that are fixed in space, have
+both, and a rigid motion changes U: there u = M d.
 
-The tangent is the tangent of f. It lacks the derivative of N u/(u·d), of second order in d, so that
-Newton's iteration converges linearly, the faster the shorter the step. Where a step turns the cloth
-and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers, for which the
-iteration may fail. So stiff terms do not use −∂U/∂x at x for f, but forces there for which N is
-zero, or small (`OverMean`):
+The tangent is the tangent of f. It lacks the derivative of N u/(u·d), of second order in d, so
+that Newton's iteration converges linearly, the faster the shorter the step. Where a step turns
+the cloth and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers,
+for which the iteration may fail. So stiff terms do not use −∂U/∂x at x for f, but forces there
+for which N is zero, or small (`OverMean`):
 
     membrane        S((E₀ + E₁)/2): N = 0 for an energy quadratic in E (Simo and Tarnow 1992, The
                     Discrete Energy–Momentum Method, ZAMP 43)
@@ -51,7 +52,8 @@ ROUND_OFF = 1e-15  # of N, relative to the energies
 class DiscreteGradient(BoundTerm):
     """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x."""
 
-    # It has the energy: of a term with a history `acting`, whose energy has the heat of the step.
+    # It has the energy: of a term with a history `acting`, whose energy has the heat of the
+    # step.
     term: BoundTerm
     acting: BoundTerm  # it has the force f and the tangent: the term, or what its `over_step` gave
     start: np.ndarray  # (n, 3) positions x₀ [m]
@@ -102,8 +104,9 @@ class DiscreteGradient(BoundTerm):
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
 
-        Over the step the normals are taken at the mean time, and the forces on the nodes have the
-        work of the energy for these. What is left are the changes before and after that time.
+        Over the step the normals are taken at the mean time, and the forces on the nodes have
+        the work of the energy for these. What is left are the changes before and after that
+        time.
         """
         if self.term.work_of_clamps(old, new, stages) == 0.0:
             return 0.0

@@ -1,19 +1,19 @@
 """What a term offers: the description that a user writes, its traits, and the bound term.
 
-A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a frozen
-description with the user's parameters (`Term`), and what `bind` makes of it for one mesh
-(`BoundTerm`). Neither depends on the time step, the solver or other terms.
+A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a
+frozen description with the user's parameters (`Term`), and what `bind` makes of it for one
+mesh (`BoundTerm`). Neither depends on the time step, the solver or other terms.
 studies/examples/term.py is a term in 30 lines.
 
 `TermTraits` on the class of the description say what the term is: all that the rest of fecloth
 knows of it. A description without traits is a term of no kind.
 
-`BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive from
-it and write the abilities that it has; a class that does not derive gets the missing abilities from
-`bound`.
+`BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive
+from it and write the abilities that it has; a class that does not derive gets the missing
+abilities from `bound`.
 
-Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s] the
-time. They must not be changed, but for the one named as the result.
+Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s]
+the time. They must not be changed, but for the one named as the result.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,8 +39,8 @@ At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 class Term(Protocol):
     """What a user writes: a frozen dataclass with the parameters of the term.
 
-    It may have `traits`, its `TermTraits`, as a class attribute. Three of them may stand alone: the
-    attributes `elements`, `holds_normals` and, for `space_error`, `no_space_error`.
+    It may have `traits`, its `TermTraits`, as a class attribute. Three of them may stand
+    alone: the attributes `elements`, `holds_normals` and, for `space_error`, `no_space_error`.
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
@@ -71,8 +71,8 @@ def overrides(name: str) -> Any:
 class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
-    A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`; `energy` if
-    it has one, and `power` if it is dissipative; without this base also `dissipative` and
+    A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`; `energy`
+    if it has one, and `power` if it is dissipative; without this base also `dissipative` and
     `velocity_dependent`. All else does nothing here.
 
     Attributes
@@ -105,11 +105,13 @@ class BoundTerm:
         Why only methods that solve for the forces at the end of a step may be used:
         `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
     needs_difference
-        True for a term that methods must refuse which have no difference for rates over the step.
+        True for a term that methods must refuse which have no difference for rates over the
+        step.
     conserves
-        True where −f · d is the change of the energy in a motion d, for the force f at its mean, as
-        it is for energies quadratic in x; of what `over_step` gives, for its force at the mean.
-        `EnergyMomentum` corrects the other forces (`fecloth.terms.discrete_gradient`).
+        True where −f · d is the change of the energy in a motion d, for the force f at its
+        mean, as it is for energies quadratic in x; of what `over_step` gives, for its force at
+        the mean. `EnergyMomentum` corrects the other forces
+        (`fecloth.terms.discrete_gradient`).
     objective
         True where no rigid motion of the cloth changes the energy.
     steady_air
@@ -165,11 +167,12 @@ class BoundTerm:
     def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
         """The kernels that make up `add_force`, in order, each with its arguments.
 
-        Explicit steps then need no Python between them. They are called again and again while x, v
-        and f change in place, and may have work arrays of their own. None where the force depends
-        on t or needs Python. The bits must be the same as by `add_force`. A `SharedCall`, as
-        `SharedLoop` makes it, is for several threads; one of them makes all other calls. A class
-        that overrides `add_force` must override this too; else it is not asked.
+        Explicit steps then need no Python between them. They are called again and again while
+        x, v and f change in place, and may have work arrays of their own. None where the force
+        depends on t or needs Python. The bits must be the same as by `add_force`. A
+        `SharedCall`, as `SharedLoop` makes it, is for several threads; one of them makes all
+        other calls. A class that overrides `add_force` must override this too; else it is not
+        asked.
         """
         return None
 
@@ -222,8 +225,8 @@ class BoundTerm:
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(triangles,) energy [J] of the recovered strain minus the strain of the mesh.
 
-        A system in which another term has an energy, and is no load, has no estimate of its error
-        in space.
+        A system in which another term has an energy, and is no load, has no estimate of its
+        error in space.
         """
         raise NotImplementedError
 
@@ -236,11 +239,11 @@ class BoundTerm:
     def over_step(self, step: StepDifference) -> "BoundTerm":
         """The term over this step, or the term itself where it does not depend on the step.
 
-        `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the term
-        itself, unless it keeps a history. Where ``step.at_mean`` is False, x is the end of the
-        step. An `energy` of what is returned is then its potential over the step, −∂energy/∂x its
-        force, so that the step can minimise. Where it is True, x is the mean of both ends, and the
-        force, where it `conserves`, does the work of the energy.
+        `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the
+        term itself, unless it keeps a history. Where ``step.at_mean`` is False, x is the end
+        of the step. An `energy` of what is returned is then its potential over the step,
+        −∂energy/∂x its force, so that the step can minimise. Where it is True, x is the mean
+        of both ends, and the force, where it `conserves`, does the work of the energy.
         """
         return self
 
@@ -279,10 +282,11 @@ class BoundTerm:
     def start_history(self, x: np.ndarray, t: float) -> Any:
         """The record of a term with history at the start of a run; None for a term without.
 
-        It is a frozen dataclass of arrays, marked with `remembered`, so that restart files have
-        it. ``step.history`` of `over_step` is the record at the begin of the step; without one a
-        step begins as the first one does. A term with history by itself, whose `energy` and force
-        are asked before a run, acts as with the record of this function there.
+        It is a frozen dataclass of arrays, marked with `remembered`, so that restart files
+        have it. ``step.history`` of `over_step` is the record at the begin of the step;
+        without one a step begins as the first one does. A term with history by itself, whose
+        `energy` and force are asked before a run, acts as with the record of this function
+        there.
         """
         return None
 
@@ -303,8 +307,9 @@ class BoundTerm:
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α in [0, 1] for which the term allows the way from x to x + α s.
 
-        Both are (n, 3) [m]; the term allows x. The line searches of steps and of `equilibrium` ask
-        for it. The energy of such a term is +∞, and its force is NaN, where the cloth may not be.
+        Both are (n, 3) [m]; the term allows x. The line searches of steps and of `equilibrium`
+        ask for it. The energy of such a term is +∞, and its force is NaN, where the cloth may
+        not be.
         """
         return 1.0
 

@@ -1,8 +1,9 @@
 """fecloth export DIR -o FILE: the moving cloth for Blender and other programs that render.
 
-A .usda is one text file of Universal Scene Description (openusd.org) with all frames; a .obj is
-one numbered file a frame. Both have triangles, normals, texture coordinates of the flat cloth, and
-the obstacles. Lengths are in metres, and z points up. Quadratic triangles are cut into four.
+A .usda is one text file of Universal Scene Description (openusd.org) with all frames; a .obj
+is one numbered file a frame. Both have triangles, normals, texture coordinates of the flat
+cloth, and the obstacles. Lengths are in metres, and z points up. Quadratic triangles are cut
+into four.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,10 +45,10 @@ AT_NODES = '(\n            interpolation = "vertex"\n        )\n'
 def export(folder: str | Path, target: str | Path, fps: float | None = None) -> tuple[Path, ...]:
     """Write the frames of a run as one .usda file, or as numbered .obj files.
 
-    The cloth moves in real time, and so linearly between frames; the load steps of an equilibrium
-    take one second. Normals are at nodes, as means over the triangles by area. Texture coordinates
-    are (X − min X)/L of the flat coordinates X, with the longer side L of the flat cloth, so that
-    a texture is not distorted.
+    The cloth moves in real time, and so linearly between frames; the load steps of an
+    equilibrium take one second. Normals are at nodes, as means over the triangles by area.
+    Texture coordinates are (X − min X)/L of the flat coordinates X, with the longer side L of
+    the flat cloth, so that a texture is not distorted.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def export(folder: str | Path, target: str | Path, fps: float | None = None) -> 
     Raises
     ------
     InputError
-        For another suffix, a wrong fps, a folder without frames, or numbered files of a longer run.
+        For another suffix, a wrong fps, a folder without frames, or numbered files of a longer
+        run.
     """
     target = Path(target)
     series = Series.open(folder)

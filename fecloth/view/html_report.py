@@ -1,8 +1,8 @@
 """report.html: what a run did on one page, which opens from disk and on a phone.
 
-The last frame on the canvas of `web_page`, the energy ledger over time, the extremes of the strain,
-step sizes, iterations, where the seconds went, warnings, and the scene. Made at the end of a run
-from its tables by page/report.html; needs NumPy alone.
+The last frame on the canvas of `web_page`, the energy ledger over time, the extremes of the
+strain, step sizes, iterations, where the seconds went, warnings, and the scene. Made at the
+end of a run from its tables by page/report.html; needs NumPy alone.
 """
 
 import json

@@ -1,8 +1,8 @@
 """fecloth render DIR -o FILE: draw a run as a movie (.mp4, .gif) or a picture (.png).
 
-The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. It hangs over a ground with
-its shadow, and the camera is placed so that the whole motion fits. No display is needed, only the
-extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
+The cloth shows a field of `frame_reader.FIELDS` or a checker pattern. It hangs over a ground
+with its shadow, and the camera is placed so that the whole motion fits. No display is needed,
+only the extra [view]: PyVista, and imageio with its ffmpeg for .mp4.
 """
 
 import errno

@@ -1,7 +1,7 @@
 """Line charts as inline SVG, with a title, two axes with round numbers, and a legend.
 
-A chart takes the width of its container. Of a long curve it draws the extremes of equal spans, so
-that no peak is lost.
+A chart takes the width of its container. Of a long curve it draws the extremes of equal spans,
+so that no peak is lost.
 
 `observed_charts` draws the columns of observed.csv, `result_figures` a result in a notebook.
 """

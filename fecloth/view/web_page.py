@@ -1,8 +1,9 @@
 """fecloth view DIR: write one HTML file that shows the moving cloth in any browser, offline.
 
-The page contains positions and field values of the frames as 16-bit numbers between their extremes
-(an error of at most 1/131,070 of the range) in base64; page/viewer.js draws them with WebGL 2. If
-the file of a long run would exceed `MOST_BYTES`, it contains every k-th frame and says so.
+The page contains positions and field values of the frames as 16-bit numbers between their
+extremes (an error of at most 1/131,070 of the range) in base64; page/viewer.js draws them with
+WebGL 2. If the file of a long run would exceed `MOST_BYTES`, it contains every k-th frame and
+says so.
 """
 
 import base64

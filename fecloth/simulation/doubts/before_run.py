@@ -1,6 +1,7 @@
 """The warnings before the first step: a list of doubts, and the place that walks it.
 
-A doubt is a function of a `PlannedRun` that yields sentences, each with a remedy, or "" for none.
+A doubt is a function of a `PlannedRun` that yields sentences, each with a remedy, or "" for
+none.
 """
 
 from collections.abc import Callable, Iterable, Iterator

@@ -53,8 +53,8 @@ def find_jumps(
 ) -> list[tuple[float, float]]:
     """Return (time, size) of the jumps beyond `least` of `values`, which are g at even times.
 
-    The intervals that differ most from their neighbours are halved until a jump remains, or none.
-    A motion that goes there and back within an interval is missed.
+    The intervals that differ most from their neighbours are halved until a jump remains, or
+    none. A motion that goes there and back within an interval is missed.
     """
     changes = np.diff(g, axis=0)
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB

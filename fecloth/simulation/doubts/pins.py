@@ -120,8 +120,8 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 def find_uneven_start(run: PlannedRun) -> Iterator[str]:
     """Warn of held nodes that zigzag at the start, as after interpolation from another mesh.
 
-    What a uniform stretch and a turn leave of their places is smooth where it is meant; errors of
-    interpolation change from node to node, and are small.
+    What a uniform stretch and a turn leave of their places is smooth where it is meant; errors
+    of interpolation change from node to node, and are small.
     """
     cloth = run.system.cloth
     for name, (pin, nodes) in run.system.constraints.groups.items():

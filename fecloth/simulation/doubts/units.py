@@ -1,11 +1,12 @@
 """Values that were probably meant in another unit, by comparison with measured cloth.
 
 From the gauzes of silk (3 momme, 13 g/m²) and the fabrics of `presets` (83 to 481 g/m², 33 to
-9,785 N/m, 4e-6 to 3e-5 N m) to a coated roof membrane: 1.05 kg/m², 0.82 mm, 1,520 MPa (Advances in
-Materials Science and Engineering 2015, 387153, table 3), that is 1.2e6 N/m and, were it solid,
-Y h²/12 = 0.07 N m. The limits leave a factor of three or more on either side; values beyond
-them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ of F. T. Peirce, The
-"handle" of cloth, J. Textile Institute 21, T377 (1930): 0.01 to 0.05 m, for that membrane 0.19 m.
+9,785 N/m, 4e-6 to 3e-5 N m) to a coated roof membrane: 1.05 kg/m², 0.82 mm, 1,520 MPa
+(Advances in Materials Science and Engineering 2015, 387153, table 3), that is 1.2e6 N/m and,
+were it solid, Y h²/12 = 0.07 N m. The limits leave a factor of three or more on either side;
+values beyond them are warned of, not refused. Bending is judged by the length (B/(ρ g))^⅓ of
+F. T. Peirce, The "handle" of cloth, J. Textile Institute 21, T377 (1930): 0.01 to 0.05 m, for
+that membrane 0.19 m.
 """
 
 from collections.abc import Iterator, Mapping

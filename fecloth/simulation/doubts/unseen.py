@@ -1,6 +1,7 @@
 """Motions of pins and loads that act between fixed steps, or too shortly for chosen steps.
 
-Of long runs a part is looked at, evenly spread, so that a single short pulse can be missed there.
+Of long runs a part is looked at, evenly spread, so that a single short pulse can be missed
+there.
 """
 
 import math
@@ -63,12 +64,13 @@ def _sees(signal: Signal, dt: float, near: Span) -> bool:
 def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
     """Return the share of a signal that steps miss, and the span of the steps that miss most.
 
-    The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t). Of
-    a motion, g is the rest beside the uniform motion nearest to it. The share is the larger one
-    of the steps and of steps shifted by half of one: two steps a period may meet each extreme of
-    an oscillation by chance. Samples of a smooth pulse err here and there, but give the cloth the
-    right impulse: the share of a load is at most the share of its impulse, the largest difference
-    at the ends of steps over the largest change of ∫ g dt beside a uniform one.
+    The share is ∫ |g − its line through the ends of each step| dt / ∫ |g| dt of a signal g(t).
+    Of a motion, g is the rest beside the uniform motion nearest to it. The share is the larger
+    one of the steps and of steps shifted by half of one: two steps a period may meet each
+    extreme of an oscillation by chance. Samples of a smooth pulse err here and there, but give
+    the cloth the right impulse: the share of a load is at most the share of its impulse, the
+    largest difference at the ends of steps over the largest change of ∫ g dt beside a uniform
+    one.
     """
     ends = np.append(span[0], step_times(span[0], dt, span[1]))
     share, worst = _missed(signal, ends)

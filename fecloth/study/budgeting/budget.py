@@ -51,14 +51,14 @@ def budget(
 
         total² = time² + space² + solver² + input² + start² + data²
 
-    time, space and solver are halves of the uncertainties that `converge` gives with 3 levels of h,
-    which cover; so `value` belongs to the finest level. input² = gᵀ V g with the derivatives g of
-    `sensitivity` by the uncertain numbers, and their covariance V: the first order. Two runs, one
-    standard deviation away on both sides, show whether it holds; where it does not, as where a
-    cloth buckles, samples take its place, and their standard deviation is the uncertainty. start
-    is the standard deviation over disturbed starts. With a measured value D, whose uncertainty is
-    data, `difference` = value − D, and they agree where |difference| ≤ 2 total; otherwise the
-    model, its law or the experiment is wrong.
+    time, space and solver are halves of the uncertainties that `converge` gives with 3 levels
+    of h, which cover; so `value` belongs to the finest level. input² = gᵀ V g with the
+    derivatives g of `sensitivity` by the uncertain numbers, and their covariance V: the first
+    order. Two runs, one standard deviation away on both sides, show whether it holds; where it
+    does not, as where a cloth buckles, samples take its place, and their standard deviation is
+    the uncertainty. start is the standard deviation over disturbed starts. With a measured
+    value D, whose uncertainty is data, `difference` = value − D, and they agree where
+    |difference| ≤ 2 total; otherwise the model, its law or the experiment is wrong.
 
     Parameters
     ----------
@@ -66,17 +66,19 @@ def budget(
         As for `fecloth.study.of`.
     uncertain
         Standard uncertainties by the names of numbers, as for `sensitivity`: a percentage as
-        "10 %", a number in SI or, of a scene, a text with a unit; ``"start": 5`` for five disturbed
-        starts. The numbers of a fabric have theirs from its [fabric.uncertainty], with
-        correlations; entries here replace them. By default the table [uncertain] of a scene.
+        "10 %", a number in SI or, of a scene, a text with a unit; ``"start": 5`` for five
+        disturbed starts. The numbers of a fabric have theirs from its [fabric.uncertainty],
+        with correlations; entries here replace them. By default the table [uncertain] of a
+        scene.
     measured
         (value, standard uncertainty) by quantity. By default the table [measured] of a scene.
     quantity
-        One, or a list; by default all of [interest], else what was measured. They must be numbers,
-        no fields or paths.
+        One, or a list; by default all of [interest], else what was measured. They must be
+        numbers, no fields or paths.
     samples
-        Number of samples; None: the first order where it holds, else 64. Constants of fabrics that
-        must be positive have a logarithmic normal distribution, other numbers a normal one.
+        Number of samples; None: the first order where it holds, else 64. Constants of fabrics
+        that must be positive have a logarithmic normal distribution, other numbers a normal
+        one.
     seed
         Of samples and disturbed starts.
     shared
@@ -85,8 +87,9 @@ def budget(
     Returns
     -------
     Budget
-        With value, time, space, solver, input, start, data, total, difference and agrees: numbers
-        of a single quantity, else arrays. `difference` is NaN where nothing was measured.
+        With value, time, space, solver, input, start, data, total, difference and agrees:
+        numbers of a single quantity, else arrays. `difference` is NaN where nothing was
+        measured.
 
     Raises
     ------

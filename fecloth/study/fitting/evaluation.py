@@ -42,10 +42,10 @@ def computed_curve(
 ) -> Computed:
     """The curve of a run at the measured places, which begin at `shift` if it is not None.
 
-    Before the shift the specimen is slack, and has the value of its start. `number` is the place of
-    the quantity among the values of the row, and `order` of what orders the points; None for t.
-    With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value at a fixed place A by
-    ∂q/∂p − (dq/da) ∂a/∂p.
+    Before the shift the specimen is slack, and has the value of its start. `number` is the
+    place of the quantity among the values of the row, and `order` of what orders the points;
+    None for t. With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value at a
+    fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
     """
     q, dq = _rows(row, number)
     if order is None:

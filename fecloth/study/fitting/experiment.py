@@ -33,15 +33,16 @@ class Experiment:
         Measured columns, and the quantities of the run that they measure:
         ``{"force": "reaction.grip.x"}``.
     along
-        What orders the points of a curve: ``{"extension": "grip.x"}``, a column and the quantity of
-        the run that it measures, both from their starts; or "t", the column of the time [s] or of
-        the part of the loads. Without it the columns have values of quantities such as "max tip.z".
-        The start of a column is 0; a column whose values all lie beyond what the run reaches, as
-        the distance of two clamps, starts at its first value.
+        What orders the points of a curve: ``{"extension": "grip.x"}``, a column and the
+        quantity of the run that it measures, both from their starts; or "t", the column of the
+        time [s] or of the part of the loads. Without it the columns have values of quantities
+        such as "max tip.z". The start of a column is 0; a column whose values all lie beyond
+        what the run reaches, as the distance of two clamps, starts at its first value.
     sigma
-        Standard uncertainty of a measured value: "2 %" of the largest value, "0.1 N", a number in
-        SI, the name of a column, or "repeats": from the scatter of the runs that the column
-        ``repeat`` numbers. A mapping gives each measured column its own. Without it 2 % is assumed.
+        Standard uncertainty of a measured value: "2 %" of the largest value, "0.1 N", a number
+        in SI, the name of a column, or "repeats": from the scatter of the runs that the column
+        ``repeat`` numbers. A mapping gives each measured column its own. Without it 2 % is
+        assumed.
     offset
         Whether the value of `along` at which the specimen is no longer slack is fitted, too.
     fitted

@@ -21,8 +21,8 @@ def fit(
 ) -> Fit:
     """Do the fit of a TOML file; its paths are relative to its folder.
 
-    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. It raises
-    `SceneError` for keys that are missing or unknown, beside the errors of `fit`.
+    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. It
+    raises `SceneError` for keys that are missing or unknown, beside the errors of `fit`.
     """
     path = Path(path)
     tables = toml_text.read(path)

@@ -44,8 +44,8 @@ def fit(
 
     The sum of ((computed − measured)/σ)² over all points is least. The derivatives are the
     derivatives of `fecloth.sensitivity`; constants that are positive are sought by their
-    logarithms. Beside each constant stands its 95 % interval, whether the data tell it at all, and
-    its shift by half of h and dt; the constants are the ones of the finer meshes.
+    logarithms. Beside each constant stands its 95 % interval, whether the data tell it at all,
+    and its shift by half of h and dt; the constants are the ones of the finer meshes.
 
     Parameters
     ----------
@@ -68,15 +68,15 @@ def fit(
     Returns
     -------
     Fit
-        With `values`, `intervals`, `covariance`, `identified`, `misfit`, `numerical`, `law_fails`
-        and `verdict`.
+        With `values`, `intervals`, `covariance`, `identified`, `misfit`, `numerical`,
+        `law_fails` and `verdict`.
 
     Raises
     ------
     InputError
-        Before the first run: for a column that is not in the data, a quantity that the run does not
-        have, a value that is no number, points beyond what the run reaches, and a name that is no
-        number of any problem.
+        Before the first run: for a column that is not in the data, a quantity that the run
+        does not have, a value that is no number, points beyond what the run reaches, and a
+        name that is no number of any problem.
     FitFailed
         If no start runs.
 
@@ -87,8 +87,8 @@ def fit(
     residuals with a probability below 0.5 %, by χ², or F where repeats give the scatter; no
     constant has an interval then.
 
-    Sources: Seber and Wild (1989), Nonlinear Regression; the trust region of Branch, Coleman and Li
-    (1999) in `scipy.optimize.least_squares`.
+    Sources: Seber and Wild (1989), Nonlinear Regression; the trust region of Branch, Coleman
+    and Li (1999) in `scipy.optimize.least_squares`.
 
     Examples
     --------

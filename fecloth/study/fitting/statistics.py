@@ -1,9 +1,9 @@
 """What the points of a fit tell: covariance, what is not told, and whether the law can meet them.
 
-With the residuals r in units of their uncertainty and J = ∂r/∂u, the covariance of u is J⁺ Σ J⁺ᵀ,
-J⁺ = (JᵀJ)⁻¹Jᵀ, where Σ is 1 for independent errors and, for the mean of R repeats, their sample
-covariance over R. Singular values s of J are the inverse of the uncertainties of combinations of u.
-Source: Seber and Wild (1989), Nonlinear Regression, chapters 2 and 3.
+With the residuals r in units of their uncertainty and J = ∂r/∂u, the covariance of u is J⁺ Σ
+J⁺ᵀ, J⁺ = (JᵀJ)⁻¹Jᵀ, where Σ is 1 for independent errors and, for the mean of R repeats, their
+sample covariance over R. Singular values s of J are the inverse of the uncertainties of
+combinations of u. Source: Seber and Wild (1989), Nonlinear Regression, chapters 2 and 3.
 """
 
 from collections.abc import Sequence
@@ -88,7 +88,8 @@ def _free_repeats(columns: Sequence[Column], freedom: int) -> int:
 def _groups(untold: np.ndarray, is_weak: np.ndarray) -> tuple[tuple[int, ...], ...]:
     """Unknowns that are told only together: connected by the projection P on what is not told.
 
-    P_ij/√(P_ii P_jj) is 1 where one combination alone is not told, whatever the parts of i and j.
+    P_ij/√(P_ii P_jj) is 1 where one combination alone is not told, whatever the parts of i and
+    j.
     """
     projection = np.abs(untold.T @ untold)
     parts = np.sqrt(np.diag(projection))

@@ -167,8 +167,8 @@ class Findings:
     def reliable_change(self, variant: Variant, outcome: Outcome) -> float:
         """Return the largest change by a variant and by the smaller changes of the same size.
 
-        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any other
-        mesh if the scene itself is not resolved.
+        A mesh of 2 h that changes less than one of 1.5 h does so by chance, and so does any
+        other mesh if the scene itself is not resolved.
         """
         if variant.kind in self.unresolved:
             return math.inf

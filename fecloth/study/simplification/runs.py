@@ -126,8 +126,8 @@ class Original:
 def describe_weak_friction(system: System, columns: Mapping[str, np.ndarray]) -> str:
     """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else \"\".
 
-    The curvature κ is the mean of the energy of bending, W = ½ B κ² per area. HB/B is the largest
-    of all fabrics, along warp or weft.
+    The curvature κ is the mean of the energy of bending, W = ½ B κ² per area. HB/B is the
+    largest of all fabrics, along warp or weft.
     """
     if not any(isinstance(term, BendingFriction) for term in system.terms):
         return ""

@@ -42,20 +42,22 @@ def simplify(
 ) -> result.Simplification:
     """Find the parts of a scene that change its quantities by less than a tolerance; drop them.
 
-    First half of h and half of dt (or a quarter of rtol) show whether the scene itself is resolved.
-    Then each term is left out or replaced by a cheaper one, and resolved triangles and steps become
-    larger. Changes below the tolerance are combined, the greatest saving per change first, as long
-    as the combination stays below the tolerance. The reduced scene is run once more.
+    First half of h and half of dt (or a quarter of rtol) show whether the scene itself is
+    resolved. Then each term is left out or replaced by a cheaper one, and resolved triangles
+    and steps become larger. Changes below the tolerance are combined, the greatest saving per
+    change first, as long as the combination stays below the tolerance. The reduced scene is
+    run once more.
 
     Parameters
     ----------
     problem
-        As for `of`. The terms of a function's system, its h and its dt are varied, not its method.
+        As for `of`. The terms of a function's system, its h and its dt are varied, not its
+        method.
     tolerance
         Largest relative change of each quantity, as 0.01 or "1%".
     quantity
-        One or more; by default all of [interest], the paths of the probes (in a static scene their
-        ends), or the displacement.
+        One or more; by default all of [interest], the paths of the probes (in a static scene
+        their ends), or the displacement.
     folder
         Where reduced.toml is written, for a function a text; None for nowhere.
     repeats

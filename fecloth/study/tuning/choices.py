@@ -263,8 +263,9 @@ class Bench:
     def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
         """Raise `InputError` for a quantity of size zero: it has no relative error.
 
-        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the vector,
-        and below a hundredth of it where the (q,) relative errors say that meshes do not tell it.
+        A component of a vector, as tip.y of a symmetric cloth, is zero below 1e-6 of the
+        vector, and below a hundredth of it where the (q,) relative errors say that meshes do
+        not tell it.
         """
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
             size = size_of(quantity, record)

@@ -58,8 +58,8 @@ class Prediction:
     other: float = 0.0  # error that no mesh and no step changes: of the solver and left-out terms
     # Measured over predicted seconds, by `Candidate.key`.
     factors: Mapping[tuple, float] = field(default_factory=dict)
-    # Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have shorter
-    # waves.
+    # Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have
+    # shorter waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
     dropped: frozenset[tuple] = frozenset()  # `Candidate.key` of what is not tried again
 
@@ -157,9 +157,9 @@ class Goal:
     def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
         """Return the predicted candidate of each mesh and rule, the best first.
 
-        They are the cheapest within `margin` times the tolerance, or the most accurate within the
-        budget. Of candidates that differ by less than `NOISE` the most accurate counts: errors
-        have no noise.
+        They are the cheapest within `margin` times the tolerance, or the most accurate within
+        the budget. Of candidates that differ by less than `NOISE` the most accurate counts:
+        errors have no noise.
         """
 
         def rank(error: Any, seconds: Any) -> Any:

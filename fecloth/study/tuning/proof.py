@@ -127,8 +127,8 @@ def beside(
 def verify(bench: Bench, candidate: Candidate, trial: Trial, other: Errors) -> Proof:
     """Run a finer setting and return the error of the run by its causes.
 
-    With the part ε of an error that is left in the finer run, the distance d of both is (1 − ε) of
-    the error: this is d (1 + ε/(1 − ε)), where the second term has a factor of safety.
+    With the part ε of an error that is left in the finer run, the distance d of both is (1 −
+    ε) of the error: this is d (1 + ε/(1 − ε)), where the second term has a factor of safety.
     """
     choice, left = finer_choice(candidate)
     (finer,) = bench.run([choice])

@@ -57,8 +57,8 @@ def measure_meshes(
 ) -> tuple[SpaceErrors, Prediction]:
     """Refine all meshes once, then the ones that matter, until the choice among them is known.
 
-    A run is left out if its predicted time is more than a tenth of the time of the search, unless
-    it has the mesh of the coarse run.
+    A run is left out if its predicted time is more than a tenth of the time of the search,
+    unless it has the mesh of the coarse run.
     """
     orders = np.array([orders_of(bench, meshes, element) for element in ("P1", "P2")])
     trials = _first_meshes(bench, meshes, coarse)

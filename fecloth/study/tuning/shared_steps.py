@@ -26,10 +26,10 @@ def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> li
 def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
     """Return the run whose steps all meshes take.
 
-    Methods that damp the shortest waves are preferred: the others keep the waves that each finer
-    mesh adds and that their steps do not resolve. So are implicit methods, because explicit ones
-    lump the mass of P2. Of runs whose error in time is small beside the tolerance the cheapest is
-    taken; if there is none, the most accurate.
+    Methods that damp the shortest waves are preferred: the others keep the waves that each
+    finer mesh adds and that their steps do not resolve. So are implicit methods, because
+    explicit ones lump the mass of P2. Of runs whose error in time is small beside the
+    tolerance the cheapest is taken; if there is none, the most accurate.
     """
     error = partial(_error_in_time, bench, times)
 

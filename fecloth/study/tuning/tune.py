@@ -60,12 +60,13 @@ def tune(
     """Find the cheapest setting of a problem that meets a tolerance, and prove its error.
 
     Runs on a coarse mesh show the error in time and the seconds of each method; runs on a few
-    meshes with the same steps show the error in space of each element and pattern. From these the
-    errors and the seconds of all settings are predicted, in scenes also of meshes that are graded
-    at corners and pins (see `Grading`). The cheapest setting that should meet the tolerance is run.
-    Its error is its difference from a finer run, plus the error of that, by its order (grid
-    convergence index). Cheaper settings are then tried beside it. With contact the gaps are divided
-    until their error, of first order, takes at most a quarter of the tolerance.
+    meshes with the same steps show the error in space of each element and pattern. From these
+    the errors and the seconds of all settings are predicted, in scenes also of meshes that are
+    graded at corners and pins (see `Grading`). The cheapest setting that should meet the
+    tolerance is run. Its error is its difference from a finer run, plus the error of that, by
+    its order (grid convergence index). Cheaper settings are then tried beside it. With contact
+    the gaps are divided until their error, of first order, takes at most a quarter of the
+    tolerance.
 
     Parameters
     ----------
@@ -75,11 +76,12 @@ def tune(
     tolerance
         Largest relative error of each quantity, as 0.01 or "1%"; None for 1 % without a budget.
     quantity
-        One or more; by default all of [interest], the paths of the probes (in a static scene their
-        ends), or the displacement.
+        One or more; by default all of [interest], the paths of the probes (in a static scene
+        their ends), or the displacement.
     budget
-        Longest CPU time of the tuned run, as 60.0 [s] or "60 s". The most accurate setting within
-        it is sought in place of the cheapest one, so that a tolerance beside it is refused.
+        Longest CPU time of the tuned run, as 60.0 [s] or "60 s". The most accurate setting
+        within it is sought in place of the cheapest one, so that a tolerance beside it is
+        refused.
     to_data
         Whether the tolerance is a third of how uncertain the quantities are by [uncertain] and
         [fabric.uncertainty], see `fecloth.study.budget`: a smaller error is work for nothing.
@@ -98,8 +100,8 @@ def tune(
     Raises
     ------
     InputError
-        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, or an unknown
-        name.
+        For a tolerance outside 0 to 100 %, an unknown quantity or one of size zero, or an
+        unknown name.
     StudyFailed
         If no run on a coarse mesh reaches its end.
     """

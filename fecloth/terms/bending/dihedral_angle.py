@@ -1,16 +1,18 @@
 """Dihedral angle of a hinge, its gradient and its Hessian.
 
-Edge e = x₁ − x₀, arms a = x₂ − x₀ to the left and b = x₃ − x₀ to the right. In the left triangle
-ê, m = n̂ × ê and the normal n̂ = e × a/|e × a| are a right-handed frame and a = s e + h m with the
-height h; seen from the right triangle b = s e + h m with n̂ = b × e/|b × e| and m = ê × n̂. Then
+Edge e = x₁ − x₀, arms a = x₂ − x₀ to the left and b = x₃ − x₀ to the right. In the left
+triangle ê, m = n̂ × ê and the normal n̂ = e × a/|e × a| are a right-handed frame and a = s e +
+h m with the height h; seen from the right triangle b = s e + h m with n̂ = b × e/|b × e| and m
+= ê × n̂. Then
 
     θ = atan2(ê · (n̂_b × n̂_a), n̂_a · n̂_b)      > 0 where the cloth rises from the edge on both sides
     ∂θ/∂a = n̂_a / h_a,   ∂θ/∂b = n̂_b / h_b,   ∂θ/∂e = −s_a ∂θ/∂a − s_b ∂θ/∂b
 
-which is the gradient as in Bridson, Marino and Fedkiw (2003), Simulation of Clothing with Folds
-and Wrinkles, section 4, up to its scale. Differentiated once more (the second derivatives are the
-ones of Tamstorf and Grinspun 2013, Discrete bending forces and their Jacobians, in another basis),
-with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a or ∂θ/∂b,
+which is the gradient as in Bridson, Marino and Fedkiw (2003), Simulation of Clothing with
+Folds and Wrinkles, section 4, up to its scale. Differentiated once more (the second
+derivatives are the ones of Tamstorf and Grinspun 2013, Discrete bending forces and their
+Jacobians, in another basis), with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a
+or ∂θ/∂b,
 
     ∂²θ/∂a²   = A_a,       ∂²θ/∂b² = A_b,       ∂²θ/∂a∂b = 0
     ∂²θ/∂a∂e  = −s A − ê gᵀ/|e|                                            likewise for b
@@ -89,8 +91,8 @@ def gradient(left, right, g):
 def add_side(arm, s, p, q, u, t, H):
     """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`.
 
-    p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and n̂
-    mᵀ/|e|² = t² p qᵀ.
+    p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and
+    n̂ mᵀ/|e|² = t² p qᵀ.
     """
     for i in range(3):
         for j in range(3):
@@ -171,10 +173,11 @@ def fold_measure(theta: np.ndarray) -> np.ndarray:
         μ(θ) = θ                              for |θ| ≤ π/2
         μ(θ) = ±(π/2 + tan(|θ| − π/2))        beyond, with the sign of θ
 
-    It has two continuous derivatives. The angle itself jumps from π to −π where two triangles pass
-    through each other; the measure makes that fold infinitely stiff. In a march the fold stays open
-    as long as no step carries a node further than the gap that is left; only contact stops a longer
-    step. fecloth/terms/bending/README.md compares it with the other candidate, 2 tan(θ/2).
+    It has two continuous derivatives. The angle itself jumps from π to −π where two triangles
+    pass through each other; the measure makes that fold infinitely stiff. In a march the fold
+    stays open as long as no step carries a node further than the gap that is left; only
+    contact stops a longer step. fecloth/terms/bending/README.md compares it with the other
+    candidate, 2 tan(θ/2).
     """
     out = theta.copy()
     folded = np.abs(theta) > RIGHT_ANGLE

@@ -30,30 +30,30 @@ LOAD_STEPS = 20  # the least of an equilibrium, over which κ_s follows
 class BendingFriction:
     """Dry friction inside a fabric: bent and let go, it stays a little bent.
 
-    Beside the elastic moment of a bending term acts the moment of a slider, at most HB, half of the
-    fabric's `bending_hysteresis` 2HB, which is the height of the loop that bending instruments
-    draw. With the curvature κ of `PlateBending`'s triangles along warp and weft, the slid curvature
-    κ_s that each triangle remembers, e = κ − κ_s, and
+    Beside the elastic moment of a bending term acts the moment of a slider, at most HB, half
+    of the fabric's `bending_hysteresis` 2HB, which is the height of the loop that bending
+    instruments draw. With the curvature κ of `PlateBending`'s triangles along warp and weft,
+    the slid curvature κ_s that each triangle remembers, e = κ − κ_s, and
 
         z = (M₁ e₁₁, M₂ e₂₂, √(2 M₁M₂) e₁₂),   s = ‖z‖,   s_y = M₁M₂/(m √(B₁B₂)),   M = HB
 
-    the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the end
-    of the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
+    the energy per area over a step is s²/(2 s_y) where s ≤ s_y, else s − s_y/2 [J/m²]. At the
+    end of the step κ_s moves towards κ until s = s_y, and s − s_y per area is heat: the column
     ``dissipated:BendingFriction``. `fecloth.terms.bending.sliders` has the law, and the page
     fecloth/terms/bending/FRICTION.md says when it matters.
 
-    At the start κ_s = κ: there is no moment, but in a run that starts from an `Equilibrium`, which
-    has its κ_s. The place of rest depends on the way there, not on the time it takes. An
+    At the start κ_s = κ: there is no moment, but in a run that starts from an `Equilibrium`,
+    which has its κ_s. The place of rest depends on the way there, not on the time it takes. An
     equilibrium takes at least 20 load steps, in which κ_s follows.
 
-    Source: Grosberg (1966), The mechanical properties of woven fabrics, part II: the bending of
-    woven fabrics, Textile Research Journal 36, for a moment of friction beside the elastic moment;
-    Iwan (1966), A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic Response,
-    Journal of Applied Mechanics 33, for the elastic and plastic element. The law of two directions
-    is our own.
+    Source: Grosberg (1966), The mechanical properties of woven fabrics, part II: the bending
+    of woven fabrics, Textile Research Journal 36, for a moment of friction beside the elastic
+    moment; Iwan (1966), A Distributed-Element Model for Hysteresis and Its Steady-State
+    Dynamic Response, Journal of Applied Mechanics 33, for the elastic and plastic element. The
+    law of two directions is our own.
 
-    Valid for a hysteresis that does not depend on the curvature. The moment does not depend on the
-    axes where M₁ = M₂.
+    Valid for a hysteresis that does not depend on the curvature. The moment does not depend on
+    the axes where M₁ = M₂.
 
     Cost of a triangle relative to `PlateBending`: force 1.4, tangent 1.4. Its stiffness m
     counts in the limit of explicit steps.
@@ -68,8 +68,8 @@ class BendingFriction:
     ------
     InputError
         For a stiffness that is not > 0; when the term is bound, for a fabric without
-        `bending_rigidity` or `bending_hysteresis`, or with 0 in one direction only. With 0 for both
-        the term does nothing.
+        `bending_rigidity` or `bending_hysteresis`, or with 0 in one direction only. With 0 for
+        both the term does nothing.
     """
 
     stiffness: float = 20.0

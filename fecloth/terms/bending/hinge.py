@@ -27,14 +27,14 @@ CONVEX = (0,)  # one component, whose ∂²θ is indefinite
 class HingeBending:
     """½ k (θ − θ₀)² at every interior edge, k = B l²/(A₁ + A₂).
 
-    θ is the angle between the two triangles (`dihedral_angle`), l the rest length of the edge, A₁
-    and A₂ the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
+    θ is the angle between the two triangles (`dihedral_angle`), l the rest length of the edge,
+    A₁ and A₂ the rest areas, B the fabric's bending rigidity [N m]; k is in N m.
 
-    Nodes on a cylinder z = κ y²/2 give an edge along its axis the angle
-    θ = κ (h₁ + h₂)/2 = κ (A₁ + A₂)/l. On equilateral triangles a third of the edges lie so, and
-    the others have none, as θ is proportional to κ_nn − κ_tt/3 with n along the curvature and t
-    along the edge: the sum is the integral of ½ B κ². Bergou et al. (2006), A Quadratic Bending
-    Model for Inextensible Surfaces, have 3 times this factor, and Grinspun et al. (2003), Discrete
+    Nodes on a cylinder z = κ y²/2 give an edge along its axis the angle θ = κ (h₁ + h₂)/2 = κ
+    (A₁ + A₂)/l. On equilateral triangles a third of the edges lie so, and the others have
+    none, as θ is proportional to κ_nn − κ_tt/3 with n along the curvature and t along the
+    edge: the sum is the integral of ½ B κ². Bergou et al. (2006), A Quadratic Bending Model
+    for Inextensible Surfaces, have 3 times this factor, and Grinspun et al. (2003), Discrete
     Shells, 6 times: their stiffnesses are not B.
 
     Across an edge whose normal makes the angle φ with the warp
@@ -42,11 +42,12 @@ class HingeBending:
         B(φ) = (√B₁ cos²φ + √B₂ sin²φ)²
 
     which is Huber's orthotropic plate in cylindrical bending (Timoshenko and Woinowsky-Krieger
-    1959, Theory of Plates and Shells, section 86: H = √(D_x D_y)). Where the two triangles differ
-    in fabric or grain, they bend in series under one moment: (A₁ + A₂)/B = A₁/B(1) + A₂/B(2).
+    1959, Theory of Plates and Shells, section 86: H = √(D_x D_y)). Where the two triangles
+    differ in fabric or grain, they bend in series under one moment: (A₁ + A₂)/B = A₁/B(1) +
+    A₂/B(2).
 
-    **It does not carry B, and refinement does not help.** What it carries depends on the mesh and
-    on what keeps the cloth from curving across; on the regular patterns it is known
+    **It does not carry B, and refinement does not help.** What it carries depends on the mesh
+    and on what keeps the cloth from curving across; on the regular patterns it is known
     (`bending_tensor`), on others it must be measured. B_eff/B along X:
 
         pattern                             right    cross    equilateral    unstructured
@@ -55,15 +56,16 @@ class HingeBending:
         cantilever, width/length 0.25       0.83     1.11     0.93           0.93
         cantilever, width/length 2          0.92     1.29     0.99           0.98
 
-    (`studies/models/hinge_bias.py`). `right` also couples bending and twist. On equilateral meshes,
-    and nearly on meshes of Gmsh, Poisson's ratio of bending is −1/3, whatever the fabric's: a
-    simply supported disk sags 40 % too far for ν = 0. `PlateBending` has neither fault.
+    (`studies/models/hinge_bias.py`). `right` also couples bending and twist. On equilateral
+    meshes, and nearly on meshes of Gmsh, Poisson's ratio of bending is −1/3, whatever the
+    fabric's: a simply supported disk sags 40 % too far for ν = 0. `PlateBending` has neither
+    fault.
 
     Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
-    exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no height
-    the angle has no meaning: the membrane must keep triangles from collapsing.
+    exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no
+    height the angle has no meaning: the membrane must keep triangles from collapsing.
 
     Cost of a triangle relative to `StVK`: force 4, tangent 6, also if `definite`.
 
@@ -161,18 +163,18 @@ class QuadraticBending:
     At flat, Q is the stiffness of `HingeBending` out of the plane, with the same B_eff and
     Poisson's ratio of bending on each mesh.
 
-    While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in them that
-    point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.
+    While the triangles keep their shape, Σ g_a x_a is the sum of the two unit vectors in them
+    that point from the edge: the energy is 2 k sin²(θ/2), softer than ½ k θ² when folded.
 
     Source: Bergou et al. (2006), A Quadratic Bending Model for Inextensible Surfaces, section 2.
     There l g = −K₀ (cotangents of the angles at the edge), and Q = 3/(A₁ + A₂) K₀ᵀK₀ is the one
     here for B = 3 N m: their stiffness is not B (see `HingeBending`).
 
-    Valid for cloth that is flat at rest, hardly stretches and is folded by less than a right angle
-    between two triangles: there the moment is greatest, and it is none at a full fold. A stretch
-    that differs between the two triangles makes Σ g_a x_a as well: the form adds about B/h² [N/m]
-    to the stiffness in the plane, for fabrics much less than Y. Its tangent is constant and
-    positive semi-definite, there is no angle that could jump.
+    Valid for cloth that is flat at rest, hardly stretches and is folded by less than a right
+    angle between two triangles: there the moment is greatest, and it is none at a full fold. A
+    stretch that differs between the two triangles makes Σ g_a x_a as well: the form adds about
+    B/h² [N/m] to the stiffness in the plane, for fabrics much less than Y. Its tangent is
+    constant and positive semi-definite, there is no angle that could jump.
 
     Cost: a triangle costs 0.7 of `StVK`'s force and 0.3 of its tangent.
     """

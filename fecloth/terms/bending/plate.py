@@ -28,12 +28,13 @@ class PlateBending:
 
         κ = Σ_i l_i/A α_i n_i n_iᵀ,      W = A/2 κ : D : κ,
 
-    with the length l_i of edge i, its normal n_i in the plane, and the angle α_i from the triangle
-    to the normal that belongs to the edge. On an edge between two triangles with the dihedral angle
-    θ these are α = θ/2 ± φ, where φ is a sum of the angles θ around with constant weights that are
-    exact for every constant curvature (`fecloth.mesh.edge_slopes`). So the energy is a quadratic
-    form of the angles with a constant sparse matrix Q [N m], and there are no unknowns but the
-    positions of the nodes. On a free edge the moment is zero; a clamped pin holds α.
+    with the length l_i of edge i, its normal n_i in the plane, and the angle α_i from the
+    triangle to the normal that belongs to the edge. On an edge between two triangles with the
+    dihedral angle θ these are α = θ/2 ± φ, where φ is a sum of the angles θ around with
+    constant weights that are exact for every constant curvature (`fecloth.mesh.edge_slopes`).
+    So the energy is a quadratic form of the angles with a constant sparse matrix Q [N m], and
+    there are no unknowns but the positions of the nodes. On a free edge the moment is zero; a
+    clamped pin holds α.
 
     D is the fabric's: D₁₁ = B₁, D₂₂ = B₂, D₁₂ = ν_b √(B₁B₂), D₆₆ from its bias rigidity
     (`Fabric.plate`), along warp and weft of each triangle.
@@ -49,8 +50,8 @@ class PlateBending:
     Valid for any rotation and for small curvature times edge length. Errors fall with h². In
     bending, P1 membranes lock where Y h⁴κ²/B is large and no edges lie along the folds.
 
-    Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1; the matrix
-    has about twice the entries (``python -m studies.benchmarks.bending``).
+    Cost of a triangle relative to `HingeBending`: force 1.0 to 1.1, tangent 1.7 to 2.1; the
+    matrix has about twice the entries (``python -m studies.benchmarks.bending``).
 
     Parameters
     ----------

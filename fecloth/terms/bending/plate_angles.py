@@ -227,9 +227,9 @@ class PlateAngles:
     ) -> float:
         """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
 
-        p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m]. In a
-        translation the work cancels with the work of the pinned nodes, which take the opposite
-        forces.
+        p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m].
+        In a translation the work cancels with the work of the pinned nodes, which take the
+        opposite forces.
         """
         if self.moved is None:
             return 0.0

@@ -7,11 +7,11 @@ hinge e, and the moments m = Q (μ − μ⁰) [N m],
     f_a    = −Σ_e m_e g_ea
     K_ab   =  Σ_ef g_ea Q_ef g_fbᵀ + Σ_e m_e ∂²μ_e/∂x_a∂x_b
 
-The first part of K is positive semi-definite. It is added row by row: y_b = Σ_f Q_ef g_fb over the
-nodes b of the row of e, then g_ea y_bᵀ into the blocks of e.
+The first part of K is positive semi-definite. It is added row by row: y_b = Σ_f Q_ef g_fb over
+the nodes b of the row of e, then g_ea y_bᵀ into the blocks of e.
 
-The node of a hinge is −1 where it is held in space: the hinges from `first` on are clamped edges,
-whose fourth node is `ghosts[e − first]`.
+The node of a hinge is −1 where it is held in space: the hinges from `first` on are clamped
+edges, whose fourth node is `ghosts[e − first]`.
 """
 
 import numpy as np
@@ -119,9 +119,10 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
     """J += scale Σ left_ea Q_ef right_fbᵀ.
 
-    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are nodes
-    of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e] …]. Either
-    is −1 for a node that is held in space. y (at least 3 times the largest width,) is work space.
+    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are
+    nodes of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e]
+    …]. Either is −1 for a node that is held in space. y (at least 3 times the largest width,)
+    is work space.
     """
     for e in range(len(width)):
         u = width[e]

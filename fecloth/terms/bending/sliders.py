@@ -9,11 +9,11 @@ the energy per area over a step is, convex and with a continuous slope,
 
     φ = s²/(2 s_y)  where s ≤ s_y,   s − s_y/2  beyond.
 
-Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end of
-the step κ_s moves, z along itself, until s = s_y: what is left is stored, s²/(2 s_y), and the rest
-is heat, s − s_y per area. In one direction it is an elastic spring in series with dry friction
-(Iwan 1966, A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic Response, J.
-Appl. Mech. 33), and φ is Huber's function.
+Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end
+of the step κ_s moves, z along itself, until s = s_y: what is left is stored, s²/(2 s_y), and
+the rest is heat, s − s_y per area. In one direction it is an elastic spring in series with dry
+friction (Iwan 1966, A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic
+Response, J. Appl. Mech. 33), and φ is Huber's function.
 
 Where both are 0 there is no slider.
 """
@@ -43,8 +43,8 @@ class Sliders:
     def of_fabric(cls, fabric: Fabric, stiffness: float) -> Self:
         """The slider of a fabric, m = 1.
 
-        Raises `InputError` if it has no bending rigidity or no hysteresis, or no hysteresis in one
-        of warp and weft only.
+        Raises `InputError` if it has no bending rigidity or no hysteresis, or no hysteresis in
+        one of warp and weft only.
         """
         where = "BendingFriction"
         for name in ("bending_rigidity", "bending_hysteresis"):

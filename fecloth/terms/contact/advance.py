@@ -1,10 +1,10 @@
 """How far points may move towards an obstacle: conservative advancement.
 
-The distance that must be left is a fifth of the distance now, or of the gap if that is less. For a
-convex shape the distance is a convex function of the way, so that it lies above its tangent: the
-way to where the tangent has the least distance is safe (Newton's method from the safe side, which
-converges quadratically). For other shapes the way s is safe where the distance is at least L s,
-with the slope L of the distance there, and half of it in reserve.
+The distance that must be left is a fifth of the distance now, or of the gap if that is less.
+For a convex shape the distance is a convex function of the way, so that it lies above its
+tangent: the way to where the tangent has the least distance is safe (Newton's method from the
+safe side, which converges quadratically). For other shapes the way s is safe where the
+distance is at least L s, with the slope L of the distance there, and half of it in reserve.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 
     b(s) = −(s − 1)² ln s  for 0 < s < 1,  0 for s ≥ 1,  +∞ for s ≤ 0,   s = d/gap
 
-The energy per area is κ gap b(d/gap) with a stiffness κ in Pa, so that the pressure is −κ b′(s). It
-is twice continuously differentiable at s = 1 and convex.
+The energy per area is κ gap b(d/gap) with a stiffness κ in Pa, so that the pressure is −κ
+b′(s). It is twice continuously differentiable at s = 1 and convex.
 
 Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), the smoothly
 clamped barrier −(d − d̂)² ln(d/d̂), here divided by gap² and weighted with areas, as in the

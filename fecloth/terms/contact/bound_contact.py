@@ -1,7 +1,7 @@
 """What obstacles, meshes and the cloth itself have in common: a barrier with friction, over a step.
 
-A subclass of `BoundContact` has the barrier, and says what slides; here that is put together, for
-one state and for a step.
+A subclass of `BoundContact` has the barrier, and says what slides; here that is put together,
+for one state and for a step.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class Touched:
     """The last step: friction has its λ and directions at its end.
 
     With a restitution between 0 and 1 it also has, for each kind of points of an obstacle, the
-    speeds (p,) [m/s] with which they came nearer when they first touched; infinite where unknown.
+    speeds (p,) [m/s] with which they came nearer when they first touched; infinite where
+    unknown.
     """
 
     place: np.ndarray  # (n, 3) at its end [m]
@@ -93,8 +94,8 @@ class BoundContact(BoundTerm):
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is the mean of the time dt from then on, or of −dt until then;
-        for None the velocity at t.
+        The velocity of the surface is the mean of the time dt from then on, or of −dt until
+        then; for None the velocity at t.
         """
         raise NotImplementedError
 
@@ -154,8 +155,8 @@ class BoundContact(BoundTerm):
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier, and friction [N].
 
-        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves past a
-        cloth at rest is left out.
+        At v = 0 it is the derivative of the energy: the friction of an obstacle that moves
+        past a cloth at rest is left out.
         """
         self.add_forces(x, t, self.rubbing(x, v, t) if v.any() else (), f)
 
@@ -169,7 +170,8 @@ class BoundContact(BoundTerm):
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
         """Work [J] on the cloth by a shape that deforms from the time `before` to t."""
-        # The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the end.
+        # The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the
+        # end.
         return 0.0
 
     @property
@@ -191,9 +193,9 @@ class ContactOverStep(BoundTerm):
 
     What it dissipates beside has a potential too: see `restitution`.
 
-    λ and the directions of sliding are taken at the end of the last step, where that was committed,
-    and the velocity is the method's difference. Over an `Increment` of the loads it is the way over
-    the increment, divided by its size; the barrier does not dissipate there.
+    λ and the directions of sliding are taken at the end of the last step, where that was
+    committed, and the velocity is the method's difference. Over an `Increment` of the loads it
+    is the way over the increment, divided by its size; the barrier does not dissipate there.
     """
 
     contact: BoundContact

@@ -36,8 +36,8 @@ class BoundObstacle(BoundContact):
     creep: float  # speed of sliding [m/s] from which friction has its full value
     points: tuple[Points, ...]  # on which it acts
     restitution: float = 1.0
-    # The places at the begin and the end of a step over which it acts, and the speeds of the first
-    # touch; None at one state, where it does not dissipate.
+    # The places at the begin and the end of a step over which it acts, and the speeds of the
+    # first touch; None at one state, where it does not dissipate.
     moved: Touched | None = None
 
     name = "Obstacle"

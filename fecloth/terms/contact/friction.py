@@ -5,9 +5,9 @@
 with the normal force λ, the velocity w of sliding, y = |w|, and a small speed ε. F is the
 derivative of the potential −μ λ f₀(y) by w, f₀′ = f₁. At rest the cloth creeps with less than ε.
 
-λ and the directions of sliding belong to one place and time, `Sliding`: over a step to its begin,
-so that friction has a potential; over an increment of the loads to its end, where it is solved
-again and again with them; outside a step to the state itself.
+λ and the directions of sliding belong to one place and time, `Sliding`: over a step to its
+begin, so that friction has a potential; over an increment of the loads to its end, where it is
+solved again and again with them; outside a step to the state itself.
 
 Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), section on
 friction; f₀ and f₁ as the IPC Toolkit has them.
@@ -51,8 +51,8 @@ def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
 class Sliding(Protocol):
     """What slides at one place and time: its normal forces and directions stay as they are there.
 
-    Velocities v (m, 3) belong to its m points in space, w (m, 3) are their parts along and relative
-    to the surface that they slide on, both in m/s.
+    Velocities v (m, 3) belong to its m points in space, w (m, 3) are their parts along and
+    relative to the surface that they slide on, both in m/s.
     """
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:

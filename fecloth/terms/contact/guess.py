@@ -55,9 +55,9 @@ def find_guess(
     """Positions (n, 3) near x that all contacts allow at the end of the step, or None.
 
     Each node goes towards x until the first obstacle stops it. Then all nodes together go the
-    part of this way on which no triangle meets anything, from the place at the begin of the step,
-    or from where a body that moves has taken the cloth. `hold` puts nodes back where pins hold
-    them. The result does not depend on the order of the contacts.
+    part of this way on which no triangle meets anything, from the place at the begin of the
+    step, or from where a body that moves has taken the cloth. `hold` puts nodes back where
+    pins hold them. The result does not depend on the order of the contacts.
     """
     places = x
     parts = np.ones(len(x))

@@ -30,8 +30,8 @@ def nodes_of(contacts: Any, mesh: Any) -> np.ndarray:
 def square_away_from(x: Array, start: Array, way: Array, drifts: bool) -> float:
     """The square of the longest way [m²] of a node at x (n, 3) from the straight way from `start`.
 
-    The point of this way is the nearest one for all nodes together. Where the cloth `drifts`, what
-    all nodes move alike does not count.
+    The point of this way is the nearest one for all nodes together. Where the cloth `drifts`,
+    what all nodes move alike does not count.
     """
     mean = np.zeros(3)
     count = len(x)

@@ -64,8 +64,9 @@ NO_TRIANGLES = np.zeros((0, 3), int)
 class Shape:
     """A rigid body that stands as it is written at t = 0, and may move and turn from there.
 
-    A point y of the body is at p + u(t) − u(0) + R(t) R(0)ᵀ (y − p) at the time t, with the point p
-    of the axis, the rotation R, and the motion u, which may be a function ``motion(t) -> (3,)``.
+    A point y of the body is at p + u(t) − u(0) + R(t) R(0)ᵀ (y − p) at the time t, with the
+    point p of the axis, the rotation R, and the motion u, which may be a function ``motion(t)
+    -> (3,)``.
 
     Parameters
     ----------

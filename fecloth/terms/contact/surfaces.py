@@ -1,9 +1,9 @@
 """Triangles of a shape's surface, for pictures and ParaView.
 
-Round shapes are profiles turned about an axis. A plane and a cylinder have no end: as much is drawn
-as lies within `reach` of a place. The surface of a formula is found by marching tetrahedra: each
-cube of a grid has six tetrahedra, and each of these is cut in a triangle or in two (Doi and Koide
-1991, IEICE Trans. E74(1)).
+Round shapes are profiles turned about an axis. A plane and a cylinder have no end: as much is
+drawn as lies within `reach` of a place. The surface of a formula is found by marching
+tetrahedra: each cube of a grid has six tetrahedra, and each of these is cut in a triangle or
+in two (Doi and Koide 1991, IEICE Trans. E74(1)).
 """
 
 import math

@@ -42,10 +42,10 @@ def load(where: str) -> Any:
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    The contacts at the positions asked for last are kept. So are all pairs that are nearer than
-    three gaps at any point of the way asked for last, if they are few: no others can touch where
-    each node is less than a gap from a point of this way. Boxes around the parts find these pairs;
-    where no real distance is as small, none is kept.
+    The contacts at the positions asked for last are kept. So are all pairs that are nearer
+    than three gaps at any point of the way asked for last, if they are few: no others can
+    touch where each node is less than a gap from a point of this way. Boxes around the parts
+    find these pairs; where no real distance is as small, none is kept.
     """
 
     # ipctk, and its collision mesh and barrier potential.

@@ -100,7 +100,8 @@ class BoundTriangleContact(BoundContact):
 
     def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
         """wx K of the barrier, without the negative part of each pair if `definite`, and wv D."""
-        # How friction changes with x is left out: over a step, for which methods ask, it is lagged.
+        # How friction changes with x is left out: over a step, for which methods ask, it is
+        # lagged.
         rubbing = self.rubbing(x, v, t) if wv else ()
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
@@ -197,20 +198,20 @@ class SelfContact:
 
         b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
 
-    so that no triangle ever passes through another. The pressure between two layers is 1.7 to 2.7
-    times −κ b′(s), as nodes and edges of both act: less on unstructured meshes, more on "right"
-    ones. Pairs that share a node do not act. The forces are continuous, their slopes almost: they
-    jump where edges are exactly parallel. In each
-    step of Newton's iteration a continuous collision detection finds how far the cloth may move.
+    so that no triangle ever passes through another. The pressure between two layers is 1.7 to
+    2.7 times −κ b′(s), as nodes and edges of both act: less on unstructured meshes, more on
+    "right" ones. Pairs that share a node do not act. The forces are continuous, their slopes
+    almost: they jump where edges are exactly parallel. In each step of Newton's iteration a
+    continuous collision detection finds how far the cloth may move.
 
-    The pairs change from iteration to iteration. So the tangent stays outside the fixed pattern of
-    the matrix (`coupling`); without a contact a step costs as much as before, plus the search for
-    pairs. P2 triangles touch as four flat ones each.
+    The pairs change from iteration to iteration. So the tangent stays outside the fixed
+    pattern of the matrix (`coupling`); without a contact a step costs as much as before, plus
+    the search for pairs. P2 triangles touch as four flat ones each.
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
-    Large-Deformation Dynamics, ACM Trans. Graph. 39(4); Li, Kaufman and Jiang (2021), Codimensional
-    Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness; computed by the IPC
-    Toolkit, the package ``ipctk``.
+    Large-Deformation Dynamics, ACM Trans. Graph. 39(4); Li, Kaufman and Jiang (2021),
+    Codimensional Incremental Potential Contact, ACM Trans. Graph. 40(4), for the thickness;
+    computed by the IPC Toolkit, the package ``ipctk``.
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
@@ -218,8 +219,8 @@ class SelfContact:
     max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little more than v
     (`retreat`).
 
-    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`, from a
-    start free of intersections.
+    Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`,
+    from a start free of intersections.
 
     Cost: as much as the other work of an iteration where each node has a contact.
 

@@ -26,19 +26,20 @@ class Condition:
 
         f_a = −∂C_a k_s C,   d_a = −∂C_a k_d Ċ,   Ċ = Σ_a ∂C_aᵀ v_a
 
-    These and their Hessians follow from C, ∂C and ∂²C. C takes and returns arrays of all stencils.
+    These and their Hessians follow from C, ∂C and ∂²C. C takes and returns arrays of all
+    stencils.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
     `fecloth.terms.loops.condition`.
 
-    Valid where C is twice differentiable. It must be so in every state of the motion: a length is
-    not at zero, an angle not at a full turn. Momentum is conserved only if C does not change in
-    rigid motion.
+    Valid where C is twice differentiable. It must be so in every state of the motion: a length
+    is not at zero, an angle not at a full turn. Momentum is conserved only if C does not
+    change in rigid motion.
 
-    A derivative without a function comes from central differences of order 4 with a step of 1e-3
-    of the stencil's size: where C is smooth, ∂C is good to 1e-10 and ∂²C to 1e-7 of their largest
-    entries, for 12 k calls of C and (12 k)². A function for a derivative is compared with
-    differences when the term is bound, near the rest state.
+    A derivative without a function comes from central differences of order 4 with a step of
+    1e-3 of the stencil's size: where C is smooth, ∂C is good to 1e-10 and ∂²C to 1e-7 of their
+    largest entries, for 12 k calls of C and (12 k)². A function for a derivative is compared
+    with differences when the term is bound, near the rest state.
 
     Parameters
     ----------

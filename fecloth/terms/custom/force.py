@@ -26,9 +26,10 @@ VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 class UserForce:
     """f_a = A_a g(x_a, v_a, t), a user-defined force on each node from its position and velocity.
 
-    A_a is the share of the node in the reference area or in the mass, or 1; on P2 triangles zero at
-    the corners, which is exact for g of degree 0, and the displacement keeps its third order in L2
-    (`Cloth.load` integrates to any degree). Check derivatives with `fecloth.verify.check_term`.
+    A_a is the share of the node in the reference area or in the mass, or 1; on P2 triangles
+    zero at the corners, which is exact for g of degree 0, and the displacement keeps its third
+    order in L2 (`Cloth.load` integrates to any degree). Check derivatives with
+    `fecloth.verify.check_term`.
 
     Its work is ``work:UserForce`` in the energy ledger. The tangents use `derivatives`, or else
     central differences of g over ± 1e-5 m and ± 1e-5 m/s, which take twelve evaluations of g.

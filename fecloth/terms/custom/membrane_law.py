@@ -32,23 +32,24 @@ class MembraneLaw:
     `StVK` is: in a `System`, on P1 and P2, with every integrator, as the `law` of
     `StrainRateDamping`, with stresses in the output. The name of its class is the term's name.
 
-    ``law(E, c)`` is a static method of the Green strain E = (E11, E22, E12) and the constants c of
-    the triangle, in warp and weft, and returns
+    ``law(E, c)`` is a static method of the Green strain E = (E11, E22, E12) and the constants
+    c of the triangle, in warp and weft, and returns
 
         W                                 energy per reference area [J/m²]
         (S11, S22, S12)                   S = ∂W/∂E [N/m]; S12 is half of ∂W/∂E12
         (C11, C22, C66, C12, C16, C26)    ℂ = ∂S/∂E [N/m], on E11, E22 and 2 E12
 
-    Numba compiles it: use numbers, tuples and `math`, and call only functions that are compiled
-    themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ : E). That takes a
-    second or two for each of force, tangent and definite tangent. The machine code stays on disk
-    until the law, its constants or a function that it calls changes. Write out the entries of c: a
-    slice of c is slow. When the term is bound, S and ℂ are compared with differences near rest;
-    `fecloth.verify.check_term` does so far from it.
+    Numba compiles it: use numbers, tuples and `math`, and call only functions that are
+    compiled themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ :
+    E). That takes a second or two for each of force, tangent and definite tangent. The machine
+    code stays on disk until the law, its constants or a function that it calls changes. Write
+    out the entries of c: a slice of c is slow. When the term is bound, S and ℂ are compared
+    with differences near rest; `fecloth.verify.check_term` does so far from it.
 
-    Newton's definite tangent clamps negative principal values of S and eigenvalues of ℂ: W need not
-    be convex. `System` raises `InputError` for what is not (W, S, ℂ) or not finite at E = 0, for an
-    entry of S or ℂ that is not the derivative, and for what Numba cannot compile.
+    Newton's definite tangent clamps negative principal values of S and eigenvalues of ℂ: W
+    need not be convex. `System` raises `InputError` for what is not (W, S, ℂ) or not finite at
+    E = 0, for an entry of S or ℂ that is not the derivative, and for what Numba cannot
+    compile.
     """
 
     traits = MEMBRANE

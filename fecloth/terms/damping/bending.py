@@ -24,9 +24,10 @@ from fecloth.terms.traits import DAMPING
 class BendingDamping:
     """Moments −τ Q θ̇ at the hinges, with the stiffness Q of a bending law.
 
-    Force d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ θ̇ᵀ Q θ̇; zero in rigid motion,
-    and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ + A₂); Q of
-    `PlateBending` couples neighbouring hinges, and its measure μ stands in place of θ.
+    Force d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ θ̇ᵀ Q θ̇; zero in rigid
+    motion, and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ +
+    A₂); Q of `PlateBending` couples neighbouring hinges, and its measure μ stands in place of
+    θ.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
     condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
@@ -45,9 +46,9 @@ class BendingDamping:
         "symmetric" (the non-symmetric part dropped) or "exact".
     law
         The bending law whose stiffness is Q, `HingeBending` or `PlateBending`. Default:
-        ``HingeBending()``, and on P2, which has no hinges of its own, ``PlateBending()``. Beside a
-        `PlateBending` term take ``PlateBending()``: with hinges ζ is wrong by the pattern of the
-        mesh, on a cantilever of the pattern "right" by 20 %.
+        ``HingeBending()``, and on P2, which has no hinges of its own, ``PlateBending()``.
+        Beside a `PlateBending` term take ``PlateBending()``: with hinges ζ is wrong by the
+        pattern of the mesh, on a cantilever of the pattern "right" by 20 %.
     """
 
     time: Annotated[float, TIME]

@@ -27,7 +27,8 @@ from fecloth.terms.traits import DAMPING
 class StrainRateDamping:
     """Viscous stress S_v = τ ℂ₀ : Ė with the strain rate Ė = sym(FᵀḞ), or its difference.
 
-    The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. There are two forms.
+    The force is d_a = −Σ w F S_v G_a. The dissipated power is Σ w Ė : S_v ≥ 0. There are two
+    forms.
 
     "velocity" takes Ė = sym(FᵀḞ) from the velocity, zero in any rigid motion. With δE = B(F) δx
     and Ė = B(F) v the tangents are
@@ -40,20 +41,22 @@ class StrainRateDamping:
         backward Euler   Ė = (E₁ − E₀)/dt
         BDF2             Ė = (3E₁ − 4E₀ + E₋₁)/(2dt),    or that for steps of changing size
 
-    It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step that
-    turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and 2dt/3, so
-    that the step minimises if the other terms have energies, and its tangent is symmetric. It is
-    the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ E(xᵢ).
+    It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step
+    that turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and
+    2dt/3, so that the step minimises if the other terms have energies, and its tangent is
+    symmetric. It is the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ
+    E(xᵢ).
 
     Both forms are the same as dt → 0, to the order of the method. In the midpoint rule and
     `EnergyMomentum` they are the same at any dt: there sym(FᵀḞ) is (E₁ − E₀)/dt.
 
-    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, with C = 2E as a
-    whole tensor. A step as a minimum: Gast and Schroeder (2014), Optimization Integrator for Large
-    Time Steps, SCA.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, with C = 2E
+    as a whole tensor. A step as a minimum: Gast and Schroeder (2014), Optimization Integrator
+    for Large Time Steps, SCA.
 
-    Valid at any strain. Motion without strain, such as bending without stretch, is not damped. The
-    damping of a real fabric is friction between yarns, which depends less on the frequency.
+    Valid at any strain. Motion without strain, such as bending without stretch, is not damped.
+    The damping of a real fabric is friction between yarns, which depends less on the
+    frequency.
 
     Cost of force and tangent relative to `StVK`: 1.2 and 1.1 times, in both forms.
     tangent="exact" also needs a linear solver for general matrices.
@@ -112,8 +115,9 @@ class StrainRateDamping:
 class BoundStrainRate(BoundTerm):
     """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
 
-    Its own functions are for rate = "velocity"; `over_step` has the functions of "step". The loops
-    are the ones of `StVK` with the rate of the strain, whose energy is half of the power.
+    Its own functions are for rate = "velocity"; `over_step` has the functions of "step". The
+    loops are the ones of `StVK` with the rate of the strain, whose energy is half of the
+    power.
     """
 
     panel: Panel

@@ -34,18 +34,19 @@ class Drag:
     w_t = w − w_n n. A and n are the deformed area and normal. In still air u = 0; for moving air
     see `Wind`. p is 1 (linear) or 2 (quadratic). The dissipated power is −Σ F · w ≥ 0.
 
-    With N = (x₂ − x₁) × (x₃ − x₁) = 2 A n and the edges e_b opposite to the corners, the tangents
-    are
+    With N = (x₂ − x₁) × (x₃ − x₁) = 2 A n and the edges e_b opposite to the corners, the
+    tangents are
 
         D_ab = −(1/9) ∂F/∂w                                   symmetric, semi-definite
         K_ab = −(1/3) (∂F/∂N [e_b]× − ⅓ ∂F/∂w ∂u/∂x)          not symmetric
 
-    Source: the independence principle of Taylor (1952), Analysis of the swimming of long and narrow
-    animals, Proc. R. Soc. A 214: normal and tangential flow act independently of each other.
+    Source: the independence principle of Taylor (1952), Analysis of the swimming of long and
+    narrow animals, Proc. R. Soc. A 214: normal and tangential flow act independently of each
+    other.
 
-    Valid if the inertia of the air (added mass), lift by circulation and shielding are negligible,
-    as for cloth that falls, or that a steady wind meets at a large angle. "linear" is for creeping
-    flow only. P1 triangles only.
+    Valid if the inertia of the air (added mass), lift by circulation and shielding are
+    negligible, as for cloth that falls, or that a steady wind meets at a large angle. "linear"
+    is for creeping flow only. P1 triangles only.
 
     Cost relative to `StVK`: force 1.3, tangent 1.4; with gusts 50 and 12.
 
@@ -53,9 +54,9 @@ class Drag:
     ----------
     normal, tangential
         k_n (normal) and k_t (tangential), >= 0. Linear: [Pa s/m]. Quadratic: ½ ρ C [Pa s²/m²],
-        with ρ = 1.2 kg/m³ of air. For a square plate C is 1.17 and `normal` 0.7, for a long plate
-        1.98 and 1.2; the tangential C is about 0.01 (Matthews 2002, Aeronautical Engineer's Data
-        Book, fig. 5.13).
+        with ρ = 1.2 kg/m³ of air. For a square plate C is 1.17 and `normal` 0.7, for a long
+        plate 1.98 and 1.2; the tangential C is about 0.01 (Matthews 2002, Aeronautical
+        Engineer's Data Book, fig. 5.13).
     law
         "quadratic" or "linear".
     tangent

@@ -23,22 +23,22 @@ from fecloth.terms.traits import LOAD
 class Gas:
     """f_a = (p(V) − p_ambient) ∂V/∂x_a with p V^γ = p₀ V₀^γ, for the volume V under the cloth.
 
-    V = Σ (x₁ − o) · ((x₂ − o) × (x₃ − o)) / 6 over the triangles. If the origin o and the rim are
-    in one plane, this is the volume between the cloth and the plane, because the contribution of
-    the plane is zero. V is positive if the cloth is above the plane.
+    V = Σ (x₁ − o) · ((x₂ − o) × (x₃ − o)) / 6 over the triangles. If the origin o and the rim
+    are in one plane, this is the volume between the cloth and the plane, because the
+    contribution of the plane is zero. V is positive if the cloth is above the plane.
 
         energy   p₀ V₀ ((V₀/V)^(γ−1) − 1)/(γ − 1) + p_ambient (V − V₀), or −p₀ V₀ ln(V/V₀) + …
         K_ab   = −(p − p_ambient) ∂²V_ab + γ p/V ∂V_a ∂V_bᵀ
 
-    The last part of K couples all nodes. It has rank one, and Newton's linear solve includes it by
-    the Sherman–Morrison formula (Hager 1989, Updating the Inverse of a Matrix, eq. 2).
-    `System.stiffness` does not contain it; `System.dense` returns it. Start from a dome: for a flat
-    cloth the volume is zero and the forces are not finite.
+    The last part of K couples all nodes. It has rank one, and Newton's linear solve includes
+    it by the Sherman–Morrison formula (Hager 1989, Updating the Inverse of a Matrix, eq. 2).
+    `System.stiffness` does not contain it; `System.dense` returns it. Start from a dome: for a
+    flat cloth the volume is zero and the forces are not finite.
 
     Source: the gas law p V^γ = const of an ideal gas, and the derivatives of V; exact on P1.
 
-    Valid if the volume is positive, the rim and o are in one plane, and pressure waves in the gas
-    are much faster than the cloth.
+    Valid if the volume is positive, the rim and o are in one plane, and pressure waves in the
+    gas are much faster than the cloth.
 
     Cost: as for `Pressure`, and a second linear solve.
 

@@ -21,9 +21,9 @@ from fecloth.terms.traits import LOAD
 class Gravity:
     """f_a = Σ_b M_ab g = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
 
-    Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2. On P2 with a
-    lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall stays flat;
-    a P2 strip at rest under it converges as P1 does, h² in L2 in place of h³.
+    Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2. On P2
+    with a lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall
+    stays flat; a P2 strip at rest under it converges as P1 does, h² in L2 in place of h³.
 
     Valid at any deformation, in a uniform gravity field.
 
@@ -80,22 +80,24 @@ class BoundGravity(BoundTerm):
 class PointForce:
     """f_a = N_a F(t) at a point of the cloth, or f_a = F(t)/k at each of k nodes.
 
-    The resultant is F(t) on any mesh, in a direction that does not rotate with the cloth. Its work
-    is ``work:PointForce`` in the energy ledger. There is no tangent.
+    The resultant is F(t) on any mesh, in a direction that does not rotate with the cloth. Its
+    work is ``work:PointForce`` in the energy ledger. There is no tangent.
 
-    Source: virtual work F · δx of a force at a material point; N_a are the shape functions there.
+    Source: virtual work F · δx of a force at a material point; N_a are the shape functions
+    there.
 
-    Valid at any deformation, at some distance from the point. At the point itself the displacement
-    of a membrane does not converge under refinement: in the plane it grows as the logarithm of
-    1/h. Evaluate results elsewhere, or load a set of nodes whose size does not depend on h.
+    Valid at any deformation, at some distance from the point. At the point itself the
+    displacement of a membrane does not converge under refinement: in the plane it grows as the
+    logarithm of 1/h. Evaluate results elsewhere, or load a set of nodes whose size does not
+    depend on h.
 
     Cost: proportional to the number of loaded nodes.
 
     Parameters
     ----------
     where
-        The name of a node set, a material point (X, Y) [m], node indices as a list or array, or a
-        predicate on X.
+        The name of a node set, a material point (X, Y) [m], node indices as a list or array,
+        or a predicate on X.
     force
         F: three numbers [N], formulas of t as text, or a function of t.
 

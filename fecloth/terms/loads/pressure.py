@@ -26,18 +26,19 @@ class Pressure:
     """f_a = (p/6) n with n = (x₂ − x₁) × (x₃ − x₁) on each corner a of a triangle.
 
     n is the unit normal times twice the deformed area: on a flat cloth of the plane xy, p > 0
-    pushes along +z. It is constant on a P1 triangle, so that f_a is exactly ∫ p N_a n dA. With the
-    edges e_b opposite to the corners (e₁ = x₃ − x₂, …), ∂n/∂x_b = [e_b]× and
+    pushes along +z. It is constant on a P1 triangle, so that f_a is exactly ∫ p N_a n dA. With
+    the edges e_b opposite to the corners (e₁ = x₃ − x₂, …), ∂n/∂x_b = [e_b]× and
 
         K_ab = −∂f_a/∂x_b = −(p/6) [e_b]×                   exact
         K_ab = −(p/12) [e_b − e_a]×                         its symmetric part
 
-    Source: Hibbitt (1979), Some follower forces and load stiffness, Int. J. Numer. Meth. Engng 14,
-    937–941; here for the P1 triangle, whose normal is quadratic in the positions of its corners.
+    Source: Hibbitt (1979), Some follower forces and load stiffness, Int. J. Numer. Meth. Engng
+    14, 937–941; here for the P1 triangle, whose normal is quadratic in the positions of its
+    corners.
 
-    Where the border is pinned, or slides in one plane, the projected exact matrix is symmetric, and
-    both tangents are equal. With a free border "exact" needs a linear solver for general matrices,
-    and with "symmetric" Newton's method does not converge quadratically.
+    Where the border is pinned, or slides in one plane, the projected exact matrix is
+    symmetric, and both tangents are equal. With a free border "exact" needs a linear solver
+    for general matrices, and with "symmetric" Newton's method does not converge quadratically.
 
     On P2 triangles the normal is n = F₁ × F₂, where F₁ and F₂ are the columns of F. With
     d_b = G_b1 F₂ − G_b2 F₁, and exactly integrated by the 6 points,

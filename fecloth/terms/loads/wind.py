@@ -23,18 +23,18 @@ STRONGEST = 2.0  # intensity of gusts: behind bluff bodies it reaches 1
 class Wind:
     """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
 
-    u is the velocity of the air at the centroids of the triangles. On a cloth that is inclined to
-    the wind the force along the normal n gives both drag and lift.
+    u is the velocity of the air at the centroids of the triangles. On a cloth that is inclined
+    to the wind the force along the normal n gives both drag and lift.
 
-    Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power Σ F · v̄
-    = Σ F · w + Σ F · u has a dissipated part, ``dissipated:Wind`` in the energy ledger, and the
-    work of the wind, ``work:Wind``.
+    Use `Wind` instead of a `Drag` and not with it, or the drag is counted twice. The power Σ F
+    · v̄ = Σ F · w + Σ F · u has a dissipated part, ``dissipated:Wind`` in the energy ledger,
+    and the work of the wind, ``work:Wind``.
 
     Source: `Drag` with w = v̄ − u(x, t); gusts after Kraichnan (1970), Diffusion by a random
     velocity field, Physics of Fluids 13, 22–31 (`fecloth.terms.loads.air_velocity.Gusts`).
 
-    Valid where `Drag` is, if the cloth does not change the motion of the air: no wake, no shielding
-    of one part by another, no flutter that the motion of the air causes.
+    Valid where `Drag` is, if the cloth does not change the motion of the air: no wake, no
+    shielding of one part by another, no flutter that the motion of the air causes.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ class Wind:
     tangent
         "symmetric" or "exact", see `Drag`.
     gusts
-        Turbulence intensity, 0 … 2: the standard deviation of each component over the mean speed.
-        With gusts `velocity` must be three numbers. The field is described in
+        Turbulence intensity, 0 … 2: the standard deviation of each component over the mean
+        speed. With gusts `velocity` must be three numbers. The field is described in
         `fecloth.terms.loads.air_velocity.Gusts`.
     gust_length
         Length of the gusts [m].

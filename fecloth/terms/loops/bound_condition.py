@@ -216,9 +216,9 @@ class LengthsOverStep(OverMean):
             damping.add_tangent(x, v, t, wx, wv, J, definite)
 
 
-# A spring with e₀, e and e₁ = 2e − e₀ at the begin, mean and end of a step and l₀ + l₁ = s has over
-# this step the force f = −k (1 − 2L/s) e. As 2 e · (e₁ − e₀) = l₁² − l₀², its work
-# −k (½ s − L) (l₁ − l₀) is the change of ½ k (l − L)² (Simo and Tarnow 1992, The Discrete
+# A spring with e₀, e and e₁ = 2e − e₀ at the begin, mean and end of a step and l₀ + l₁ = s has
+# over this step the force f = −k (1 − 2L/s) e. As 2 e · (e₁ − e₀) = l₁² − l₀², its work −k (½
+# s − L) (l₁ − l₀) is the change of ½ k (l − L)² (Simo and Tarnow 1992, The Discrete
 # Energy–Momentum Method, ZAMP 43, for such a force along e).
 
 

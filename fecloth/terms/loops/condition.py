@@ -1,7 +1,7 @@
 """Loops over the stencils of a condition C(x): springs, hinges and every other condition.
 
-A condition C(x) with r components on a stencil of k nodes, a stiffness k_s and a damping k_d give
-(Baraff and Witkin 1998, Large Steps in Cloth Simulation, equations in brackets)
+A condition C(x) with r components on a stencil of k nodes, a stiffness k_s and a damping k_d
+give (Baraff and Witkin 1998, Large Steps in Cloth Simulation, equations in brackets)
 
     energy   ½ Cᵀ k_s C                                                       (above (7))
     force    f_a = −∂C_a k_s C                                                        (7)
@@ -25,10 +25,10 @@ A family of conditions is a compiled function
                          `order` names, because they hold the values of another stencil before
 
 The loops below are templates that call it; `bound_condition.kernels` compiles them and
-`BoundCondition.bind` makes the bound term. `per_node` is a tuple with one zero for each node and
-`convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every x and 0
-if it is not: the compiler knows their length. A term whose constants change with x or t extends
-`BoundCondition` and its `table`, as custom/condition.py and tether.py do.
+`BoundCondition.bind` makes the bound term. `per_node` is a tuple with one zero for each node
+and `convex` a tuple with, for each component, 1 if its ∂²C is positive semi-definite at every
+x and 0 if it is not: the compiler knows their length. A term whose constants change with x or
+t extends `BoundCondition` and its `table`, as custom/condition.py and tether.py do.
 
 `definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
 others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
@@ -133,7 +133,8 @@ def add_tangent(
     x: Array, v: Array, wx: float, wv: float, part: int, mixed: bool, J: Array,
 ) -> None:  # fmt: skip
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part."""
-    # `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is there.
+    # `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is
+    # there.
     k = len(per_node)
     n = len(convex)
     y = np.empty((k, 3))

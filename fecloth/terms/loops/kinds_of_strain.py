@@ -1,8 +1,8 @@
 """Kinds of strain: what `membrane_loops` inserts for the calls in its templates.
 
-The functions are not called, and have the parameters and meaning that the docstring there gives
-each name. Pointwise strains have one F and one E at each quadrature point. Of E_h the forms A of a
-point, as rows B of the nodes' positions u, take the place of F (`regge_strain`).
+The functions are not called, and have the parameters and meaning that the docstring there
+gives each name. Pointwise strains have one F and one E at each quadrature point. Of E_h the
+forms A of a point, as rows B of the nodes' positions u, take the place of F (`regge_strain`).
 """
 
 # mypy: allow-untyped-defs

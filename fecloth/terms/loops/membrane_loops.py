@@ -1,7 +1,8 @@
 """The membrane loops: every law in the Green strain, with every kind of strain, runs through these.
 
-A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain E = (E11, E22, E12) and
-the constants c of the triangle, in the Voigt order (11, 22, 12) with the engineering shear 2 E12:
+A law is a compiled function ``law(E, c) -> (W, S, ℂ)`` of the Green strain E = (E11, E22, E12)
+and the constants c of the triangle, in the Voigt order (11, 22, 12) with the engineering shear
+2 E12:
 
     W    energy per reference area [J/m²]
     S    second Piola–Kirchhoff stress resultant ∂W/∂E = (S11, S22, S12) [N/m]
@@ -20,7 +21,8 @@ A kind of strain is a mapping of plain functions, whose bodies are inserted for 
     mix           J += w (∂E/∂x : ℂ : (wv ∂E/∂x + mixed ∂E/∂x at v) + wx S : ∂²E/∂x²)
     add_means     out[e] += what a point adds of some values to their means over the triangle
 
-`kinds_of_strain` has them. A is G or the forms of E_h, and y is what the strain is taken against:
+`kinds_of_strain` has them. A is G or the forms of E_h, and y is what the strain is taken
+against:
 
     POINTWISE     E = (FᵀF − I)/2
     RESTED        E = (FᵀF − I)/2 − y        with a rest strain y, of damping over a step
@@ -218,8 +220,8 @@ class Kernels:
     law: Callable[..., Any]  # the compiled function (see above)
     # The same law with ℂ positive semi-definite, for the definite tangent.
     definite_law: Callable[..., Any]
-    # W is quadratic in E, so that the stress of the mean of two strains does the work of the energy
-    # between them.
+    # W is quadratic in E, so that the stress of the mean of two strains does the work of the
+    # energy between them.
     is_quadratic: bool
     kind: Kind = field(default_factory=lambda: POINTWISE)  # the kind of strain
 

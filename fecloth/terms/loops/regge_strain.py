@@ -6,11 +6,11 @@ artefact: too stiff by orders for thin cloth (membrane locking). The linear tens
     t · E t        at two Gauss points of each edge, with the edge's direction t
     ∫ E dA         over the triangle
 
-has no such part, and equals E where E is linear in X, as it is about flat (Neunteufel and Schöberl
-2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech. Engrg. 373).
-P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies. In L2 and H1 the
-errors of a taut sheet differ from the errors with E by less than 5 % (cases of
-`studies.convergence`).
+has no such part, and equals E where E is linear in X, as it is about flat (Neunteufel and
+Schöberl 2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech.
+Engrg. 373). P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies.
+In L2 and H1 the errors of a taut sheet differ from the errors with E by less than 5 % (cases
+of `studies.convergence`).
 
 The energy is Σ_p w_p W(E_h(p)) over three points. Each component k of E_h(p), in the order
 (11, 22, 12), is a quadratic form of the nodes' positions,
@@ -259,8 +259,8 @@ def scatter_tension(
 ) -> None:
     """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
 
-    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there, and
-    S is the one on the mean of E, with the gradients G at the three points.
+    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there,
+    and S is the one on the mean of E, with the gradients G at the three points.
     """
     for a in range(NODES):
         for b in range(NODES):

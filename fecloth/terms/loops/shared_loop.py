@@ -1,10 +1,11 @@
 """A loop over elements that adds to their nodes, shared among threads to the bits of one thread.
 
-Each thread takes a range of the elements, and owns the nodes that no thread before it has touched.
-It also computes the elements of its neighbours that touch its nodes. So no node is written by
-two threads, and what a node gets is added in the order of the elements. Elements are numbered
-along a narrow band, therefore only the few at both ends of a range, the seams, touch nodes of
-other threads. Their sums go to an array of the thread, from which its own nodes are copied.
+Each thread takes a range of the elements, and owns the nodes that no thread before it has
+touched. It also computes the elements of its neighbours that touch its nodes. So no node is
+written by two threads, and what a node gets is added in the order of the elements. Elements
+are numbered along a narrow band, therefore only the few at both ends of a range, the seams,
+touch nodes of other threads. Their sums go to an array of the thread, from which its own nodes
+are copied.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -41,9 +42,9 @@ class Piece:
 class SharedLoop:
     """A loop over elements with the nodes (m, k), of which −1 is none, for the threads of a team.
 
-    The loops are given as functions that return a `Call`, a kernel and its arguments, for a range
-    of the elements. Of a part of a cloth only the elements where `counted` (m,) is true count in
-    sums; None: all do.
+    The loops are given as functions that return a `Call`, a kernel and its arguments, for a
+    range of the elements. Of a part of a cloth only the elements where `counted` (m,) is true
+    count in sums; None: all do.
     """
 
     team: Team

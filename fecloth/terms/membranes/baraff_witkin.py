@@ -28,20 +28,21 @@ class BaraffWitkin:
     reference area [m²].
 
     Published is p = 1. The energy of a triangle grows with a², so that the cloth's tensile
-    stiffness is k_u a [N/m]: refined from h to h/2 it is four times as soft. With p = ½ the energy
-    per area is
+    stiffness is k_u a [N/m]: refined from h to h/2 it is four times as soft. With p = ½ the
+    energy per area is
 
         W = ½ k_u (|w_u| − b_u)² + ½ k_v (|w_v| − b_v)² + ½ k_s (w_u·w_v)²
 
     on every mesh: a material. For b = 1 it agrees at rest, to second order in the strain, with
-    `StVK` of Y₁ = k_u, Y₂ = k_v, G = k_s and ν = 0. No choice of its constants gives it another ν.
+    `StVK` of Y₁ = k_u, Y₂ = k_v, G = k_s and ν = 0. No choice of its constants gives it
+    another ν.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, section 4.2 with eq. 10
     (stretch) and the shear condition after it; force and tangents as in
     `fecloth.terms.loops.condition`.
 
-    Valid for any rotation and small strains, of a few per cent. W is convex in E, but as there is
-    no resistance to a change of area a triangle can collapse with bounded energy.
+    Valid for any rotation and small strains, of a few per cent. W is convex in E, but as there
+    is no resistance to a change of area a triangle can collapse with bounded energy.
 
     Cost of the force relative to `StVK`: 3.6 times, of the tangent 4.9 times.
 

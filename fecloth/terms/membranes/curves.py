@@ -144,9 +144,9 @@ def pack(coupling: float, curves: Sequence[Curve]) -> Array:
     """(p,) what the compiled law reads: c, cells per E of each curve, their number, and pieces.
 
     Each curve is cut into equal cells up to its last point. A cell has the piece in which it
-    begins; so the law needs no search, whose branches a processor guesses wrong where strains jump.
-    Points inside of a cell lead on to the pieces of `Curve.pieces`, which follow the cells. First
-    come the cells 0 of all curves, then the cells 1, …
+    begins; so the law needs no search, whose branches a processor guesses wrong where strains
+    jump. Points inside of a cell lead on to the pieces of `Curve.pieces`, which follow the
+    cells. First come the cells 0 of all curves, then the cells 1, …
     """
     most = max(len(curve.E) for curve in curves)
     cells = CELLS * most

@@ -36,22 +36,23 @@ class NeoHookean:
         W = μ/2 (I₁ − 2) − μ ln J + λ/2 (ln J)²,   S = μ (I − C⁻¹) + λ ln J C⁻¹
         ℂ = λ C⁻¹ ⊗ C⁻¹ + 2 (μ − λ ln J) C⁻¹ ⊙ C⁻¹
 
-    For plane stress the fabric gives μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), so that the law agrees
-    with `StVK` at rest. In the metric of C the eigenvalues of ℂ are 2 (μ − λ ln J), twice, and
-    2 (λ + μ − λ ln J): W is convex in E up to ln J = μ/λ = (1 − ν)/(2ν), an area ratio of 3.2 at
-    ν = 0.3. Beyond, a definite tangent raises those eigenvalues to zero.
+    For plane stress the fabric gives μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), so that the law
+    agrees with `StVK` at rest. In the metric of C the eigenvalues of ℂ are 2 (μ − λ ln J),
+    twice, and 2 (λ + μ − λ ln J): W is convex in E up to ln J = μ/λ = (1 − ν)/(2ν), an area
+    ratio of 3.2 at ν = 0.3. Beyond, a definite tangent raises those eigenvalues to zero.
 
     Source: "incompressible" is Treloar (1975), The Physics of Rubber Elasticity,
     W = ½ G (λ₁² + λ₂² + λ₃² − 3), here with λ₃ = 1/(λ₁λ₂); "compressible" Bonet and Wood (2008),
     Nonlinear Continuum Mechanics for Finite Element Analysis, section 6.4.3 (S is its eq. 6.28),
     for two dimensions: their W with λ₃ = 1.
 
-    Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %, as it
-    has no limit at which chains, or yarns, are straight. Compressed, S grows at least as 1/J and W
-    without bound, so that no equilibrium has a collapsed triangle; but J has no sign, and a large
-    step may turn a triangle over.
+    Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %,
+    as it has no limit at which chains, or yarns, are straight. Compressed, S grows at least as
+    1/J and W without bound, so that no equilibrium has a collapsed triangle; but J has no
+    sign, and a large step may turn a triangle over.
 
-    Cost relative to `StVK`: force 1.2 (incompressible) and 1.8 (compressible), tangent 1.2 and 1.4.
+    Cost relative to `StVK`: force 1.2 (incompressible) and 1.8 (compressible), tangent 1.2 and
+    1.4.
 
     Parameters
     ----------

@@ -27,19 +27,19 @@ class StVK:
         isotropic    W = Y/(2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²)
         orthotropic  W = (Y₁ E11² + Y₂ E22² + 2 ν₁₂ Y₂ E11 E22)/(2 (1 − ν₁₂ ν₂₁)) + 2 G E12²
 
-    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it bears the nominal stress
-    P = Y λ (λ² − 1)/2 [N/m].
+    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it bears the nominal
+    stress P = Y λ (λ² − 1)/2 [N/m].
 
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
     chapter 6, with plane-stress moduli (`Fabric.moduli`).
 
     Valid for any rotation and for small strains, of a few per cent: at 10 % P is 15.5 % above
-    Y (λ − 1), and a woven fabric stiffens in another way, as its crimp is pulled out. W is convex
-    in E, but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a triangle
-    gives way and can collapse.
+    Y (λ − 1), and a woven fabric stiffens in another way, as its crimp is pulled out. W is
+    convex in E, but compressed below a stretch of 1/√3 = 0.577 the resistance falls again: a
+    triangle gives way and can collapse.
 
-    Cost: 15 ns a triangle for the force, 68 for the tangent; other terms state theirs relative to
-    these (``python -m studies.benchmarks.terms``).
+    Cost: 15 ns a triangle for the force, 68 for the tangent; other terms state theirs relative
+    to these (``python -m studies.benchmarks.terms``).
 
     Parameters
     ----------

@@ -25,37 +25,41 @@ class MembraneTable:
     """W = w₁(E11) + w₂(E22) + w₁₂(2 E12) + c E11 E22 with measured curves w′ = S.
 
     With the stretch λ and the force P per width of the flat cloth along warp and weft, and the
-    shear force τ per width at the angle γ that is lost between them, whose work per area is ∫ τ dγ:
+    shear force τ per width at the angle γ that is lost between them, whose work per area is ∫
+    τ dγ:
 
         S₁ = P/λ      at E11 = (λ² − 1)/2, likewise S₂ of the weft at E22
         S₁₂ = τ/cos γ at 2 E12 = sin γ, mirrored for E12 < 0
         S11 = S₁ + c E22,  S22 = S₂ + c E11,  c = ν √(S₁′ S₂′) at rest
 
-    Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. The slope at
-    rest goes on in compression, the last slope beyond the last point, with a warning of a run that
-    went there. A slope at an end is at least a tenth of the secant beside it, as PCHIP may have 0
-    where a J begins. As all S rise, W is convex; c is lowered to √(min S₁′ min S₂′), with a
-    warning, where it would be more.
+    Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. The slope
+    at rest goes on in compression, the last slope beyond the last point, with a warning of a
+    run that went there. A slope at an end is at least a tenth of the secant beside it, as
+    PCHIP may have 0 where a J begins. As all S rise, W is convex; c is lowered to √(min S₁′
+    min S₂′), with a warning, where it would be more.
 
-    Source: Fritsch and Butland (1984), A method for constructing local monotone piecewise cubic
-    interpolants, SIAM J. Sci. Stat. Comput. 5, 300–304, and for the ends Moler (2004), Numerical
-    Computing with MATLAB, as in `scipy.interpolate.PchipInterpolator`. Between the two numbers that
-    a KES sheet prints of a curve P is Fung's exponential, Pm (exp(a ε/EMT) − 1)/(exp(a) − 1) with
-    LT/2 = 1/a − 1/(exp(a) − 1) (Fung 1967, Elasticity of soft tissues in simple elongation).
+    Source: Fritsch and Butland (1984), A method for constructing local monotone piecewise
+    cubic interpolants, SIAM J. Sci. Stat. Comput. 5, 300–304, and for the ends Moler (2004),
+    Numerical Computing with MATLAB, as in `scipy.interpolate.PchipInterpolator`. Between the
+    two numbers that a KES sheet prints of a curve P is Fung's exponential, Pm (exp(a ε/EMT) −
+    1)/(exp(a) − 1) with LT/2 = 1/a − 1/(exp(a) − 1) (Fung 1967, Elasticity of soft tissues in
+    simple elongation).
 
-    Valid for loading: unloading follows the same curve. Tension curves are of specimens that keep
-    their width, as in KES. Near rest the force of a strip with free sides is 1 − ν² times as large.
-    The curve of τ is exact where warp and weft keep their length. It is assumed that c is constant.
+    Valid for loading: unloading follows the same curve. Tension curves are of specimens that
+    keep their width, as in KES. Near rest the force of a strip with free sides is 1 − ν² times
+    as large. The curve of τ is exact where warp and weft keep their length. It is assumed that
+    c is constant.
 
-    Cost relative to `StVK`: force 1.6, tangent 1.2, however many points and wherever the strains.
+    Cost relative to `StVK`: force 1.6, tangent 1.2, however many points and wherever the
+    strains.
 
     Parameters
     ----------
     warp, weft
-        A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, a mapping of
-        columns, or a KES sheet with EMT and LT or WT as in `Fabric.from_kes`. A column `stiffness`
-        in place of `force` has dS/dE [N/m] from the point before, which `fit` may choose. The point
-        (1, 0) is added. Left out: straight, from the fabric.
+        A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, a mapping
+        of columns, or a KES sheet with EMT and LT or WT as in `Fabric.from_kes`. A column
+        `stiffness` in place of `force` has dS/dE [N/m] from the point before, which `fit` may
+        choose. The point (1, 0) is added. Left out: straight, from the fabric.
     shear
         The same with `angle [rad]` (or [deg]) and `force [N/m]`, or a sheet with G.
     poisson
@@ -67,8 +71,8 @@ class MembraneTable:
     Raises
     ------
     InputError
-        For what cannot be read, a curve that begins elsewhere than at rest, a row where S does not
-        rise, an angle of 90° or a stretch of 4 or more, and another `poisson`.
+        For what cannot be read, a curve that begins elsewhere than at rest, a row where S does
+        not rise, an angle of 90° or a stretch of 4 or more, and another `poisson`.
     """
 
     warp: CurveData | None = None

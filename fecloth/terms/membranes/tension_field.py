@@ -31,18 +31,18 @@ class TensionField:
     W and S are continuous and ℂ jumps between the states, W is convex in E, S ⪰ 0 and ℂ ⪰ 0: the
     tangent is semi-definite at any state, and a definite one is the exact one.
 
-    Source: Pipkin (1986), The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
-    Math. 36, 85–99, and Steigmann (1990), Tension-field theory, Proc. R. Soc. Lond. A 429,
-    141–173; the criterion is from Roddeman, Drukker, Oomens and Janssen (1987), The wrinkling
-    of thin membranes, J. Appl. Mech. 54, 884–887; here for the energy of `StVK`.
+    Source: Pipkin (1986), The relaxed energy density for isotropic elastic membranes, IMA J.
+    Appl. Math. 36, 85–99, and Steigmann (1990), Tension-field theory, Proc. R. Soc. Lond. A
+    429, 141–173; the criterion is from Roddeman, Drukker, Oomens and Janssen (1987), The
+    wrinkling of thin membranes, J. Appl. Mech. 54, 884–887; here for the energy of `StVK`.
 
-    Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and the
-    stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at the width
-    of a triangle. A slack region has no stiffness, a wrinkled one none across its wrinkles: a
-    static solution needs a load or a mass there, and where much is slack `equilibrium` may need
-    ``max_iterations=600``, or the end of a damped run as its start. In
-    tension it holds for the small strains of `StVK`. Isotropic fabrics only: for an orthotropic
-    fabric the direction of tension is not the direction of E₁.
+    Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and
+    the stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at
+    the width of a triangle. A slack region has no stiffness, a wrinkled one none across its
+    wrinkles: a static solution needs a load or a mass there, and where much is slack
+    `equilibrium` may need ``max_iterations=600``, or the end of a damped run as its start. In
+    tension it holds for the small strains of `StVK`. Isotropic fabrics only: for an
+    orthotropic fabric the direction of tension is not the direction of E₁.
 
     Cost relative to `StVK`: force 1.7, tangent 1.2.
 

@@ -1,7 +1,7 @@
 """Biquadratic springs: the sides of each triangle, coupled so that they have the energy of `StVK`.
 
-The formulas are in `Springs`. The condition of a triangle is C_i = l_i² − L_i² of its three sides,
-side i opposite node i.
+The formulas are in `Springs`. The condition of a triangle is C_i = l_i² − L_i² of its three
+sides, side i opposite node i.
 """
 
 import math

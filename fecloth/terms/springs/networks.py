@@ -31,7 +31,8 @@ class Net:
 
     def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
         """Stiffness k (s,) [N/m] of a structural network."""
-        # `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives it.
+        # `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives
+        # it.
         stretch, shear, bend = stiffness
         k = np.zeros(len(self.nodes))
         for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):

@@ -67,14 +67,15 @@ class Springs:
         bend     from a node to the next but one along the sides: no k follows from a fabric,
                  for on a flat cloth they resist bending to fourth order only
 
-    where A_e are the shares of the springs of a direction (for shear: of all) in the cloth's area
-    and c, s the cosine and sine of their direction; the shear springs stiffen stretch as well. On
-    all other meshes there are the edges only, all with k = √3/2 Y, as an equilateral lattice needs.
+    where A_e are the shares of the springs of a direction (for shear: of all) in the cloth's
+    area and c, s the cosine and sine of their direction; the shear springs stiffen stretch as
+    well. On all other meshes there are the edges only, all with k = √3/2 Y, as an equilateral
+    lattice needs.
 
     ``kind = "van_gelder"``, the edges with k = Y Σ A / l² over the triangles at the edge. Its
-    error: the network takes no notice of the fabric's ν. It has the fabric's Y and ν = 1/3 on an
-    equilateral mesh; on "right" C11 = C22 = 5/4 Y, C12 = C33 = Y/4 with as much coupling of shear
-    and stretch, C13 = C23 = Y/4.
+    error: the network takes no notice of the fabric's ν. It has the fabric's Y and ν = 1/3 on
+    an equilateral mesh; on "right" C11 = C22 = 5/4 Y, C12 = C33 = Y/4 with as much coupling of
+    shear and stretch, C13 = C23 = Y/4.
 
     ``kind = "biquadratic"``, in each triangle with the angles α and area A
 
@@ -86,9 +87,9 @@ class Springs:
     identically, for isotropic fabrics.
 
     Source: Provot (1995), Deformation Constraints in a Mass-Spring Model, section 3.1
-    ("structural"); Van Gelder (1998), Approximate Simulation of Elastic Membranes by Triangulated
-    Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette (2008), Triangular
-    Springs for Modeling Nonlinear Membranes ("biquadratic").
+    ("structural"); Van Gelder (1998), Approximate Simulation of Elastic Membranes by
+    Triangulated Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette
+    (2008), Triangular Springs for Modeling Nonlinear Membranes ("biquadratic").
 
     Valid, if on edges, for a cloth where no more than the tensile stiffness at small strains
     counts: none of these networks converges under refinement to the fabric, but for ν = 1/3 on
@@ -104,9 +105,10 @@ class Springs:
     kind
         "structural", "van_gelder" or "biquadratic".
     stiffness, shear, bend
-        k [N/m] of the springs of a structural network: `stiffness` of its stretch springs, `shear`
-        of its shear springs, `bend` of its bend springs. With 0 there are no such springs. Left
-        out: stretch and shear springs follow from the fabric, and there are no bend springs.
+        k [N/m] of the springs of a structural network: `stiffness` of its stretch springs,
+        `shear` of its shear springs, `bend` of its bend springs. With 0 there are no such
+        springs. Left out: stretch and shear springs follow from the fabric, and there are no
+        bend springs.
     damping
         τ [s]: each spring resists its own lengthening with k_d = τ k; 0 for none.
     tangent

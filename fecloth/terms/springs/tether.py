@@ -26,8 +26,8 @@ class Tether:
     Source: the condition loop with ∂C = I, Baraff and Witkin (1998), Large Steps in Cloth
     Simulation, eqs. 7, 8, 11, 13.
 
-    Valid for any distance. Unlike a `Pin` it gives way, by F/k under the force F; many nodes drawn
-    to one point crumple the cloth there.
+    Valid for any distance. Unlike a `Pin` it gives way, by F/k under the force F; many nodes
+    drawn to one point crumple the cloth there.
 
     Parameters
     ----------
