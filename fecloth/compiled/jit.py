@@ -121,9 +121,11 @@ def insert(template: Function, **functions: Callable) -> Function:
 
 
 def specialise(template: Callable[..., Result], **functions: Callable) -> Callable[..., Result]:
-    """Compile a template as a `kernel`, with `functions` inserted (see `insert`)."""
-    # The machine code is found again by the bytecode, the constants and the callees of all of
-    # them.
+    """Compile a template as a `kernel`, with `functions` inserted (see `insert`).
+
+    The machine code is found again by the bytecode, the constants and the callees of all of
+    them.
+    """
     return _compile_by_content(insert(template, **functions))
 
 

@@ -163,9 +163,11 @@ def l2_error(cloth, values: np.ndarray, exact: Callable, order: int = 8) -> floa
 
 
 def h1_error(cloth, values: np.ndarray, exact_gradient: Callable, order: int = 8) -> float:
-    """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d)."""
-    # `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or (p,
-    # d, 2).
+    """√∫ |∂u/∂X − exact_gradient|² dA (the H1 seminorm) of a nodal field (n,) or (n, d).
+
+    `exact_gradient` is a function of material points (p, 2) [m] that returns (p, 2) or (p,
+    d, 2).
+    """
     basis = cloth.basis(order)
     values = nodal_values(cloth, values)
     slopes = [basis.interpolate(c).grad.transpose(1, 2, 0) for c in _columns(values)]

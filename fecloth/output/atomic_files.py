@@ -108,9 +108,11 @@ def flush_to_disk(*paths: Path) -> None:
 
 @contextmanager
 def lock_folder(path: Path) -> Iterator[None]:
-    """Lock a run's folder against other runs, by a lock on the file `LOCK` in it."""
-    # The lock ends with the process, however that ends. On a drive without locks it does
-    # nothing.
+    """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
+
+    The lock ends with the process, however that ends. On a drive without locks it does
+    nothing.
+    """
     lock = FileLock(path / LOCK, timeout=0)
     with writing(path):
         try:

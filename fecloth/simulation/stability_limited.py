@@ -89,9 +89,11 @@ class StabilityLimited(ChosenSteps):
         return FRACTION * estimate(system, state, self.method)
 
     def _start(self, system: System, state: State) -> LimitMemory:
-        """Return the first memory: the lesser limit of the start and of the cloth at rest."""
-        # At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no
-        # volume.
+        """Return the first memory: the lesser limit of the start and of the cloth at rest.
+
+        At rest loads do not count, nor what has no finite stiffness there: a `Gas` has no
+        volume.
+        """
         dt = self._limit(system, state)
         unloaded = system.with_bound(t for t in system.bound if not t.load)
         with suppress(SolveFailed):

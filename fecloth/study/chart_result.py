@@ -192,9 +192,11 @@ def series_of(rows: Iterable[Mapping]) -> Series:
 
 
 def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
-    """Return the series that are drawn as lines, at most eight, and the others."""
-    # First come groups with most points on the front, then groups with the least error ×
-    # seconds.
+    """Return the series that are drawn as lines, at most eight, and the others.
+
+    First come groups with most points on the front, then groups with the least error ×
+    seconds.
+    """
     series = series_of(rows)
 
     def rank(name: str) -> tuple:

@@ -140,9 +140,11 @@ def _usual(problem: Problem, known: Mapping[str, float]) -> list[str]:
 
 
 def setup_with(problem: Problem, values: Mapping[str, float], base: Setup) -> Setup:
-    """The setup of the problem with other values, on nodes that belong to those of `base`."""
-    # It raises `InputError` if the values are refused, or change the triangles or the held
-    # nodes.
+    """The setup of the problem with other values, on nodes that belong to those of `base`.
+
+    It raises `InputError` if the values are refused, or change the triangles or the held
+    nodes.
+    """
     try:
         changed = problem.changed(Change(values=grouped(problem, values)))
         setup = changed.setup(base.cloth)

@@ -139,9 +139,11 @@ FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
 
 
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
-    """Return a sentence for each feature of a system that limits or prevents convergence in h."""
-    # `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the
-    # end.
+    """Return a sentence for each feature of a system that limits or prevents convergence in h.
+
+    `ends` are the columns of the run at its start and end, `x` (n, 3) the positions at the
+    end.
+    """
     system = setup.system
     remarks = []
     for name, (_, nodes) in system.constraints.groups.items():

@@ -93,9 +93,11 @@ def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[V
 
 
 def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit:
-    """Return the edit that replaces a term by `other`, or removes it if that is None."""
-    # It also removes the entries of [expect] for its columns, and clamps of pins if it
-    # `unclamps`.
+    """Return the edit that replaces a term by `other`, or removes it if that is None.
+
+    It also removes the entries of [expect] for its columns, and clamps of pins if it
+    `unclamps`.
+    """
 
     def edit(data: Data) -> Data:
         if unclamps:

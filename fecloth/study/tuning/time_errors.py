@@ -101,9 +101,11 @@ def measure_methods(
 
 
 def can_choose_steps(opened: Problem) -> bool:
-    """Whether the problem is a motion whose number of steps may be chosen."""
-    # A run of a few long steps is a static solution: with shorter steps it would become a
-    # motion.
+    """Whether the problem is a motion whose number of steps may be chosen.
+
+    A run of a few long steps is a static solution: with shorter steps it would become a
+    motion.
+    """
     span = opened.span
     dt = opened.dt
     if isinstance(opened, FunctionProblem):

@@ -169,9 +169,11 @@ class BoundContact(BoundTerm):
         return sum(each.power(w) for each, w in self.rubbing(x, v, t))
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
-        """Work [J] on the cloth by a shape that deforms from the time `before` to t."""
-        # The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the
-        # end.
+        """Work [J] on the cloth by a shape that deforms from the time `before` to t.
+
+        The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the
+        end.
+        """
         return 0.0
 
     @property

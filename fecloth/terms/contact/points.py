@@ -187,9 +187,11 @@ def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
 
 
 def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first row of each place of the cloth, and the number of the place for each row."""
-    # Two rows are one place if the same nodes have the same shape functions, as on a common
-    # edge.
+    """The first row of each place of the cloth, and the number of the place for each row.
+
+    Two rows are one place if the same nodes have the same shape functions, as on a common
+    edge.
+    """
     value = np.rint(N / ROUND).astype(np.int64)
     named = np.where(value == 0, -1, nodes)
     order = np.argsort(named, axis=1)
@@ -205,9 +207,11 @@ def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def find_near(
     triangles: Array, stencil: Array, size: Array, at_nodes: Array, reach: Array, near: Array
 ) -> int:
-    """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`."""
-    # `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how
-    # many.
+    """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`.
+
+    `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how
+    many.
+    """
     count = 0
     last = -1
     is_near = False

@@ -99,9 +99,11 @@ class BoundTriangleContact(BoundContact):
         f += sum((each.force(w) for each, w in rubbing), start=self.push(x, t))
 
     def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
-        """wx K of the barrier, without the negative part of each pair if `definite`, and wv D."""
-        # How friction changes with x is left out: over a step, for which methods ask, it is
-        # lagged.
+        """wx K of the barrier, without the negative part of each pair if `definite`, and wv D.
+
+        How friction changes with x is left out: over a step, for which methods ask, it is
+        lagged.
+        """
         rubbing = self.rubbing(x, v, t) if wv else ()
         return self.couplings(x, t, wx, rubbing, wv, definite)
 

@@ -132,9 +132,11 @@ def add_tangent(
     per_node: Zeros, convex: Zeros, nodes: Array, slots: Array, c: Array, ks: Array, kd: Array,
     x: Array, v: Array, wx: float, wv: float, part: int, mixed: bool, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part."""
-    # `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is
-    # there.
+    """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
+
+    `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is
+    there.
+    """
     k = len(per_node)
     n = len(convex)
     y = np.empty((k, 3))

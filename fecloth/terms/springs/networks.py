@@ -30,9 +30,11 @@ class Net:
         return self.sum_over_sides(Y) / np.sum(self.vectors**2, axis=1)
 
     def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
-        """Stiffness k (s,) [N/m] of a structural network."""
-        # `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives
-        # it.
+        """Stiffness k (s,) [N/m] of a structural network.
+
+        `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives
+        it.
+        """
         stretch, shear, bend = stiffness
         k = np.zeros(len(self.nodes))
         for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):
