@@ -106,6 +106,8 @@ __all__ = [
     "CentralDifference",
     "Cloth",
     "Condition",
+    "Doubt",
+    "DoubtKind",
     "Drag",
     "EnergyMomentum",
     "Equilibrium",

@@ -39,9 +39,9 @@ class SceneResult(Result):
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
-    warnings
-        A sentence for each reason to doubt the result, such as an energy balance that was
-        off (`Balance`), also if it closes at the end.
+    doubts
+        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
+        if it closes at the end.
     accounts
         What the run accounts for, at its end.
     status
@@ -116,11 +116,12 @@ def _shape_message(summary: Mapping) -> str:
 
 def warning_count(outcome: SceneResult) -> str:
     """Return the end of the last line if there were warnings, or ""."""
-    if not outcome.warnings:
+    count = len(outcome.doubts)
+    if not count:
         return ""
     where = outcome.folder / "report.html"
-    were = "was" if len(outcome.warnings) == 1 else "were"
-    return f"; there {were} {amount(len(outcome.warnings), 'warning')}, see above or {where}"
+    were = "was" if count == 1 else "were"
+    return f"; there {were} {amount(count, 'warning')}, see above or {where}"
 
 
 def failure_message(outcome: SceneResult) -> str:

@@ -22,6 +22,7 @@ from fecloth.runs.run_files import RunFiles, check_space
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.growth import MOST_GROWTH
 from fecloth.simulation.march import Memory, StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
@@ -35,7 +36,7 @@ _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
 APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
 LAST = (Solves, Shapes)  # in this order in the log and among the warnings
 ORDER = (  # of the keys of summary.json; keys of other accounts follow
-    *("status", "error", "warnings", "warning", "t", "t_end", "unit"),
+    *("status", "error", "warnings", "warning", "doubts", "t", "t_end", "unit"),
     *("time_error", "time_error_in_words", "least_eigenvalue"),
     *("space_error", "space_error_in_words", "contact_in_words"),
     *("nodes", "triangles", "free_dofs", "method", "steps", *SUMMED, "newton_error_in_words"),
@@ -56,7 +57,7 @@ class Recorder:
         scene: str,
         start: str,
         found: Restart | None = None,
-        foreseen: Sequence[str] = (),
+        foreseen: Sequence[Doubt] = (),
     ):
         self.folder = folder
         self.problem = problem
@@ -64,7 +65,7 @@ class Recorder:
         self.solver = solver
         self.scene = scene
         self.start = start
-        self.foreseen = foreseen  # warnings before the first step
+        self.foreseen = foreseen  # doubts before the first step
         self.run = Run(problem.system, problem.method, problem.observer.start, 0, MOST_GROWTH)
         self.files = RunFiles(folder, problem)
         with watch.phase("output"):
@@ -87,10 +88,10 @@ class Recorder:
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
         return self._progress(problem.start, memory, accounts)
 
-    def _progress(self, state, memory, accounts: Accounts, warnings=(), wanted=None) -> Progress:
+    def _progress(self, state, memory, accounts: Accounts, doubts=(), wanted=None) -> Progress:
         frames = len(self.files.frames.times)
         sizes = self.files.sizes
-        return Progress(state, memory, accounts, warnings, wanted, frames, sizes)
+        return Progress(state, memory, accounts, doubts, wanted, frames, sizes)
 
     def _resume(self, found: Restart) -> None:
         """Remove what an earlier run wrote after its restart file."""
@@ -183,7 +184,7 @@ class Recorder:
                 accounts = self._frame(
                     record.state, info.memory, accounts, info.t >= self.problem.t_end
                 )
-            later = before.warnings, record.wanted
+            later = before.doubts, record.wanted
             self.progress = self._progress(record.state, info.memory, accounts, *later)
         except BaseException:
             self.progress = before
@@ -204,11 +205,11 @@ class Recorder:
         return accounts.with_record(shape)
 
     def _warn(self, accounts: Accounts, warn) -> None:
-        for words in accounts.new_warnings(self.progress.warnings):
-            self.progress = replace(self.progress, warnings=(*self.progress.warnings, words))
+        for doubt in accounts.new_doubts(self.progress.doubts):
+            self.progress = replace(self.progress, doubts=(*self.progress.doubts, doubt))
             with suppress(WriteError):  # `warn` reports it; the next line fails the run
-                self.folder.log(f"warning: {words}")
-            warn(words)
+                self.folder.log(f"warning: {doubt}")
+            warn(str(doubt))
 
     def _is_restart_due(self, info: StepInfo) -> bool:
         if not (every := self.problem.output.restarts):
@@ -267,16 +268,18 @@ class Recorder:
         return self._result(status, summary, accounts, error, resumes)
 
     @property
-    def warnings(self) -> list[str]:
-        """All warnings of the run, first the warnings before the first step."""
-        return [*self.foreseen, *self.progress.warnings]
+    def doubts(self) -> tuple[Doubt, ...]:
+        """All doubts of the run, first the doubts before the first step."""
+        return (*self.foreseen, *self.progress.doubts)
 
     def _summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+        warnings = list(in_words(self.doubts))
         values = {
             "status": status,
             "error": failure,
-            "warnings": self.warnings,
-            "warning": next(iter(self.warnings), None),  # as older runs have it
+            "warnings": warnings,
+            "warning": next(iter(warnings), None),  # as older runs have it
+            "doubts": [doubt.entry() for doubt in self.doubts],
             "t": self.progress.state.t,
             "t_end": self.problem.t_end,
             "unit": self.problem.unit,
@@ -314,7 +317,7 @@ class Recorder:
             seconds=summary["seconds"],
             solver=summary["solver"],
             method=self.problem.method,
-            warnings=tuple(self.warnings),
+            doubts=self.doubts,
             accounts=accounts,
             status=status,
             folder=self.folder.path,

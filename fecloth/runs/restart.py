@@ -25,12 +25,13 @@ from fecloth.runs.environment import versions
 from fecloth.runs.outcome import DONE
 from fecloth.scene.toml_text import flatten
 from fecloth.simulation.account import Accounts
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import Memory
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
-FORMAT = 10
+FORMAT = 11
 FOLDER = "restart"
 PATTERN = "restart_*.npz"
 KEPT = 2  # files
@@ -46,7 +47,7 @@ class Progress:
     state: State
     memory: Memory
     accounts: Accounts
-    warnings: tuple[str, ...]  # since the first step
+    doubts: tuple[Doubt, ...]  # since the first step
     wanted: Wanted | None  # the next step to record; None: each
     # Number of frames, and the bytes of each table.
     frames: int
@@ -141,6 +142,8 @@ def _pack(value, arrays: list):
         return {"array": len(arrays) - 1}
     if isinstance(value, Mapping):
         return {"mapping": {key: _pack(item, arrays) for key, item in value.items()}}
+    if isinstance(value, DoubtKind):
+        return {"doubt": value.value}
     if isinstance(value, tuple):
         return [_pack(item, arrays) for item in value]
     if isinstance(value, np.generic):
@@ -160,6 +163,8 @@ def _unpack(value, arrays: list):
     match value:
         case {"array": int(number)}:
             return arrays[range(len(arrays)).index(number)]
+        case {"doubt": str(name)}:
+            return DoubtKind(name)
         case {"mapping": dict(items)}:
             return {key: _unpack(item, arrays) for key, item in items.items()}
         case {"record": str(name), "fields": dict(values)}:

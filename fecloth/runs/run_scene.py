@@ -25,6 +25,7 @@ from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
+from fecloth.simulation.doubts.doubt import in_words
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
@@ -97,7 +98,8 @@ def _run_scene(
         compile_kernels(problem)
     with watch.phase("choose"):
         problem, (solver, why) = _with_earlier_method(problem, found).choose()
-    warnings = problem.warnings()
+    doubts = problem.doubts()
+    warnings = list(in_words(doubts))
     announce(problem, why, warnings)
     with interruptible() as interrupted:
         if not existed:
@@ -117,7 +119,7 @@ def _run_scene(
             folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
-            given = scene.to_toml(), start, found, warnings
+            given = scene.to_toml(), start, found, doubts
             recorder = Recorder(folder, problem, watch, solver, *given)
         error = recorder.march(report, warn, interrupted)
         if recorder.progress.state.t < problem.t_end:

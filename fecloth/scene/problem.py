@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from fecloth.scene.schedule import Output
-from fecloth.simulation.doubts.before_run import NOTES, find_warnings
+from fecloth.simulation.doubts.before_run import NOTES, find_doubts
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import rows_at_least
@@ -28,7 +28,7 @@ class Problem(Setup):
 
     def notes(self) -> list[str]:
         """Return lines to print before the run: facts that are easily overlooked."""
-        noted = (f"note: {words}" for words in find_warnings(self.planned, NOTES))
+        noted = (f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES))
         return [*filter(None, [self.note]), *noted]
 
     def next_row(self, info: StepInfo) -> Wanted:

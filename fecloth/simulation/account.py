@@ -1,12 +1,12 @@
 """What a run accounts for, beside its motion: a list of figures that follow its steps."""
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar, cast
 
 from fecloth.mesh.surface import Surface
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.signals import Signal, find_signals
 from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
@@ -55,7 +55,6 @@ class Account:
     name: ClassVar[str]  # in restart files and `Accounts.records`
     table: ClassVar[str] = "observed"  # where `row` stands: "energies", "observed" or "steps"
     due: int = NEVER  # number of the step that must have a row for it
-    doubt: str = ""  # a reason to doubt the run
     sentence: str = ""  # for the log and the terminal at the end
 
     @classmethod
@@ -72,19 +71,16 @@ class Account:
         return self
 
     def changed(self, **values: Any) -> Self:
-        """Return a copy with other values: `dataclasses.replace` at a tenth of its cost."""
-        # Nothing checks the names, and what a cached property holds is copied, too.
-        after = object.__new__(type(self))
-        vars(after).update(vars(self), **values)
-        return after
+        """Return a copy with other values."""
+        return replace(cast(Any, self), **values)
 
     def row(self) -> Mapping[str, float]:
         """Return columns of the row of the last step, at the start too."""
         return {}
 
-    def warnings(self) -> Iterable[str]:
-        """Return reasons to doubt the run, or ""; each kind of them is reported once."""
-        return (self.doubt,)
+    def doubts(self) -> Iterable[Doubt]:
+        """Return reasons to doubt the run so far; a run reports each kind of them once."""
+        return ()
 
     def words(self) -> str:
         """Return a line for the log and the terminal at the end, or ""."""
@@ -154,13 +150,15 @@ class Accounts:
             rows[record.table].update(record.row())
         return rows
 
-    def new_warnings(self, raised: Sequence[str]) -> list[str]:
-        """Return the warnings of kinds that have not been raised yet."""
-        new: list[str] = []
-        for words in (words for record in self.records.values() for words in record.warnings()):
-            if words and _kind(words) not in map(_kind, (*raised, *new)):
-                new.append(words)
-        return new
+    def new_doubts(self, raised: Sequence[Doubt]) -> list[Doubt]:
+        """Return the doubts of kinds that have not been raised yet."""
+        new: dict[DoubtKind, Doubt] = {}
+        known = {doubt.kind for doubt in raised}
+        for record in self.records.values():
+            for doubt in record.doubts():
+                if doubt.kind not in known:
+                    new.setdefault(doubt.kind, doubt)
+        return list(new.values())
 
     def words(self) -> list[str]:
         return [words for record in self.records.values() if (words := record.words())]
@@ -168,8 +166,3 @@ class Accounts:
     def summary(self) -> dict[str, object]:
         entries = [record.summary() for record in self.records.values()]
         return {key: value for entry in entries for key, value in entry.items()}
-
-
-def _kind(words: str) -> str:
-    """Return the first words of a warning without numbers, in which alone one kind differs."""
-    return re.sub(r"[-+.\de]*\d", "", words)[:50]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
@@ -21,7 +22,7 @@ class BeyondCurve(Account):
     t: float  # [s] of the last row
     area: float = 0.0
     time: float = 0.0  # [s], or part of the loads
-    doubt: str = ""  # at the end
+    doubt: Doubt | None = None  # at the end
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "BeyondCurve":
@@ -34,7 +35,10 @@ class BeyondCurve(Account):
 
     def finish(self, run: Run, end: End, others: Accounts) -> "BeyondCurve":
         unit = " of the loads" if isinstance(run.method, LoadSteps) else " s"
-        return self.changed(doubt=words_beyond(self.area, f", {self.time:.2g}{unit}"))
+        return self.changed(doubt=doubt_curve(self.area, f", {self.time:.2g}{unit}"))
+
+    def doubts(self) -> list[Doubt]:
+        return [self.doubt] if self.doubt else []
 
     def summary(self) -> dict[str, object]:
         if self.doubt:
@@ -51,10 +55,12 @@ def area_beyond(system: System, state: State) -> float:
     return 0.0
 
 
-def words_beyond(area: float, time: str = "") -> str:
-    """A warning, or "" for less than a thousandth of the area."""
-    words = f"beyond the measured curve on {100 * area:.3g} % of the area{time}"
-    advice = "there it goes on with its last slope; measure farther, or load less"
-    if area > LEAST:
-        return f"MembraneTable: strains are {words}: {advice}"
-    return ""
+def doubt_curve(area: float, time: str = "") -> Doubt | None:
+    """Return a doubt for this part of the area; None for less than a thousandth."""
+    if area <= LEAST:
+        return None
+    words = (
+        f"MembraneTable: strains are beyond the measured curve on {100 * area:.3g} % of the "
+        f"area{time}: there it goes on with its last slope"
+    )
+    return Doubt(DoubtKind.CURVE, words, "measure farther, or load less")

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.growth import Growth
 from fecloth.simulation.march import StepInfo
 from fecloth.system.state import State
@@ -22,10 +23,10 @@ class Contact(Account):
 
     name = "contact"
     sentence: str = ""  # by `describe_contact`
-    # Of the bounce that steps resolved least: the size of the step over gap/(50 v), and words.
+    # Of the bounce that steps resolved least: the size of the step over gap/(50 v), and a doubt.
     ratio: float = 0.0
-    least: str = ""
-    doubt: str = ""  # these words, at the end
+    least: Doubt | None = None
+    is_finished: bool = False
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
         after = self
@@ -41,7 +42,11 @@ class Contact(Account):
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Contact":
         sentence = describe_contact(run.system, run.start, end.state)
-        return self.changed(sentence=sentence, doubt=self.least)
+        return self.changed(sentence=sentence, is_finished=True)
+
+    def doubts(self) -> list[Doubt]:
+        """Return the doubt about the bounce that was resolved least, at the end."""
+        return [self.least] if self.least and self.is_finished else []
 
     def summary(self) -> dict[str, object]:
         if self.sentence:
@@ -60,13 +65,15 @@ def describe_contact(system: System, start: State, end: State) -> str:
     return "; ".join(_sentence(n, term.gap, D, moved) for n, term, D in means if D is not None)
 
 
-def _unresolved(name: str, term: Any, v: float, dt: float) -> str:
-    """Return that steps of dt do not resolve a touch with the speed v."""
-    return (
+def _unresolved(name: str, term: Any, v: float, dt: float) -> Doubt:
+    """Return the doubt that steps of dt do not resolve a touch with the speed v."""
+    words = (
         f"bounces off {name} are not resolved: parts of the cloth touch it with {v:.3g} m/s in "
-        f"steps of {dt:.3g} s, so that the speed with which they leave depends on dt; "
-        f"dt = {term.gap / (RESOLVED * v):.2g} s resolves them, and restitution = 0 has none"
+        f"steps of {dt:.3g} s, so that the speed with which they leave depends on dt"
     )
+    resolving = term.gap / (RESOLVED * v)
+    remedy = f"dt = {resolving:.2g} s resolves them, and restitution = 0 has none"
+    return Doubt(DoubtKind.BOUNCE, words, remedy)
 
 
 def _sentence(name: str, gap: float, mean: float, moved: float) -> str:

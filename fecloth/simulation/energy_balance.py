@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.march import StepInfo
 from fecloth.system.system import System
@@ -12,7 +13,7 @@ from fecloth.terms.records import remembered
 
 TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
 OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
-DISTRUST = "do not trust this motion"  # what such a warning says; studies look for it
+DISTRUST = "do not trust this motion"  # what the doubt about a balance says
 LASTING = 10  # steps in a row that a balance must be off, before the end
 FAR = 0.5  # of the energy of the motion: a remainder that no estimate of the error excuses
 UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
@@ -47,7 +48,8 @@ class Balance(Account):
     kinetic_before: float = 0.0
     worked: float = 0.0  # largest work that obstacles had done until then [J]
     gained: float = 0.0  # largest energy that the method had made in all until then [J]
-    imbalance: str = ""  # a sentence if the balance was off; `Verdict` says whether it counts
+    # A doubt if the balance was off; `Verdict` says whether it counts.
+    imbalance: Doubt | None = None
     is_far: bool = False  # whether it was off by more than FAR
 
     @classmethod
@@ -120,9 +122,10 @@ class Balance(Account):
             by = "not known, because an energy is not finite: the cloth touches an obstacle"
         words = (
             f"step {self.steps}, at t = {self.t:g} s: the energy balance is "
-            f"{by.format(self.remainder, self.scale)}: {DISTRUST}; take a smaller dt"
+            f"{by.format(self.remainder, self.scale)}: {DISTRUST}"
         )
-        return self.changed(imbalance=self.imbalance or words, is_far=is_far)
+        doubt = Doubt(DoubtKind.MOTION, words, "take a smaller dt")
+        return self.changed(imbalance=self.imbalance or doubt, is_far=is_far)
 
     @property
     def scale(self) -> float:

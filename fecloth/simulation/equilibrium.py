@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -10,12 +11,14 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, is_number
 from fecloth.nonlinear import increments
-from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
+from fecloth.nonlinear.eigenpairs import least_stiffness
 from fecloth.quantities.arguments import checks_arguments
-from fecloth.simulation.beyond_curve import area_beyond, words_beyond
-from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_warnings
+from fecloth.simulation.beyond_curve import area_beyond, doubt_curve
+from fecloth.simulation.doubts.before_run import OF_EQUILIBRIA, find_doubts
+from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.load_steps import LoadSteps
+from fecloth.simulation.rest_stability import doubt_stability
 from fecloth.system.arguments import check_system
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
@@ -43,11 +46,11 @@ class Equilibrium(State):
         ‖f‖ of the free directions over Σ ‖f_term‖ of all; 0 where no force exceeds its
         round-off.
     iterations
-        Of all load steps together.
+        Newton iterations of all load steps together.
     factorisations
-        Of all load steps together.
+        Factorisations of all load steps together.
     reason
-        a sentence: why the iteration ended.
+        Why the iteration ended, a sentence.
     space_error
         The estimated relative error in space: see `space_error`.
     space_error_reason
@@ -55,8 +58,8 @@ class Equilibrium(State):
     solver_error
         The estimated error [m] that the iteration left in x; NaN where it is not
         estimated.
-    warnings
-        a sentence for each reason to doubt it.
+    doubts
+        Reasons to doubt it, such as an equilibrium that is unstable.
     """
 
     residual: float
@@ -66,7 +69,12 @@ class Equilibrium(State):
     space_error: float = math.nan
     space_error_reason: str = ""
     solver_error: float = math.nan
-    warnings: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts in words, a sentence each."""
+        return in_words(self.doubts)
 
     @property
     def state(self) -> Self:
@@ -147,8 +155,8 @@ def equilibrium(
         A `State` with v = 0, and the residual, iterations, factorisations, reason, and the
         estimated `solver_error` [m] that is left in x. It has the t of `state`, or t = 1 where
         load steps have moved pins or obstacles: a run then goes on with their motion at t = 1.
-        An unstable equilibrium has a sentence in `warnings`, as doubts about units, terms and
-        pins have, which `run` has too; each comes as a `FeclothWarning`.
+        An unstable equilibrium is among its `doubts`, beside doubts about units, terms and
+        pins, which `run` has too; each comes as a `FeclothWarning`.
 
     Raises
     ------
@@ -175,7 +183,7 @@ def equilibrium(
     least = max((term.load_steps for term in system.bound), default=1)
     number = max(load_steps or 1, least)
     planned = PlannedRun(system, start, LoadSteps(number), np.ones(1))
-    foreseen = tuple(find_warnings(planned, OF_EQUILIBRIA))
+    foreseen = tuple(find_doubts(planned, OF_EQUILIBRIA))
     _warn(foreseen)
     context = increments.static_context(system, tolerance, max_iterations, solver)
     history = system.start_history(start)
@@ -199,24 +207,35 @@ def equilibrium(
         reason = f"{solved.reason(tolerance)}; {path}"
     else:
         reason = solved.reason(tolerance)
-    work = counts.residual, counts.newton, counts.factorisations, reason
     still = np.zeros_like(x)
     error = space_error(system, State(start.t, x, still))
-    space = error.relative, error.reason
     end = State(1.0 if load_steps else start.t, x, still)
-    unstable = _find_instability(system, end, number, solved)
-    found = *unstable, *filter(None, [words_beyond(area_beyond(system, end))])
-    _warn(found)
-    doubts = *foreseen, *found
+    noticed = _find_instability(system, end, number, solved)
+    if beyond := doubt_curve(area_beyond(system, end)):
+        noticed.append(beyond)
+    _warn(noticed)
     # Friction of contact, which lags, begins anew in a run; what has slid in the fabric stays.
     pairs = zip(system.bound, history or (), strict=False)
     kept = tuple(None if term.lags else record for term, record in pairs) or None
-    return Equilibrium(t, x, still, *work, *space, solved.error, doubts, history=kept)
+    return Equilibrium(
+        t=t,
+        x=x,
+        v=still,
+        history=kept,
+        residual=counts.residual,
+        iterations=counts.newton,
+        factorisations=counts.factorisations,
+        reason=reason,
+        space_error=error.relative,
+        space_error_reason=error.reason,
+        solver_error=solved.error,
+        doubts=(*foreseen, *noticed),
+    )
 
 
-def _warn(doubts: tuple[str, ...]) -> None:
-    for words in doubts:
-        warnings.warn(words, FeclothWarning, stacklevel=4)
+def _warn(doubts: Iterable[Doubt]) -> None:
+    for doubt in doubts:
+        warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
 
 def _moves(system: System) -> bool:
@@ -240,10 +259,9 @@ def _check(system, state, load_steps, tolerance, max_iterations, solver, report)
         raise InputError(f"solver = {solver!r}", allowed, "equilibrium")
 
 
-def _find_instability(system: System, end: State, load_steps: int, solved) -> tuple[str, ...]:
-    """Return a sentence if K is not positive definite; an eigenvalue is found if need be."""
+def _find_instability(system: System, end: State, load_steps: int, solved) -> list[Doubt]:
+    """Return a doubt if K is not positive definite; an eigenvalue is found if need be."""
     if solved.is_definite:
-        return ()
+        return []
     about = increments.resist_disturbances(system, end, 1 / load_steps)
-    words = describe_instability(*least_stiffness(about, end))
-    return (words,) if words else ()
+    return doubt_stability(*least_stiffness(about, end))

@@ -18,7 +18,7 @@ from fecloth.nonlinear.options import Newton
 from fecloth.nonlinear.statistics import Counts
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import TIME
-from fecloth.simulation.doubts.before_run import OF_MARCH, find_warnings
+from fecloth.simulation.doubts.before_run import OF_MARCH, find_doubts
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.fused_march import CHECK_EVERY, Skipped, Skipping, Wanted
@@ -161,8 +161,8 @@ def march(
     steps, solver, _ = resolve(system, steps, opening, float(targets[-1]), solver, newton)
     if not resumed:  # a continued march has passed these checks
         steps.check_start(system, state)
-        for words in find_warnings(PlannedRun(system, state, steps, targets), OF_MARCH):
-            warnings.warn(words, FeclothWarning, stacklevel=2)
+        for doubt in find_doubts(PlannedRun(system, state, steps, targets), OF_MARCH):
+            warnings.warn(str(doubt), FeclothWarning, stacklevel=2)
     check_every = CHECK_EVERY if steps.traits.explicit else 1
     records = begin.term_history or system.start_history(state)
     protocol.check_history(system, steps, records)
@@ -266,7 +266,7 @@ def step_failed(system: System, state: State, number: int, dt: float, cause) -> 
     remedy = getattr(cause, "remedy", "Take a smaller dt.")
     before = replace(state, t=state.t - dt * min(BACK, number - 1))
     if jumps := find_jumping_motions(system, before, state.t + dt):
-        words = max(jumps)[1]
+        words = str(max(jumps, key=lambda jump: jump.size).doubt)
         remedy = f"{words[0].upper()}{words[1:]}."
     return StepFailed(
         getattr(cause, "reason", str(cause)),

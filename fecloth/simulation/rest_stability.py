@@ -6,9 +6,16 @@ from dataclasses import dataclass
 from fecloth.nonlinear.eigenpairs import describe_instability, least_stiffness
 from fecloth.nonlinear.increments import describe_path, resist_disturbances
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
+
+
+def doubt_stability(least: float, zero: float) -> list[Doubt]:
+    """Return a doubt if the least eigenvalue of K [N/m] is below round-off, in a list."""
+    words = describe_instability(least, zero)
+    return [Doubt(DoubtKind.INSTABILITY, words)] if words else []
 
 
 @remembered
@@ -52,8 +59,8 @@ class RestStability(Account):
         kind = "stable" if self.least > 0 else "unstable"
         return f"equilibrium: {kind}; the least eigenvalue of K is {self.least:.4g} N/m"
 
-    def warnings(self) -> tuple[str, ...]:
-        return (describe_instability(self.least, self.zero),)
+    def doubts(self) -> list[Doubt]:
+        return doubt_stability(self.least, self.zero)
 
     def summary(self) -> dict[str, object]:
         """Return the stability in the place of the error in time."""

@@ -21,7 +21,8 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.beyond_curve import BeyondCurve
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
-from fecloth.simulation.doubts.before_run import find_warnings
+from fecloth.simulation.doubts.before_run import find_doubts
+from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_balance import Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -80,9 +81,9 @@ class Result:
     method
         The method of the steps: `Auto`'s choice; `StabilityLimited` for an explicit one
         without dt.
-    warnings
-        A sentence for each reason to doubt the result, such as an energy balance that was
-        off (`Balance`), also if it closes at the end.
+    doubts
+        Reasons to doubt the result, such as an energy balance that was off (`Balance`), also
+        if it closes at the end.
     accounts
         What the run accounts for, at its end.
     """
@@ -94,7 +95,7 @@ class Result:
     seconds: dict[str, float]
     solver: str
     method: object
-    warnings: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
     accounts: Accounts
 
     @property
@@ -158,15 +159,15 @@ class Result:
         return shape
 
     @property
-    def doubt(self) -> str:
-        """The first of the warnings, or ""."""
-        return self.warnings[0] if self.warnings else ""
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts in words, a sentence each."""
+        return in_words(self.doubts)
 
     def __repr__(self) -> str:
         steps = amount(self.steps, "step")
         t = self.times[-1]
         remarks = [name_time_error(self.time_error)]
-        remarks += [count_warnings(self.warnings)] if self.warnings else []
+        remarks += [count_warnings(self.doubts)] if self.doubts else []
         return f"<Result of {steps} of {self.method} to t = {t:g} s, {', '.join(remarks)}>"
 
     def _repr_html_(self) -> str:
@@ -233,9 +234,9 @@ def run(
     record = recording.trial_recorder(system, ledger, observer)
     steps, chosen, why = resolve(system, steps, opening, end, solver, newton, record)
     check_offers(steps.method, ("numerical",), "run")
-    foreseen = tuple(find_warnings(PlannedRun(system, opening, steps, ends)))
-    for words in foreseen:
-        warnings.warn(words, FeclothWarning, stacklevel=3)
+    foreseen = tuple(find_doubts(PlannedRun(system, opening, steps, ends)))
+    for doubt in foreseen:
+        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
     before = memory or Memory(0, state.t, None)
@@ -244,8 +245,8 @@ def run(
     recorded = system, method_to_report(steps), ledger, observer, why, most_growth, report
     next_row = recording.rows_at_least(rows, opening.t, end)
     result = collect(states, *recorded, foreseen, next_row, before.step)
-    for words in result.warnings[len(foreseen) :]:
-        warnings.warn(words, FeclothWarning, stacklevel=3)
+    for doubt in result.doubts[len(foreseen) :]:
+        warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
     return result
 
 
@@ -258,14 +259,14 @@ def collect(
     why: str,
     most_growth: float = MOST_GROWTH,
     report: Callable[[StepInfo], None] = lambda info: None,
-    foreseen: tuple[str, ...] = (),
+    foreseen: tuple[Doubt, ...] = (),
     next_row: Callable[[StepInfo], Wanted] | None = None,
     step: int = 0,
 ) -> Result:
     """Take all steps of `march` and return what was recorded of them.
 
     The ledger and the observer are at the state before the first step, of the number `step` + 1.
-    `why` is the linear solver and why it was chosen, `foreseen` are the warnings from before the
+    `why` is the linear solver and why it was chosen, `foreseen` are the doubts from before the
     first step. The other arguments are as for `run` and `record_steps`.
     """
     begin = time.perf_counter()
@@ -275,7 +276,7 @@ def collect(
     accounts = Accounts.begin(kinds, of_run, ledger)
     state = observer.start
     rows = [accounts.rows(observer.row(None, None))]
-    raised = list[str]()
+    raised = list[Doubt]()
 
     def result_so_far() -> Result:
         return Result(
@@ -286,7 +287,7 @@ def collect(
             seconds={**seconds, "total": time.perf_counter() - begin},
             solver=why,
             method=method,
-            warnings=(*foreseen, *raised),
+            doubts=(*foreseen, *raised),
             accounts=accounts,
         )
 
@@ -295,7 +296,7 @@ def collect(
             state = record.state
             accounts = record.accounts
             step = record.info.step
-            raised += accounts.new_warnings(raised)
+            raised += accounts.new_doubts(raised)
             rows += [] if record.info.is_part else [record.rows]
             seconds.update(record.info.counts.seconds)
             report(record.info)
@@ -303,12 +304,12 @@ def collect(
         failure.result = result_so_far()
         raise
     accounts = accounts.finish(of_run, End(state, step))
-    raised += accounts.new_warnings(raised)
+    raised += accounts.new_doubts(raised)
     return result_so_far()
 
 
-def count_warnings(sentences: Sequence[str]) -> str:
-    number = len(sentences)
+def count_warnings(doubts: Sequence[Doubt]) -> str:
+    number = len(doubts)
     return f"{number or 'no'} warning{'' if number == 1 else 's'}"
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.options import Newton
-from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
+from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
@@ -43,6 +44,8 @@ class Setup:
     stops: tuple[float, ...] = ()  # times at which a step must end
     shape: bool = False  # whether stretches and volume are recorded, see `Observer`
     memory: Memory | None = None  # as `march` takes it: with one it does not check the start
+    # A setup whose bound probes serve here too, where cloth and probes are the same.
+    probed_like: "Setup | None" = None
 
     @property
     def cloth(self) -> Cloth:
@@ -60,7 +63,14 @@ class Setup:
 
     @cached_property
     def observer(self) -> Observer:
+        known = self.probed_like
+        if known and self._has_probes_of(known):
+            return replace(known.observer, system=self.system, start=self.start)
         return Observer.bind(self.system, self.start, self.probes, self.shape)
+
+    def _has_probes_of(self, other: "Setup") -> bool:
+        same_cloth = self.cloth is other.cloth
+        return same_cloth and self.probes is other.probes and self.shape == other.shape
 
     @cached_property
     def ledger(self) -> Ledger:
@@ -72,9 +82,13 @@ class Setup:
         ends = np.append(self.stops, end)
         return PlannedRun(self.system, self.start, self.steps or LoadSteps(), ends)
 
+    def doubts(self) -> list[Doubt]:
+        """Return the likely mistakes in the set-up."""
+        return list(find_doubts(self.planned, OF_SCENES))
+
     def warnings(self) -> list[str]:
-        """Return a sentence for each likely problem of the run, with its remedy."""
-        return list(find_warnings(self.planned, OF_SCENES))
+        """Return a sentence for each likely mistake in the set-up, with its remedy."""
+        return list(in_words(self.doubts()))
 
     @property
     def energies(self) -> list[str]:
@@ -111,11 +125,7 @@ class Setup:
 
     def probed_as(self, base: "Setup") -> Self:
         """Return the setup with the columns of another, which are bound once for one cloth."""
-        probed = replace(self, probes=base.probes, shape=base.shape)
-        if self.cloth is base.cloth:
-            bound = replace(base.observer, system=self.system, start=self.start)
-            vars(probed)["observer"] = bound
-        return probed
+        return replace(self, probes=base.probes, shape=base.shape, probed_like=base)
 
     def choose(self) -> tuple[Self, Solver]:
         """Return the setup with the steps that are taken, also of `Auto`, and their solver."""
@@ -127,9 +137,7 @@ class Setup:
 
     def taking(self, steps: Any) -> Self:
         """Return the setup with other steps, from the same start."""
-        after = replace(self, steps=steps)
-        vars(after).update(ledger=self.ledger, observer=self.observer)
-        return after
+        return replace(self, steps=steps, probed_like=self)
 
     def march(
         self,

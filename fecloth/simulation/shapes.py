@@ -9,7 +9,8 @@ import numpy as np
 from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.dimensionless import mean_edge
-from fecloth.simulation.doubts.course import wrinkle_warning
+from fecloth.simulation.doubts.course import doubt_wrinkles
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.time_error import TimeError
 from fecloth.system.space_error import roughness
 from fecloth.system.state import State
@@ -53,10 +54,11 @@ class Shapes(Account):
     largest_stretch: float = -math.inf
     inverted: int = 0
     intersecting: int | None = None
-    # At the last frame: its step, the pairs (None if not counted), reasons to doubt the run.
+    # At the last frame: its step, the pairs (None if not counted), and the doubt about them.
     step: int | None = None
     pairs: int | None = None
-    doubts: tuple[str, ...] = ()
+    intersection: Doubt | None = None
+    wrinkles: Doubt | None = None  # at the end
     counted: float = -math.inf  # step of the last count of pairs
     at_end: Shape | None = None
 
@@ -68,7 +70,6 @@ class Shapes(Account):
         pairs = run.surface.count_intersections(state.x) if counts else None
         inverted = run.surface.count_inverted(state.x)
         compressed = compressed_share(run.system, cells)
-        doubt = intersection_warning(state.t, pairs)
         row = stretch_row(state.t, cells["principal_stretches"])
         after = self.changed(
             least_stretch=min(self.least_stretch, row["smallest"]),
@@ -77,7 +78,7 @@ class Shapes(Account):
             intersecting=self.intersecting if pairs is None else max(self.intersecting or 0, pairs),
             step=step,
             pairs=pairs,
-            doubts=(doubt,),
+            intersection=doubt_intersections(state.t, pairs),
             counted=step if counts else self.counted,
         )
         intersecting = math.nan if pairs is None else pairs
@@ -90,20 +91,25 @@ class Shapes(Account):
         moved = max(rms(mass, end.state.x - run.start.x), estimate.moved if estimate else 0.0)
         wrinkles = find_wrinkles(run.system, end.state, moved)
         if self.step is not None:
-            doubts = (*self.doubts, wrinkles)
             shape = Shape.of(run, end.state, self.pairs)
-            return self.changed(doubts=doubts, at_end=shape)
+            return self.changed(wrinkles=wrinkles, at_end=shape)
         pairs = run.surface.count_intersections(end.state.x)
         shape = Shape.of(run, end.state, pairs)
-        seen = shape.least_stretch, shape.largest_stretch, shape.inverted, pairs
-        doubt = intersection_warning(end.state.t, pairs, "at")
-        return Shapes(*seen, doubts=(doubt, wrinkles), at_end=shape)
+        return Shapes(
+            least_stretch=shape.least_stretch,
+            largest_stretch=shape.largest_stretch,
+            inverted=shape.inverted,
+            intersecting=pairs,
+            intersection=doubt_intersections(end.state.t, pairs, "at"),
+            wrinkles=wrinkles,
+            at_end=shape,
+        )
 
-    def warnings(self) -> tuple[str, ...]:
+    def doubts(self) -> list[Doubt]:
         """Return what the last frame shows; the start counts where no step follows."""
-        if self.step or self.at_end:
-            return self.doubts
-        return ()
+        if not (self.step or self.at_end):
+            return []
+        return [doubt for doubt in (self.intersection, self.wrinkles) if doubt]
 
     def summary(self) -> dict[str, object]:
         return {
@@ -114,8 +120,8 @@ class Shapes(Account):
         }
 
 
-def find_wrinkles(system: System, state: State, moved: float) -> str:
-    """Return `wrinkle_warning` for a state that `moved` [m, rms]; "" without membrane stresses."""
+def find_wrinkles(system: System, state: State, moved: float) -> Doubt | None:
+    """Return `doubt_wrinkles` of a state that `moved` [m, rms]; None without membrane stresses."""
     membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(system.cloth.triangles), 4))
     for term in membranes:
@@ -128,18 +134,22 @@ def find_wrinkles(system: System, state: State, moved: float) -> str:
     rough = roughness(system.cloth, angles)
     angle = rough * float(np.sqrt((angles**2).mean())) if len(angles) else 0.0
     height = 0.5 * mean_edge(system) * angle / moved if moved else 0.0
-    return wrinkle_warning(system, compressed_share(system, cells), rough, angle, height)
+    return doubt_wrinkles(system, compressed_share(system, cells), rough, angle, height)
 
 
-def intersection_warning(t: float, pairs: float | None, since: str = "from") -> str:
-    """Return a sentence if pairs of triangles intersect at t [s], or ""."""
+def doubt_intersections(t: float, pairs: float | None, since: str = "from") -> Doubt | None:
+    """Return a doubt if pairs of triangles intersect at t [s]."""
     if not pairs or math.isnan(pairs):
-        return ""
-    return (
+        return None
+    words = (
         f"the cloth passes through itself {since} t = {t:g} s ({pairs:.0f} pairs of triangles "
-        "intersect); without SelfContact no layer rests on another: trust the motion up to there, "
-        "add that term, or place the cloth so that its layers do not meet"
+        "intersect); without SelfContact no layer rests on another"
     )
+    remedy = (
+        "trust the motion up to there, add that term, or place the cloth so that its layers do "
+        "not meet"
+    )
+    return Doubt(DoubtKind.INTERSECTION, words, remedy)
 
 
 def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.march import StepInfo
 from fecloth.terms.records import remembered
 
@@ -17,7 +18,7 @@ class Solves(Account):
     name = "solves"
     steps: int = 0
     sums: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(SUMMED, 0))
-    doubt: str = ""
+    doubt: Doubt | None = None  # at the end
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Solves":
         counts = info.counts
@@ -25,7 +26,11 @@ class Solves(Account):
         return Solves(self.steps + info.number, sums)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Solves":
-        return self.changed(doubt=warn_of_round_off(int(self.sums["limited"])))
+        words = warn_of_round_off(int(self.sums["limited"]))
+        return self.changed(doubt=Doubt(DoubtKind.ROUND_OFF, words) if words else None)
+
+    def doubts(self) -> list[Doubt]:
+        return [self.doubt] if self.doubt else []
 
     def words(self) -> str:
         errors = self.sums["newton_error"], self.sums["step_error"]

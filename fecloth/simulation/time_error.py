@@ -11,7 +11,7 @@ from fecloth.linalg.reductions import rms
 from fecloth.simulation.account import NEVER, Account, Accounts, End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
-from fecloth.simulation.doubts.jumps import find_jumping_motions, find_jumps
+from fecloth.simulation.doubts.jumps import Jump, find_jumping_motions, find_jumps
 from fecloth.simulation.doubts.planned_run import attempt
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
@@ -121,7 +121,7 @@ class TimeError(Account):
     relative: float = math.nan
     sentence: str = ""
     unknown: str = ""  # why there is no estimate
-    jumps: tuple[tuple[float, str], ...] = ()  # of motions: size [m], and what to say of it
+    jumps: tuple[Jump, ...] = ()  # of motions
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "TimeError":

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.jumps import SMALL
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -29,71 +30,78 @@ class Verdict(Account):
     """
 
     name = "verdict"
-    doubt: str = ""
+    doubt: Doubt | None = None
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Verdict":
-        return Verdict(next(filter(None, _doubts(run, end, others)), ""))
+        return Verdict(next(filter(None, _find_causes(run, others)), None))
+
+    def doubts(self) -> list[Doubt]:
+        return [self.doubt] if self.doubt else []
 
 
-def _doubts(run: Run, end: End, others: Accounts) -> Iterator[str]:
-    """Yield what may be said, what is a cause first; "" for none."""
+def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt | None]:
+    """Yield what may be said, what is a cause first; None where there is nothing to say."""
     balance = others[Balance]
     estimate = others.get(TimeError)
     error = estimate.relative if estimate else math.nan
-    solves = run.method.traits.solves and not has_kind(run.system.terms, "contact")
+    touches = has_kind(run.system.terms, "contact")
+    solves = run.method.traits.solves and not touches
     is_slight = error < SLIGHT and solves
     if estimate and not (is_slight and not balance.is_far):
-        hits = has_kind(run.system.terms, "contact")  # an obstacle that jumps throws the cloth
-        least = max(SMALL * run.system.cloth.extent, 0.0 if hits else SHARE * estimate.moved)
-        jump = next((words for size, words in estimate.jumps if size > least), "")
+        # An obstacle that jumps throws the cloth, however little it jumps.
+        share = 0.0 if touches else SHARE * estimate.moved
+        least = max(SMALL * run.system.cloth.extent, share)
+        jump = next((jump for jump in estimate.jumps if jump.size > least), None)
         if jump:
-            yield jump if estimate.is_large or not solves else ""
+            yield jump.doubt if estimate.is_large or not solves else None
             return
-    if has_kind(run.system.terms, "contact"):
-        yield warn_of_gain(balance)
+    if touches:
+        yield doubt_gain(balance)
     if estimate and estimate.is_large:
         if balance.imbalance:
-            too = f"; the energy balance is off, too: {DISTRUST}"
-        else:
-            too = ""
-        yield f"{estimate.sentence}{too}"
+            words = f"{estimate.sentence}; the energy balance is off, too: {DISTRUST}"
+            yield Doubt(DoubtKind.MOTION, words)
+        yield Doubt(DoubtKind.TIME, estimate.sentence)
     if balance.is_far or not is_slight:
         yield balance.imbalance
     if estimate and not error < SLIGHT:
-        yield warn_of_dissipation(run, balance, others[Ledger])
+        yield doubt_dissipation(run, balance, others[Ledger])
 
 
-def warn_of_gain(balance: Balance) -> str:
-    """Return a sentence if numerical dissipation was below zero by 5 % of what moved, or ""."""
+def doubt_gain(balance: Balance) -> Doubt | None:
+    """Return a doubt if numerical dissipation was below zero by 5 % of what moved."""
     moved = max(balance.kinetic, balance.scale)
     if balance.gained <= MADE * moved:
-        return ""
-    return (
+        return None
+    words = (
         f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, where "
-        f"{moved:.3g} J moved, as its steps do not resolve how contacts push: take BackwardEuler, "
-        "or a smaller dt"
+        f"{moved:.3g} J moved, as its steps do not resolve how contacts push"
     )
+    return Doubt(DoubtKind.GAIN, words, "take BackwardEuler, or a smaller dt")
 
 
-def warn_of_dissipation(run: Run, balance: Balance, ledger: Ledger) -> str:
-    """Return a sentence if the method has dissipated more than 20 % of the motion, or "".
+def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | None:
+    """Return a doubt if the method has dissipated more than 20 % of the motion.
 
     The motion is the balance's `scale` or, if that is more, all that was dissipated: a cloth
     that loads keep in motion loses more than it ever has. A cloth that only flies has none.
     """
     if ledger.silent or ledger.t <= balance.start:
-        return ""
+        return None
     lost = ledger.numerical + sum(ledger.dissipated.values())
     motion = max(balance.scale, lost)
     noise = balance.noise(run.system, ledger)
     if balance.scale <= noise or not ledger.numerical > max(EATEN * motion, noise):
-        return ""
-    remedy = "dt, or a method that dissipates less"
+        return None
+    remedy = "take a smaller dt, or a method that dissipates less"
     if has_kind(run.system.terms, "contact"):  # all other methods are refused
-        remedy = "dt, or BDF2" if run.method.traits.order == 1 else "dt"
-        remedy += "; impacts without a bounce lose energy anyway, and count here, too"
-    return (
+        other = ", or BDF2" if run.method.traits.order == 1 else ""
+        remedy = (
+            f"take a smaller dt{other}; impacts without a bounce lose energy anyway, and count "
+            "here, too"
+        )
+    words = (
         f"numerical dissipation has taken {ledger.numerical:.3g} J, "
-        f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion: take a smaller "
-        f"{remedy}"
+        f"{100 * ledger.numerical / motion:.0f} % of the energy of the motion"
     )
+    return Doubt(DoubtKind.DAMPING, words, remedy)

@@ -105,14 +105,14 @@ def chart(
     if limit is None:
         table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
-        return Chart(title=opened.name, verdict=verdict, table=table, warnings=warned)
+        return Chart(title=opened.name, verdict=verdict, table=table, doubts=warned)
     pairs = zip(listed, _run(listed, chosen, timed), strict=True)
     lines = [_line(*pair, chosen, limit) for pair in pairs]
     on_front = find_front(lines)
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
         title=opened.name,
-        warnings=warned,
+        doubts=warned,
         verdict=describe_chart(table, limit.study),
         table=table,
         quantity=chosen.text,

@@ -98,7 +98,7 @@ def compare(
     rows = _run(opened, plans, chosen, runs)
     judged = {name: _judge(rows[name], chosen, refine, levels) for name in plans}
     studied = {name: (judged | refused)[name] for name in listed}
-    return replace(_conclude(opened, studied, chosen, refine), warnings=warned)
+    return replace(_conclude(opened, studied, chosen, refine), doubts=warned)
 
 
 def _open(problems: Sequence[Problem], variants: Over | None) -> tuple[Problem, dict[str, Any]]:

@@ -50,8 +50,8 @@ class Comparison(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     quantity

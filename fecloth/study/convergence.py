@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fecloth.mesh.grading import Grading
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.study.figures import new_figure, use_plain_ticks
 from fecloth.study.result import StudyResult, in_percent
 from fecloth.study.uncertainty import Estimate, observed_order
@@ -29,8 +30,8 @@ class Convergence(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     quantity
@@ -146,13 +147,13 @@ def judge(
     values: Sequence[float],
     obstacles: Sequence[str],
     size: float = 0.0,
-    doubt: str = "",
+    doubt: Doubt | None = None,
 ) -> tuple[bool, str]:
     """Return whether values converge, and a sentence that says so and why not.
 
     `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ
     by a small part of the `size` of the quantity, without an order, that part is what is
-    known. `doubt` is the warning of the finest run by which its values are no evidence.
+    known. `doubt` is the doubt about the finest run by which its values are no evidence.
     """
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"

@@ -78,7 +78,7 @@ def converge(
         answer = refine_graded(opened, chosen, refine, levels, ratio, runs)
     else:
         answer = refine_problem(opened, chosen, refine, levels, ratio, runs)
-    return replace(answer, warnings=warned)
+    return replace(answer, doubts=warned)
 
 
 EVEN = "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."

@@ -137,18 +137,19 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
         "newton": result.newton,
         "time_error": result.time_error,
         "time_order": 0 if setup.is_static else chosen.steps.traits.order,
-        "warnings": list(result.warnings),
+        "doubts": [doubt.entry() for doubt in result.doubts],
     }
 
 
 def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict:
     """Solve for the equilibrium, or do nothing without `rest`; the rows are start and end."""
     state: Any = setup.start
-    counted: dict[str, Any] = {"steps": 0, "newton": 0, "warnings": []}
+    counted: dict[str, Any] = {"steps": 0, "newton": 0, "doubts": []}
     if rest:
         with warnings.catch_warnings(action="ignore", category=FeclothWarning):  # in the row
             state = rest(setup.system, setup.start, report=report)
-        counted = {"steps": 1, "newton": state.iterations, "warnings": list(state.warnings)}
+        doubts = [doubt.entry() for doubt in state.doubts]
+        counted = {"steps": 1, "newton": state.iterations, "doubts": doubts}
     return counted | {
         "times": np.array([setup.start.t, state.t]),
         "columns": columns([setup.row(), setup.row(state if rest else None)]),

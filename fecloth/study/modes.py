@@ -1,7 +1,7 @@
 """Natural frequencies and modes of small vibration about a state."""
 
 import math
-import warnings as python_warnings
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from fecloth.nonlinear.iteration import ROUND_OFF
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.study.figures import Figure, new_figure
 from fecloth.study.result import StudyResult, Table
 from fecloth.system.arguments import check_system
@@ -29,7 +30,7 @@ SHOWN = 0.1  # extents of the cloth by which the files show a mode
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(StudyResult):
-    """The modes of lowest frequency, with `warnings` if they are in doubt.
+    """The modes of lowest frequency, with `doubts` about the state.
 
     Attributes
     ----------
@@ -39,8 +40,8 @@ class Modes(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        That the state is not in equilibrium, or unstable, or its stiffness not symmetric.
     remarks
         Sentences on what was noticed.
     system
@@ -163,9 +164,9 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     unbalanced = _unbalanced(known, state)
     frequencies = _frequencies(pairs.values)
     zero = float(_frequencies(np.array([pairs.zero]))[0])
-    sentences = tuple(_warnings(pairs, unbalanced))
-    for words in sentences:
-        python_warnings.warn(words, FeclothWarning, stacklevel=2)
+    doubts = tuple(_find_doubts(pairs, unbalanced))
+    for doubt in doubts:
+        warnings.warn(str(doubt), FeclothWarning, stacklevel=2)
     numbered = enumerate(zip(frequencies.tolist(), pairs.values.tolist(), strict=True), start=1)
     rows = [{"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": w} for i, (f, w) in numbered]
     return Modes(
@@ -178,7 +179,7 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
         eigenvalues=pairs.values,
         shapes=pairs.vectors,
         zero=zero,
-        warnings=sentences,
+        doubts=doubts,
     )
 
 
@@ -217,24 +218,30 @@ def _unbalanced(system: System, state: State) -> float:
     return 0.0
 
 
-def _warnings(pairs: Eigenpairs, unbalanced: float) -> Iterator[str]:
+def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
     if unbalanced > BALANCED:
-        yield (
+        words = (
             f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
-            "balanced): the modes belong to the stiffness there; find the equilibrium first, "
-            "with fc.equilibrium, or [equilibrium] in place of [time] in a scene"
+            "balanced): the modes belong to the stiffness there"
         )
+        remedy = (
+            "find the equilibrium first, with fc.equilibrium, or [equilibrium] in place of [time] "
+            "in a scene"
+        )
+        yield Doubt(DoubtKind.BALANCE, words, remedy)
     if pairs.values[0] < -pairs.zero:
         rate = math.sqrt(-pairs.values[0])
-        yield (
+        yield Doubt(
+            DoubtKind.INSTABILITY,
             f"the state is unstable: ω² = {pairs.values[0]:.3g} 1/s² < 0, so that a disturbance "
-            f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies"
+            f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies",
         )
     if pairs.asymmetry > SYMMETRIC:
-        yield (
+        words = (
             f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
             "modes of its symmetric part, and flutter is not found"
         )
+        yield Doubt(DoubtKind.TERMS, words)
 
 
 COLUMNS, MOST = 3, 12  # panels side by side, and in all

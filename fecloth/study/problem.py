@@ -8,6 +8,7 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.setup import Setup
 from fecloth.terms import PointForce
@@ -54,9 +55,9 @@ class CommonProblem:
         return has_kind(self.first.system.terms, "contact")
 
     @cached_property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence for each likely mistake in the set-up, as before a run."""
-        return tuple(self.first.warnings())
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Likely mistakes in the set-up, as before a run."""
+        return tuple(self.first.doubts())
 
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.simulation.doubts.course import WRINKLES
+from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord, difference_of, value_of
 from fecloth.study.change import Level, make_levels
 from fecloth.study.convergence import Convergence, judge
 from fecloth.study.problems import Problem
 from fecloth.study.result import Table, with_uncertainty
-from fecloth.study.run_problems import Point, Runs, check_points, record_at, run_points
+from fecloth.study.run_problems import Point, Runs, check_points, doubts_of, record_at, run_points
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 
@@ -107,7 +107,8 @@ def summarise(
     added = sum(UNSAFE * part for part in list(shares.values())[1:])
     uncertainty = estimate.uncertainty + added
     obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
-    doubt = next((words for words in rows[-1]["warnings"] if WRINKLES in words), "")
+    wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
+    doubt = next(wrinkles, None)
     converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
     answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, shown['unit'])}"
     lines = [
@@ -216,7 +217,7 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
             f"The finest run estimates its error in time {known}: the uncertainty does not "
             "contain it."
         )
-    warned = [words for row in rows for words in row.get("warnings", ())]
+    warned = [doubt for row in rows for doubt in doubts_of(row)]
     if warned:
         if len(warned) == 1:
             words = "1 warning"

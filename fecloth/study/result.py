@@ -8,6 +8,7 @@ from pathlib import Path
 from fecloth import errors
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, writing
+from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.study.figures import Figure
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
@@ -135,8 +136,8 @@ class StudyResult:
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     """
@@ -144,8 +145,13 @@ class StudyResult:
     title: str
     verdict: str
     table: Table
-    warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    doubts: tuple[Doubt, ...] = field(default=(), kw_only=True)
     remarks: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The doubts in words, a sentence each."""
+        return in_words(self.doubts)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.title}: {self.verdict.splitlines()[0]}>"

@@ -13,7 +13,7 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError
-from fecloth.simulation.energy_balance import DISTRUST
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import RunRecord
 from fecloth.study import status
@@ -93,16 +93,18 @@ def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
             check_size([size], 1, runs.most_seconds, opened.source)  # says how long, and raises
 
 
-def print_warnings(opened: Problem) -> tuple[str, ...]:
-    """Print and return the warnings of the set-up, which the runs of a study do not repeat."""
-    for words in opened.warnings:
-        print(f"warning: {words}", file=sys.stderr, flush=True)
-    return opened.warnings
+def print_warnings(opened: Problem) -> tuple[Doubt, ...]:
+    """Print and return the doubts about the set-up, which the runs of a study do not repeat."""
+    for doubt in opened.doubts:
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+    return opened.doubts
 
 
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
-    """Return a row for each point, with its `point`."""
-    # A run that warns not to trust its motion has failed: it is no evidence.
+    """Return a row for each point, with its `point`.
+
+    A run with a doubt that spoils it has failed: it is no evidence.
+    """
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
         raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
@@ -120,12 +122,17 @@ def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Ru
 
 
 def judged(row: Mapping) -> dict:
-    """Return a row, as failed if its run warns not to trust its motion."""
-    doubts = (words for words in row.get("warnings", ()) if DISTRUST in words)
-    cause = next(doubts, "") if row["status"] == status.OK else ""
-    if cause:
-        return {**row, **status.failure(status.FAILED, cause)}
+    """Return a row, as failed if its run has a doubt that spoils it as evidence."""
+    if row["status"] == status.OK:
+        for doubt in doubts_of(row):
+            if doubt.kind.spoils:
+                return {**row, **status.failure(status.FAILED, doubt)}
     return {**row}
+
+
+def doubts_of(row: Mapping) -> list[Doubt]:
+    """Return the doubts of the run of a row."""
+    return [Doubt.of_entry(entry) for entry in row.get("doubts", ())]
 
 
 def _timing(point: Point, runs: Runs) -> dict:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fecloth.errors import InputError, amount, brief
 from fecloth.scene.scene import Scene
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change
 from fecloth.study.derived_cases import LOOSE, Sought, derive_case, run_twin
@@ -133,8 +134,8 @@ def sensitivity(
     asked = (opened.choose_quantity(only),) if single else opened.choose_quantities(quantity)
     if not asked:
         raise InputError("quantity = []", "must be at least one", "sensitivity")
-    warned = print_warnings(opened)
-    return _answer(opened, Sought(chosen, asked, relative), runs, check, single, warned)
+    doubts = print_warnings(opened)
+    return _answer(opened, Sought(chosen, asked, relative), runs, check, single, doubts)
 
 
 def _answer(
@@ -143,7 +144,7 @@ def _answer(
     runs: Runs,
     check: bool,
     single: bool = False,
-    warned: tuple[str, ...] = (),
+    doubts: tuple[Doubt, ...] = (),
 ) -> Sensitivity:
     size = opened.workload(FIRST)
     count = len(sought.parameters)
@@ -167,7 +168,7 @@ def _answer(
     made = make_result(opened, sought, row, np.where(lost, np.nan, slopes), checked, single)
     names = [p.name for k, p in enumerate(sought.parameters) if lost[:, k].any()]
     remarks = [f"{n}: a change by its scale is lost in round-off; take a larger one" for n in names]
-    return replace(made, warnings=warned, remarks=(*filter(None, [why]), *remarks, *made.remarks))
+    return replace(made, doubts=doubts, remarks=(*filter(None, [why]), *remarks, *made.remarks))
 
 
 def _lost(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ class StabilityMap(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     keys
@@ -150,7 +150,7 @@ def stability(
     rows = [_line(method, values, cells) for method in chosen for values in combinations]
     return StabilityMap(
         title=opened.name,
-        warnings=warned,
+        doubts=warned,
         verdict=_verdict(tried, chosen, cells),
         table=Table(tuple(rows)),
         keys=tuple(ranges),

@@ -11,13 +11,14 @@ import numpy as np
 
 from fecloth.errors import InputError, SolveFailed, amount
 from fecloth.integrators import EXPLICIT, METHODS
+from fecloth.simulation.doubts.doubt import DoubtKind
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.setup import Setup
 from fecloth.stability.critical_step import critical_dt
 from fecloth.study.change import FIRST, describe_values
 from fecloth.study.measured_runs import measure
 from fecloth.study.problems import Problem
-from fecloth.study.run_problems import Runs, Task, run_tasks
+from fecloth.study.run_problems import Runs, Task, doubts_of, run_tasks
 from fecloth.study.stability_words import WRONG
 from fecloth.study.status import OK
 from fecloth.study.workload import ANYWAY, Workload, check_size
@@ -30,7 +31,6 @@ CLOSE = (1.06, 2**0.25)  # times the predicted limit and over it: least and most
 GROWTH = 24.0  # half the logarithm of the growth that shows an unstable mode, from round-off
 MINUTE = 60.0  # s; a map that takes longer says what it can do in this time
 SUMS = ("pins", "numerical", "total", "remainder")
-CROSSING = "passes through itself"  # in a warning that says nothing about steps
 
 
 def span_of(setup: Setup) -> float:
@@ -117,11 +117,12 @@ def run_with(problem: Problem, method: str, count: int) -> dict:
     steps = FixedStep(make_method(method), span_of(setup) / count)
     names = setup.energies
     row = measure(replace(setup, steps=steps, probes=()), names)
-    warned = [words for words in row["warnings"] if CROSSING not in words]
+    # That the cloth passes through itself says nothing about the steps.
+    doubts = [doubt for doubt in doubts_of(row) if doubt.kind is not DoubtKind.INTERSECTION]
     energies = {name: np.array(row["columns"][name]) for name in names if name in row["columns"]}
     return {
         "made": energy_made(energies),
-        "warning": warned[0] if warned else "",
+        "warning": str(doubts[0]) if doubts else "",
         "cpu_seconds": row["cpu_seconds"],
     }
 

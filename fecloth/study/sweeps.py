@@ -32,8 +32,8 @@ class Sweep(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     keys
@@ -117,7 +117,7 @@ def sweep(
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
         title=opened.name,
-        warnings=warned,
+        doubts=warned,
         verdict=_verdict(table, chosen),
         table=table,
         keys=tuple(ranges),

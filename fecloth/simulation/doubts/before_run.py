@@ -1,17 +1,17 @@
-"""The warnings before the first step: a list of doubts, and the place that walks it.
+"""What is doubtful before the first step: lists of checks, and the place that walks them.
 
-A doubt is a function of a `PlannedRun` that yields sentences, each with a remedy, or "" for
-none.
+A check is a function of a `PlannedRun` that yields a `Doubt` for each mistake that it notices.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 
 from fecloth.simulation.doubts import course, jumps, pins, terms, units, unseen
+from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.doubts.planned_run import PlannedRun
 
-Doubt = Callable[[PlannedRun], Iterable[str]]
+Check = Callable[[PlannedRun], Iterable[Doubt]]
 
-OF_EQUILIBRIA: tuple[Doubt, ...] = (
+OF_EQUILIBRIA: tuple[Check, ...] = (
     units.find_values_in_other_units,
     terms.find_no_membrane,
     terms.find_counted_twice,
@@ -24,27 +24,34 @@ OF_EQUILIBRIA: tuple[Doubt, ...] = (
     terms.find_cutting_edges,
     pins.find_idle_pins,
 )
-DOUBTS = (  # of `run`, in the order of the warnings
+OF_RUNS: tuple[Check, ...] = (  # in the order of the warnings
     *OF_EQUILIBRIA,
     terms.find_damping_of_other_bending,
-    *(pins.find_uneven_start, course.find_step_beyond_end),
-    *(unseen.find_missed, unseen.find_short_pulses),
+    pins.find_uneven_start,
+    course.find_step_beyond_end,
+    unseen.find_missed,
+    unseen.find_short_pulses,
 )
-OF_MARCH: tuple[Doubt, ...] = (jumps.find_motion_jumps,)
-OF_SCENES: tuple[Doubt, ...] = (
-    *DOUBTS,
+OF_MARCH: tuple[Check, ...] = (jumps.find_motion_jumps,)
+OF_SCENES: tuple[Check, ...] = (
+    *OF_RUNS,
     course.find_slivers,
     course.find_large_weight,
     course.find_short_steps,
     course.find_numerical_damping,
 )
-NOTES: tuple[Doubt, ...] = (  # facts, no doubts
-    *(pins.find_free_fall, pins.find_free_turn, course.find_flat_start),
-    # The end of a run says whether these matter: see `Verdict`.
-    *(jumps.find_motion_jumps, course.find_fast_waves),
+# What a scene says as a note: facts, or causes of which the end of a run says whether they
+# matter (see `Verdict`).
+NOTES: tuple[Check, ...] = (
+    pins.find_free_fall,
+    pins.find_free_turn,
+    course.find_flat_start,
+    jumps.find_motion_jumps,
+    course.find_fast_waves,
 )
 
 
-def find_warnings(run: PlannedRun, doubts: Iterable[Doubt] = DOUBTS) -> Iterator[str]:
-    for doubt in doubts:
-        yield from filter(None, doubt(run))
+def find_doubts(run: PlannedRun, checks: Iterable[Check] = OF_RUNS) -> Iterator[Doubt]:
+    """Yield what the checks notice in a run before its first step."""
+    for check in checks:
+        yield from check(run)

@@ -7,6 +7,7 @@ import numpy as np
 
 from fecloth.simulation import dimensionless
 from fecloth.simulation.dimensionless import distance_from_pins, gravity_magnitude
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.units import STEP
 from fecloth.system.state import State
@@ -16,7 +17,6 @@ from fecloth.terms.traits import has_kind, traits_of
 
 POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
 RESOLVED = 4.0  # fewest edges per wrinkle
-WRINKLES = "wrinkles as fine as the mesh"  # what such a warning says; studies look for it
 COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
 HIGH = 0.012  # height of folds over the displacement; lower folds do not matter
 SHALLOW, VISIBLE = 0.05, 0.03  # folds of such an angle [rad] matter from this height on
@@ -28,22 +28,23 @@ SHORT = 0.01  # of the explicit limit
 DAMPED = 0.1  # part of the amplitude lost in one swing
 
 
-def find_slivers(run: PlannedRun) -> Iterator[str]:
-    """Warn of triangles that are far from equilateral."""
+def find_slivers(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt triangles that are far from equilateral."""
     cloth = run.system.cloth
     quality = cloth.quality
     worst = int(np.argmin(quality))
     if quality[worst] < POOR:
         X, Y = cloth.X[cloth.triangles[worst]].mean(axis=0)
-        yield (
+        words = (
             f"triangle {worst} at ({X:.3g}, {Y:.3g}) m has the quality {quality[worst]:.2g} (1 is "
             f"equilateral), {int((quality < POOR).sum())} are below {POOR}: slivers are stiff in "
-            "bending, and the worst one limits explicit steps; improve the mesh"
+            "bending, and the worst one limits explicit steps"
         )
+        yield Doubt(DoubtKind.MESH, words, "improve the mesh")
 
 
-def find_large_weight(run: PlannedRun) -> Iterator[str]:
-    """Warn if the strain ρ g L / Y at the upper end of a hanging strip is large."""
+def find_large_weight(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt the fabric if the strain ρ g L / Y at the upper end of a hanging strip is large."""
     system = run.system
     pull = gravity_magnitude(system)
     length = distance_from_pins(system)
@@ -52,15 +53,15 @@ def find_large_weight(run: PlannedRun) -> Iterator[str]:
     load = pull * length * system.total_mass / system.cloth.area
     strain = load / min(min(fabric.tensile) for fabric in system.panel.fabrics)
     if strain > STRAINED:
-        yield (
+        words = (
             f"its own weight will stretch the cloth by about {100 * strain:.0f} % (ρ g L / Y, "
-            f"L = {length:.2g} m from the pins): few fabrics are that soft; woven ones "
-            "have Y = 200 to 10,000 N/m"
+            f"L = {length:.2g} m from the pins): few fabrics are that soft"
         )
+        yield Doubt(DoubtKind.WEIGHT, words, "woven ones have Y = 200 to 10,000 N/m")
 
 
-def find_flat_start(run: PlannedRun) -> Iterator[str]:
-    """Say of a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
+def find_flat_start(run: PlannedRun) -> Iterator[Doubt]:
+    """Note a cloth in a plane with forces in that plane only: it cannot buckle out of it."""
     system = run.system
     state = run.state
     if not has_kind(system.terms, "bending"):
@@ -70,11 +71,15 @@ def find_flat_start(run: PlannedRun) -> Iterator[str]:
         return
     normal = axes[2]
     if all(np.abs(y @ normal).max() <= 1e-9 * np.abs(y).max() for y in _pushes(run)):
-        yield (
+        words = (
             "the cloth starts in a plane, and nothing pushes it out of the plane: it can neither "
-            "bend nor buckle. Bend it a little, for example by [start] position = "
+            "bend nor buckle"
+        )
+        remedy = (
+            "Bend it a little, for example by [start] position = "
             '["X", "0.001 * sin(9 * X)", "Y"] for a hanging sheet'
         )
+        yield Doubt(DoubtKind.START, words, remedy)
 
 
 def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
@@ -87,7 +92,7 @@ def _pushes(run: PlannedRun) -> Iterator[np.ndarray]:
         yield from (x - state.x, v, system.force(State(t, state.x, state.v)))
 
 
-def find_fast_waves(run: PlannedRun) -> Iterator[str]:
+def find_fast_waves(run: PlannedRun) -> Iterator[Doubt]:
     """Note if steps far beyond the explicit limit may feed undamped fast waves."""
     method = run.method
     dt = run.dt
@@ -100,11 +105,13 @@ def find_fast_waves(run: PlannedRun) -> Iterator[str]:
             damping = f"damping takes {100 * loss:.1g} % a step from them"
         else:
             damping = "there is no damping"
-        yield (
+        words = (
             f"dt = {dt:g} s is {dt / limit:.0f} times the explicit limit, and "
             f"{damping}: {type(method).__name__} may gain energy from waves that it does "
-            "not resolve; add StrainRateDamping with a time near dt, or use BDF2 or EnergyMomentum"
+            "not resolve"
         )
+        remedy = "add StrainRateDamping with a time near dt, or use BDF2 or EnergyMomentum"
+        yield Doubt(DoubtKind.GAIN, words, remedy)
 
 
 def _loss(run: PlannedRun, dt: float) -> float:
@@ -119,32 +126,34 @@ def _loss(run: PlannedRun, dt: float) -> float:
     return 0.0
 
 
-def find_short_steps(run: PlannedRun) -> Iterator[str]:
-    """Warn of an implicit method with shorter steps than an explicit method needs."""
+def find_short_steps(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt an implicit method with shorter steps than an explicit method needs."""
     dt = run.dt
     if not dt or run.method.traits.explicit:
         return
     limit = run.explicit_limit
     if dt < SHORT * limit < math.inf:
-        yield (
+        words = (
             f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method needs "
-            f"({limit:.2g} s). If you meant ms, write {1000 * dt:g}; without dt the error "
-            "determines it"
+            f"({limit:.2g} s)"
         )
+        remedy = f"If you meant ms, write {1000 * dt:g}; without dt the error determines it"
+        yield Doubt(DoubtKind.STEP, words, remedy)
 
 
-def find_step_beyond_end(run: PlannedRun) -> Iterator[str]:
-    """Warn if a single step is longer than the whole run, and is not called large anyway."""
+def find_step_beyond_end(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt dt if a single step is longer than the whole run, and is not called large anyway."""
     span = run.t_end - run.state.t
     if run.dt and span * (1 + 1e-9) < run.dt <= STEP:
-        yield (
+        words = (
             f"dt = {run.dt:g} s is longer than the run of {span:g} s, which is a single shorter "
-            "step: make dt shorter than t_end"
+            "step"
         )
+        yield Doubt(DoubtKind.STEP, words, "make dt shorter than t_end")
 
 
-def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
-    """Warn if a first-order method will visibly damp the slowest swing."""
+def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt the method if a first-order method will visibly damp the slowest swing."""
     pull = gravity_magnitude(run.system)
     length = distance_from_pins(run.system)
     traits = run.method.traits
@@ -156,35 +165,39 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[str]:
     rates = [term.rate for term in run.system.terms if traits_of(term).damps == "motion"]
     meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
     if lost > max(DAMPED, meant):
-        yield (
+        words = (
             f"numerical damping of {type(run.method).__name__} removes about "
-            f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period. Fine "
-            "if the cloth should settle; otherwise use BDF2 or another method of second order"
+            f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period"
         )
+        remedy = (
+            "Fine if the cloth should settle; otherwise use BDF2 or another method of second order"
+        )
+        yield Doubt(DoubtKind.DAMPING, words, remedy)
 
 
-def wrinkle_warning(
+def doubt_wrinkles(
     system: System,
     compressed: float,  # part of the area that is compressed at the end; see `compressed_share`
     rough: float,  # part of the angles between triangles that no curvature explains: `roughness`
     angle: float,  # the rms of these angles [rad]
     height: float,  # of the folds over the largest rms displacement; low folds change no motion
-) -> str:
-    """Return a sentence if a compressed cloth is folded as finely as its triangles, or ""."""
+) -> Doubt | None:
+    """Return a doubt if a compressed cloth is folded as finely as its triangles."""
     taut_only = any(isinstance(term, TensionField) for term in system.terms)
     matters = height > (HIGH if angle > SHALLOW else VISIBLE)
     if not (compressed > COMPRESSED and rough > ROUGH and matters) or taut_only:
-        return ""
-    where = (
-        f"{WRINKLES}: {100 * compressed:.0f} % of the cloth is compressed, and "
+        return None
+    words = (
+        f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, and "
         "its triangles decide how it folds"
     )
     if not has_kind(system.terms, "bending"):
-        return f"{where}; add PlateBending, or use TensionField where only taut regions matter"
+        remedy = "add PlateBending, or use TensionField where only taut regions matter"
+        return Doubt(DoubtKind.WRINKLES, words, remedy)
     wave = dimensionless.wrinkle_length(system) / RESOLVED
     edge = dimensionless.mean_edge(system)
     if 0 < wave < edge:
         size = f"<= {wave:.2g} m"
     else:
         size = "below half of the present one"
-    return f"{where}; take h {size}"
+    return Doubt(DoubtKind.WRINKLES, words, f"take h {size}")

@@ -1,13 +1,16 @@
 """Jumps in the motion of a pin or an obstacle, which no step size can resolve."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from fecloth.simulation.doubts.planned_run import PlannedRun, say_of_each
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
 from fecloth.simulation.doubts.signals import Signal, Values, find_signals
 from fecloth.system.state import State
 from fecloth.system.system import System
+from fecloth.terms.records import remembered
 
 MOST = 8  # jumps of a pin that are looked for
 HALVINGS = 30  # of an interval, after which what is left of a change is a jump
@@ -15,37 +18,48 @@ SMALL = 1e-6  # of the cloth's extent; a smaller jump does nothing
 SLOW = 1.0  # m/s, of the motion that a warning proposes instead
 
 
-def find_motion_jumps(run: PlannedRun) -> Iterator[str]:
-    """Say of each pin and obstacle whether its motion jumps, when, and how far."""
+@remembered
+@dataclass(frozen=True)
+class Jump:
+    """The largest jump of a motion [m], and the doubt about it."""
+
+    size: float
+    doubt: Doubt
+
+
+def find_motion_jumps(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each pin and obstacle whose motion jumps, and say when and how far."""
     jumps = _largest_jumps(run.signals, SMALL * run.system.cloth.extent)
-    return (jump[1] if jump else "" for jump in jumps)
+    return (jump.doubt for jump in jumps)
 
 
-def find_jumping_motions(
-    system: System, start: State, t_end: float
-) -> tuple[tuple[float, str], ...]:
-    """Return the largest jump [m] of each pin and obstacle that jumps, and what to say of it."""
+def find_jumping_motions(system: System, start: State, t_end: float) -> tuple[Jump, ...]:
+    """Return the largest jump of each pin and obstacle that jumps."""
     signals = find_signals(system, start, t_end, True)
-    return tuple(filter(None, _largest_jumps(signals, SMALL * system.cloth.extent)))
+    return tuple(_largest_jumps(signals, SMALL * system.cloth.extent))
 
 
-def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[tuple[float, str] | None]:
+def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[Jump]:
     motions = (signal for signal in signals if signal.kind in ("pin", "obstacle"))
-    return say_of_each(motions, _largest_jump, least)
+    return check_each(motions, _largest_jump, least)
 
 
-def _largest_jump(motion: Signal, least: float) -> tuple[float, str] | None:
+def _largest_jump(motion: Signal, least: float) -> Jump | None:
     jumps = find_jumps(*motion.samples, motion.values, least)
     if not jumps:
         return None
     t, size = max(jumps, key=lambda jump: jump[1])
     later = t + max(size / SLOW, 0.01)
     more = f", the largest of {len(jumps)} jumps" if len(jumps) > 1 else ""
-    return float(size), (
+    words = (
         f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, and "
-        f"its effect on the cloth depends on dt; let the {motion.kind} move in a finite time, as "
+        "its effect on the cloth depends on dt"
+    )
+    remedy = (
+        f"let the {motion.kind} move in a finite time, as "
         f"{size:.3g} * smoothstep({t:.6g}, {later:.6g}, t) does"
     )
+    return Jump(float(size), Doubt(DoubtKind.JUMP, words, remedy))
 
 
 def find_jumps(

@@ -7,6 +7,7 @@ import numpy as np
 
 from fecloth.linalg.aggregation import rigid_motions
 from fecloth.mesh.cloth import Cloth
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, attempt
 from fecloth.simulation.doubts.signals import Signal, name_motion
 from fecloth.simulation.doubts.units import is_stiff
@@ -27,19 +28,25 @@ INTERNAL = ("membrane", "bending", "damping")  # kinds of terms that leave a rig
 TURNS = 0.1  # part of the load that turns the cloth about its pins
 
 
-def find_idle_pins(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each pin that is moved in vain, and for each region of one node."""
+def find_idle_pins(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each pin that is moved in vain, and each region of one node."""
+    return (doubt for doubt in _check_each_pin(run) if doubt)
+
+
+def _check_each_pin(run: PlannedRun) -> Iterator[Doubt | None]:
     motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
         if pin.motion is not None and pin.rotate is None:
-            yield attempt(_constant_motion, run, name, pin, motions, otherwise="")
+            yield attempt(_constant_motion, run, name, pin, motions, otherwise=None)
         if isinstance(pin, Slide) and pin.moves:
-            yield attempt(_dropped_motion, name, pin, motions[name_motion(name)], otherwise="")
+            yield attempt(_dropped_motion, name, pin, motions[name_motion(name)], otherwise=None)
         if len(nodes) == 1:
             yield _one_node(run.system.cloth, name, pin, int(nodes[0]))
 
 
-def _constant_motion(run: PlannedRun, name: str, pin: Pin, motions: dict[str, Signal]) -> str:
+def _constant_motion(
+    run: PlannedRun, name: str, pin: Pin, motions: dict[str, Signal]
+) -> Doubt | None:
     """Warn of a motion that is the same from the start to the end, and not zero by intent."""
     # In a run it may begin later; load steps end at t = 1.
     _, places = motions[name_motion(name)].samples
@@ -49,58 +56,65 @@ def _constant_motion(run: PlannedRun, name: str, pin: Pin, motions: dict[str, Si
         texts = ["t"]
     may_be_zero = not (isinstance(run.steps, LoadSteps) and re.search(r"\bt\b", " ".join(texts)))
     if (may_be_zero and not places.any()) or (places != places[0]).any():
-        return ""
-    return (
+        return None
+    words = (
         f"pin {name!r}: its motion is the same at all t = {run.state.t:g} … {run.t_end:g}, so that "
-        "its nodes stand still, as only the changes of a motion count; multiply it by t"
+        "its nodes stand still, as only the changes of a motion count"
     )
+    return Doubt(DoubtKind.PINS, words, "multiply it by t")
 
 
-def _dropped_motion(name: str, pin: Slide, motion: Signal) -> str:
+def _dropped_motion(name: str, pin: Slide, motion: Signal) -> Doubt | None:
     """Warn of a slide that is moved along itself, where its nodes are free."""
     _, places = motion.samples
     moves = (places - places[0]).reshape(len(places), -1, 3)
     along = np.linalg.norm(moves @ pin.projector, axis=-1).max()
     most = np.linalg.norm(moves, axis=-1).max()
     if not along > DROPPED * most:
-        return ""
+        return None
     key = "direction" if pin.normal is None else "normal"
-    return (
+    words = (
         f"pin {name!r}: {100 * along / most:.0f} % of its motion of {most:.3g} m lies along "
-        f"its own slide, where the nodes are free, and has no effect; leave {key} out to "
-        "move the nodes, or move the slide across itself"
+        "its own slide, where the nodes are free, and has no effect"
     )
+    remedy = f"leave {key} out to move the nodes, or move the slide across itself"
+    return Doubt(DoubtKind.PINS, words, remedy)
 
 
-def find_free_fall(run: PlannedRun) -> Iterator[str]:
-    """Say of a cloth under gravity that no pin, air, obstacle or other force holds."""
+def find_free_fall(run: PlannedRun) -> Iterator[Doubt]:
+    """Note a cloth under gravity that no pin, air, obstacle or other force holds."""
     terms = run.system.terms
     traits = [traits_of(term) for term in terms if not isinstance(term, Gravity)]
     is_held = any(each.kind not in INTERNAL or each.damps == "motion" for each in traits)
     if not (len(run.system.constraints.nodes) or is_held or len(traits) == len(terms)):
-        yield "nothing holds the cloth, no pin, air or obstacle: it falls freely"
+        words = "nothing holds the cloth, no pin, air or obstacle: it falls freely"
+        yield Doubt(DoubtKind.PINS, words)
 
 
 # --- a region that catches one node ---------------------------------------------------------------
 
 
-def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> str:
+def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Doubt | None:
     """Warn of a region that holds one node of a side, or was meant to hold more than one."""
     if not callable(pin.where):  # a list of one node, or the name of a node, is meant
-        return ""
+        return None
     X, Y = cloth.X[node]
     near = np.unique(cloth.cells[(cloth.cells == node).any(axis=1)])
     steps = cloth.X[near[near != node]] - cloth.X[node]
     # A predicate of the user may know the nodes of the cloth alone.
     around = attempt(pin.where, cloth.X[node] + REACH * steps, otherwise=np.zeros(0, bool))
     if not (np.any(around) or _is_within_a_side(cloth, node)):
-        return ""
+        return None
     edge = np.linalg.norm(steps, axis=1).min()
-    return (
+    words = (
         f"pin {name!r} holds one node only, at ({X:.3g}, {Y:.3g}) m, and the cloth turns about "
-        f"it: the next one is {edge:.3g} m away. Make the region larger to hold an edge, or "
+        f"it: the next one is {edge:.3g} m away"
+    )
+    remedy = (
+        "Make the region larger to hold an edge, or "
         f"give the node by its number, {node}, if it is meant"
     )
+    return Doubt(DoubtKind.PINS, words, remedy)
 
 
 def _is_within_a_side(cloth: Cloth, node: int) -> bool:
@@ -117,8 +131,8 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
 # --- held nodes that start beside their places ----------------------------------------------------
 
 
-def find_uneven_start(run: PlannedRun) -> Iterator[str]:
-    """Warn of held nodes that zigzag at the start, as after interpolation from another mesh.
+def find_uneven_start(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt held nodes that zigzag at the start, as after interpolation from another mesh.
 
     What a uniform stretch and a turn leave of their places is smooth where it is meant; errors
     of interpolation change from node to node, and are small.
@@ -127,11 +141,13 @@ def find_uneven_start(run: PlannedRun) -> Iterator[str]:
     for name, (pin, nodes) in run.system.constraints.groups.items():
         off = _zigzag(cloth, nodes, run.state.x[nodes] @ (np.eye(3) - pin.projector))
         if UNEVEN[0] < off / cloth.extent < UNEVEN[1]:
-            yield (
+            words = (
                 f"pin {name!r} holds its nodes where they start, and they start up to "
                 f"{1e3 * off:.3g} mm beside their neighbours' line, as after interpolation from "
-                "another mesh: set x[nodes] to the places that the pin is to hold"
+                "another mesh"
             )
+            remedy = "set x[nodes] to the places that the pin is to hold"
+            yield Doubt(DoubtKind.START, words, remedy)
 
 
 def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
@@ -159,8 +175,8 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
 # --- a line of pins about which the cloth turns ---------------------------------------------------
 
 
-def find_free_turn(run: PlannedRun) -> Iterator[str]:
-    """Say of pins on a line if the load turns a cloth about it that a clamp would hold up."""
+def find_free_turn(run: PlannedRun) -> Iterator[Doubt]:
+    """Note pins on a line if the load turns a cloth about it that a clamp would hold up."""
     system = run.system
     state = run.state
     motion = rotation_about_pins(system, state.x)
@@ -177,11 +193,12 @@ def find_free_turn(run: PlannedRun) -> Iterator[str]:
         return
     length = (max(rigidities) * system.cloth.area / load) ** (1 / 3)
     if reach < STICKS_OUT * length:
-        yield (
+        words = (
             f"the pins lie on a line, and the cloth turns about it like a door ({reach:.3g} m "
-            f"wide), though it is stiff in bending over {length:.2g} m: to clamp it, write clamp = "
-            "true in the pin and take PlateBending"
+            f"wide), though it is stiff in bending over {length:.2g} m"
         )
+        remedy = "to clamp it, write clamp = true in the pin and take PlateBending"
+        yield Doubt(DoubtKind.PINS, words, remedy)
 
 
 def rotation_about_pins(system: System, x: np.ndarray) -> np.ndarray | None:

@@ -72,6 +72,9 @@ def attempt(function: Callable[..., T], *arguments: Any, otherwise: T) -> T:
         return otherwise
 
 
-def say_of_each(signals: Iterable[Signal], say: Callable[..., Any], *given: Any) -> Iterator[Any]:
-    """Yield what `say(signal, *given)` returns of each signal; "" if its function fails."""
-    return (attempt(say, each, *given, otherwise="") for each in signals)
+def check_each(
+    signals: Iterable[Signal], check: Callable[..., T | None], *given: Any
+) -> Iterator[T]:
+    """Yield what `check(signal, *given)` notices in the signals whose functions do not fail."""
+    noticed = (attempt(check, signal, *given, otherwise=None) for signal in signals)
+    return (result for result in noticed if result is not None)

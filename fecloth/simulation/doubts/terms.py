@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fecloth import terms
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.system.system import System
 from fecloth.terms import protocol
@@ -34,18 +35,19 @@ EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth colla
 # --- membranes ------------------------------------------------------------------------------------
 
 
-def find_no_membrane(run: PlannedRun) -> Iterator[str]:
-    """Warn if nothing resists a stretch, though there are terms for more than free fall."""
+def find_no_membrane(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt the terms if nothing resists a stretch, and they are for more than a free fall."""
     system = run.system
     names = [type(term).__name__ for term in system.terms]
     held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
     if not (names and held) or (resistance := _resistance(system)) > RESISTS:
         return
-    yield (
+    words = (
         f"no membrane is among the terms ({', '.join(names)}): they resist a stretch with "
         f"{100 * resistance:.2g} % of the fabric's stiffness, so the cloth will be drawn out "
-        "without limit; add StVK"
+        "without limit"
     )
+    yield Doubt(DoubtKind.TERMS, words, "add StVK")
 
 
 def _resistance(system: System) -> float:
@@ -64,16 +66,14 @@ def _resistance(system: System) -> float:
     return float(np.vdot(f - resists, rest)) / fabric
 
 
-def find_counted_twice(run: PlannedRun) -> Iterator[str]:
-    """Warn of terms that stand twice, and of two that stand for one thing."""
+def find_counted_twice(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt terms that stand twice, and of two that stand for one thing."""
     given = [term for term in run.system.terms if not (_is_net(term) and term.stiffness == 0)]
     counts = Counter(map(_identity, given))
     for (name, *_), count in counts.items():
         if count > 1:
-            yield (
-                f"{name} stands {count} times among the terms, and their forces add up; "
-                "leave one out, or join them into one"
-            )
+            words = f"{name} stands {count} times among the terms, and their forces add up"
+            yield Doubt(DoubtKind.TERMS, words, "leave one out, or join them into one")
     of_kind: dict[str, dict[str, None]] = {kind: {} for kind in SEVERAL}
     for term in given:
         if traits_of(term).exclusive:
@@ -81,10 +81,8 @@ def find_counted_twice(run: PlannedRun) -> Iterator[str]:
     for kind, names in of_kind.items():
         if len(names) > 1:
             several = f"{len(names)} {SEVERAL.get(kind, 'terms')} act at once"
-            yield (
-                f"{several} ({', '.join(names)}), and their forces add up; "
-                f"leave {' or '.join(names)} out"
-            )
+            words = f"{several} ({', '.join(names)}), and their forces add up"
+            yield Doubt(DoubtKind.TERMS, words, f"leave {' or '.join(names)} out")
 
 
 def _identity(term: object) -> tuple[str, ...]:
@@ -95,8 +93,8 @@ def _identity(term: object) -> tuple[str, ...]:
     return (name,) if once else (name, repr(term))
 
 
-def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[str]:
-    """Warn of a net in place of a membrane that is stiffer or softer than the fabric."""
+def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a net in place of a membrane that is stiffer or softer than the fabric."""
     system = run.system
     nets = [b for t, b in zip(system.terms, system.bound, strict=True) if _is_net(t)]
     others = [term for term in system.terms if not isinstance(term, terms.Springs)]
@@ -109,109 +107,118 @@ def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[str]:
         x[:, :2] += 1e-4 * system.cloth.X @ np.array(strain)
         ratios.append(sum(net.energy(x, 0.0) for net in nets) / fabric.energy(x, 0.0))
     if max(abs(ratio - 1) for ratio in ratios) > ALIKE:
-        yield (
-            "the Springs are {:.3g}, {:.3g} and {:.3g} times as stiff as the fabric in a stretch "
-            "along X, along Y and in shear: a net is a material of its own, and no finer mesh "
-            'changes that; use StVK, or kind = "biquadratic" for an isotropic fabric'
-        ).format(*np.round(ratios, 6))
+        along_x, along_y, in_shear = np.round(ratios, 6)
+        words = (
+            f"the Springs are {along_x:.3g}, {along_y:.3g} and {in_shear:.3g} times as stiff as "
+            "the fabric in a stretch along X, along Y and in shear: a net is a material of its "
+            "own, and no finer mesh changes that"
+        )
+        remedy = 'use StVK, or kind = "biquadratic" for an isotropic fabric'
+        yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
 def _is_net(term: object) -> bool:
     return isinstance(term, terms.Springs) and term.kind != "biquadratic"
 
 
-def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[str]:
-    """Warn if the fabric states a ν that the incompressible sheet, with ν = ½, does not have."""
+def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a Poisson's ratio of the fabric where the incompressible sheet has ½."""
     sheets = [term for term in run.system.terms if isinstance(term, terms.NeoHookean)]
     if not any(sheet.kind == "incompressible" for sheet in sheets):
         return
     given = {fabric.poisson_ratio for fabric in run.system.panel.fabrics} - {0.0}
     for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > ALIKE / 2):
-        yield (
-            f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5; "
-            'use kind = "compressible", or leave poisson_ratio out'
-        )
+        words = f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5"
+        remedy = 'use kind = "compressible", or leave poisson_ratio out'
+        yield Doubt(DoubtKind.NO_EFFECT, words, remedy)
 
 
-def find_lowered_coupling(run: PlannedRun) -> Iterator[str]:
-    """Warn of a `MembraneTable` that must take a smaller Poisson's ratio than its `poisson`."""
+def find_lowered_coupling(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a `MembraneTable` that must take a smaller Poisson's ratio than its `poisson`."""
     tables = (term for term in run.system.terms if isinstance(term, terms.MembraneTable))
     for c, most in (
         table.coupling(fabric) for table in tables for fabric in run.system.panel.fabrics
     ):
         if abs(c) > most * (1 + ROUND_OFF):
-            yield (
+            words = (
                 f"MembraneTable: poisson is lowered by a factor of {most / abs(c):.3g}: with more, "
                 "W would not be convex where warp and weft are softer than at rest"
             )
+            yield Doubt(DoubtKind.NO_EFFECT, words)
 
 
-def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[str]:
-    """Warn if the fabric states a plate's constant that hinges do not have."""
+def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt the terms if the fabric states a plate's constant that hinges do not have."""
     names = [type(term).__name__ for term in run.system.terms if traits_of(term).by_pattern]
     for fabric in dict.fromkeys(run.system.panel.fabrics) if names else ():
         nu = fabric.bending_poisson_ratio
         bias = fabric.bias_rigidity
         if nu and abs(nu - OF_HINGES) > ALIKE:
-            yield (
+            words = (
                 f"bending_poisson_ratio = {nu:g} has no effect: {names[0]} on a mesh of nearly "
-                "equilateral triangles is a plate of -1/3, on others by the pattern, however fine; "
-                "take PlateBending"
+                "equilateral triangles is a plate of -1/3, on others by the pattern, however fine"
             )
+            yield Doubt(DoubtKind.NO_EFFECT, words, "take PlateBending")
         huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
         if bias is not None and abs(bias - huber) > PATTERN * huber:
-            yield (
+            words = (
                 f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
-                f"and bends at 45° with {huber:.3g} N m; take PlateBending"
+                f"and bends at 45° with {huber:.3g} N m"
             )
+            yield Doubt(DoubtKind.NO_EFFECT, words, "take PlateBending")
 
 
-def find_damping_of_other_bending(run: PlannedRun) -> Iterator[str]:
-    """Warn of a plate that is damped as hinges, with another damping ratio."""
+def find_damping_of_other_bending(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a plate that is damped as hinges, with another damping ratio."""
     system = run.system
     damping = [term for term in system.terms if isinstance(term, terms.BendingDamping)]
     plates = any(isinstance(term, terms.PlateBending) for term in system.terms)
     usual = terms.HingeBending if system.cloth.element == "P1" else terms.PlateBending
     if plates and any(isinstance(term.law or usual(), terms.HingeBending) for term in damping):
-        yield (
+        words = (
             "BendingDamping acts on hinges, and PlateBending is a plate: the damping ratio is not "
-            "ω τ/2, but 0.8 to 1.3 times that, by the pattern of the mesh; give it law = "
-            'PlateBending(), in a scene law = { type = "PlateBending" }'
+            "ω τ/2, but 0.8 to 1.3 times that, by the pattern of the mesh"
         )
+        remedy = 'give it law = PlateBending(), in a scene law = { type = "PlateBending" }'
+        yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
-def find_friction_without_plate(run: PlannedRun) -> Iterator[str]:
-    """Warn of friction inside a fabric whose elastic bending is not a plate's."""
+def find_friction_without_plate(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt friction inside a fabric whose elastic bending is not a plate's."""
     names = [type(term).__name__ for term in run.system.terms]
     if "BendingFriction" in names and "PlateBending" not in names:
-        yield (
+        words = (
             "BendingFriction acts on the curvature of a plate, and PlateBending is not among the "
-            "terms, so that nothing bends the cloth back as HB/B says; take PlateBending, and "
-            "leave out other bending terms"
+            "terms, so that nothing bends the cloth back as HB/B says"
         )
+        remedy = "take PlateBending, and leave out other bending terms"
+        yield Doubt(DoubtKind.TERMS, words, remedy)
 
 
 # --- loads and contact ----------------------------------------------------------------------------
 
 
-def find_gas_without_pressure(run: PlannedRun) -> Iterator[str]:
-    """Warn of a gas whose absolute pressure at the start is far below the ambient one."""
+def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt a gas whose absolute pressure at the start is far below the ambient one."""
     for gas, bound in zip(run.system.terms, run.system.bound, strict=True):
         if not isinstance(gas, terms.Gas):
             continue
         volume = bound.volume(run.state.x)
         p = bound.absolute_pressure(volume) if volume > 0 else gas.pressure
         if p < EXHAUSTED * gas.ambient:
-            yield (
+            words = (
                 f"the Gas has {p:.3g} Pa at the start, {100 * p / gas.ambient:.2g} % of the "
-                f"ambient {gas.ambient:.6g} Pa, which crushes the cloth: pressure is absolute. "
+                f"ambient {gas.ambient:.6g} Pa, which crushes the cloth: pressure is absolute"
+            )
+            remedy = (
                 f"If you meant {gas.pressure:g} Pa above the ambient, write "
                 f"{gas.ambient + gas.pressure:.10g}"
             )
+            yield Doubt(DoubtKind.UNITS, words, remedy)
 
 
-def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
-    """Warn of triangles that an obstacle may cut between the points on which it acts."""
+def find_cutting_edges(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt triangles that an obstacle may cut between the points on which it acts."""
     for name, term in run.system.named:
         is_shape = isinstance(term, BoundObstacle)
         cloth = run.system.cloth
@@ -222,7 +229,8 @@ def find_cutting_edges(run: PlannedRun) -> Iterator[str]:
             if isinstance(term.shape, Sdf) and not curved:
                 what = "has no radius: its edges"
                 remedy = "a larger gap, or give its radius"
-            yield (
+            words = (
                 f"{name} {what} may cut up to {1e3 * depth:.2g} mm into triangles, which are large "
-                f"against its gap of {1e3 * term.gap:g} mm: take a smaller h, {remedy}"
+                f"against its gap of {1e3 * term.gap:g} mm"
             )
+            yield Doubt(DoubtKind.EDGES, words, f"take a smaller h, {remedy}")

@@ -15,9 +15,12 @@ from typing import Any
 import numpy as np
 
 from fecloth.fabric.fabric import Fabric
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.terms import Gravity, Wind
 from fecloth.terms.traits import traits_of
+
+Words = tuple[str, str]  # what was noticed, and the remedy
 
 G = 9.81  # m/s²
 DENSITY = 0.004, 5.0  # kg/m²
@@ -30,26 +33,33 @@ GRAVITY, AIR_SPEED = 50.0, 100.0  # m/s², m/s
 DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
 
 
-def find_values_in_other_units(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each value that was probably meant in another unit."""
+def find_values_in_other_units(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each value that was probably meant in another unit."""
+    for words, remedy in _unlikely_values(run):
+        yield Doubt(DoubtKind.UNITS, words, remedy)
+
+
+def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
     fabric = run.system.fabric
-    for name, each in (fabric if isinstance(fabric, Mapping) else {"": fabric}).items():
-        yield from (f"{name}.{words}" if name else words for words in _of_fabric(each))
-    yield _of_size(float(np.ptp(run.system.cloth.X, axis=0).max()))
+    if isinstance(fabric, Mapping):
+        for name, piece in fabric.items():
+            yield from ((f"{name}.{words}", remedy) for words, remedy in _of_fabric(piece))
+    else:
+        yield from _of_fabric(fabric)
+    yield from _of_size(float(np.ptp(run.system.cloth.X, axis=0).max()))
     if run.dt and run.dt > STEP:
-        yield (
-            f"dt = {run.dt:g} s is large: cloth swings within a second. If you meant ms, write "
-            f"{run.dt / 1000:g}, and t_end in s too"
-        )
+        remedy = f"If you meant ms, write {run.dt / 1000:g}, and t_end in s too"
+        yield f"dt = {run.dt:g} s is large: cloth swings within a second", remedy
     for term in run.system.terms:
         yield from _of_term(term)
 
 
-def _of_fabric(fabric: Fabric) -> Iterator[str]:
+def _of_fabric(fabric: Fabric) -> Iterator[Words]:
     density = fabric.areal_density
     if not DENSITY[0] <= density <= DENSITY[1]:
-        less = f". If you meant g/m², write {density / 1000:g}" * (density > DENSITY[1])
-        yield f"areal_density = {density:g} kg/m²: cloth has 0.01 to 1{less}"
+        is_large = density > DENSITY[1]
+        remedy = f"If you meant g/m², write {density / 1000:g}" if is_large else ""
+        yield f"areal_density = {density:g} kg/m²: cloth has 0.01 to 1", remedy
     least, most = STIFFNESS
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
@@ -57,52 +67,50 @@ def _of_fabric(fabric: Fabric) -> Iterator[str]:
                 meant = f"kN/m, write {1000 * Y:g}"
             else:
                 meant = "Pa, use Fabric.sheet"
-            yield f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6. If you meant {meant}"
+            words = f"tensile_stiffness = {Y:g} N/m: cloth has 30 to 1e6"
+            yield words, f"If you meant {meant}"
     for B in dict.fromkeys(fabric.bending or ()):
         length = bending_length(B, density)
         if length > BENDING_LENGTH:
-            yield (
+            words = (
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
-                f"cloth over 0.01 to 0.05 m. If you meant µN m, write {B * 1e-6:g}"
+                "cloth over 0.01 to 0.05 m"
             )
+            yield words, f"If you meant µN m, write {B * 1e-6:g}"
     for hysteresis, B in zip(fabric.hysteresis or (), fabric.bending or (), strict=False):
         if hysteresis > 2 * HELD * B:
             meant = f'gf·cm/cm, as KES prints, write "{hysteresis:g} gf*cm/cm"'
-            yield (
+            words = (
                 f"bending_hysteresis = {hysteresis:g} N: HB/B = {hysteresis / (2 * B):.3g}/m, in "
-                f"fabrics 5 to 60/m. If you meant {meant}"
+                "fabrics 5 to 60/m"
             )
+            yield words, f"If you meant {meant}"
             break
 
 
-def _of_size(size: float) -> str:
+def _of_size(size: float) -> Iterator[Words]:
     least, most = SIZE
     if size > most:
-        return (
-            f"the cloth is {size:.4g} m long: few are longer than {most:g} m. If you meant cm, "
-            f"write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
+        words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
+        remedy = (
+            f"If you meant cm, write {size / 100:.4g}; if its mesh is in mm, scale it to metres"
         )
+        yield words, remedy
     if size < least:
-        return (
-            f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns. If you "
-            f"meant m in place of mm, write {1000 * size:.4g}"
-        )
-    return ""
+        words = f"the cloth is {size:.4g} m long: the fabric of so small a piece is its yarns"
+        yield words, f"If you meant m in place of mm, write {1000 * size:.4g}"
 
 
-def _of_term(term: Any) -> Iterator[str]:
+def _of_term(term: Any) -> Iterator[Words]:
     if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
-        yield f"Gravity has {g:g} m/s²: on Earth it is 9.81. If you meant cm/s², write {g / 100:g}"
+        words = f"Gravity has {g:g} m/s²: on Earth it is 9.81"
+        yield words, f"If you meant cm/s², write {g / 100:g}"
     if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
-        yield (
-            f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1. If you "
-            f"meant ms, write {term.time / 1000:g}"
-        )
+        words = f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1"
+        yield words, f"If you meant ms, write {term.time / 1000:g}"
     if isinstance(term, Wind) and (speed := _speed(term.velocity)) > AIR_SPEED:
-        yield (
-            f"Wind blows at {speed:g} m/s: a hurricane has 33. If you meant km/h, write "
-            f"{speed / 3.6:.3g}"
-        )
+        words = f"Wind blows at {speed:g} m/s: a hurricane has 33"
+        yield words, f"If you meant km/h, write {speed / 3.6:.3g}"
 
 
 def _speed(velocity: Any) -> float:

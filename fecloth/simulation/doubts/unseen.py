@@ -9,7 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fecloth.simulation.doubts.planned_run import PlannedRun, say_of_each
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
+from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
 from fecloth.simulation.doubts.signals import Signal, Span
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
@@ -32,23 +33,23 @@ QUARTER = 0.25  # of the time for which a load acts: the longest step that sees 
 # --- between steps of a fixed size ----------------------------------------------------------------
 
 
-def find_missed(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each motion or load that mostly acts between the ends of fixed steps."""
-    return say_of_each(run.signals if run.dt else (), _missed_in_words, run.dt)
+def find_missed(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each motion or load that mostly acts between the ends of fixed steps."""
+    return check_each(run.signals if run.dt else (), _check_for_missed, run.dt)
 
 
-def _missed_in_words(signal: Signal, dt: float) -> str:
+def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:
     share, near = missed_share(signal, dt, signal.span)
     if not (share > MISSED and missed_share(signal, dt, near)[0] > MISSED):
-        return ""
+        return None
     words = (
         f"{signal.name} acts between the ends of the steps: {100 * min(share, 1):.0f} % of it is "
         f"not seen by steps of {dt:g} s"
     )
     for shorter in dt * 0.5 ** np.arange(1, HALVINGS):
         if _sees(signal, shorter, near):
-            return f"{words}; take dt <= {shorter:.2g} s"
-    return f"{words}; take a much smaller dt, or let it act for longer"
+            return Doubt(DoubtKind.MISSED, words, f"take dt <= {shorter:.2g} s")
+    return Doubt(DoubtKind.MISSED, words, "take a much smaller dt, or let it act for longer")
 
 
 def _sees(signal: Signal, dt: float, near: Span) -> bool:
@@ -128,28 +129,29 @@ def _without_uniform_motion(times: np.ndarray, g: np.ndarray) -> np.ndarray:
 # --- shorter than steps that are chosen in the run ------------------------------------------------
 
 
-def find_short_pulses(run: PlannedRun) -> Iterator[str]:
-    """Yield a sentence for each motion or load that chosen steps may jump over.
+def find_short_pulses(run: PlannedRun) -> Iterator[Doubt]:
+    """Doubt each motion or load that chosen steps may jump over.
 
     It acts for less than the distance between the samples that `Adaptive` takes inside its
     longest possible step, and in less than a quarter of the run.
     """
     if run.steps.dt is not None:
         return iter(())
-    return say_of_each(run.signals, _pulse_in_words, run, longest_step(run))
+    return check_each(run.signals, _check_for_pulse, run, longest_step(run))
 
 
-def _pulse_in_words(signal: Signal, run: PlannedRun, longest: float) -> str:
+def _check_for_pulse(signal: Signal, run: PlannedRun, longest: float) -> Doubt | None:
     is_sampled = isinstance(run.steps, Adaptive | Auto)
     looks = (PINS if signal.kind == "pin" else LOADS) if is_sampled else ()
     begin, length = shortest_pulse(signal, run.ends)
     if not length < float(np.diff([0.0, *looks, 1.0]).max()) * longest:
-        return ""
-    return (
+        return None
+    words = (
         f"{signal.name} acts for {length:.2g} s at t = {begin:.4g} s, and the chosen "
-        f"steps, of up to {longest:.2g} s, may jump over it; take "
-        f"longest = {QUARTER * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
+        f"steps, of up to {longest:.2g} s, may jump over it"
     )
+    remedy = f"take longest = {QUARTER * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
+    return Doubt(DoubtKind.MISSED, words, remedy)
 
 
 def longest_step(run: PlannedRun) -> float:

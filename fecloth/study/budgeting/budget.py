@@ -128,7 +128,7 @@ def budget(
     known["start"], lost = work.starts(inputs.starts, seed)
     made = make_budget(opened, chosen, known, data, inputs.names, shares, single)
     remarks = [*work.ends_of_friction(base), *remarks, *lost]
-    return replace(made, warnings=warned, remarks=tuple(remarks))
+    return replace(made, doubts=warned, remarks=tuple(remarks))
 
 
 def tolerance_of_data(study: Opened, quantity: Any) -> float:

@@ -35,8 +35,8 @@ class Budget(StudyResult):
         The answer in words.
     table
         One row for each run or level; see `Table`.
-    warnings
-        A sentence for each likely mistake in the set-up of what was studied.
+    doubts
+        Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     quantities

@@ -159,7 +159,7 @@ def summarise(
     name = "the reduced scene" if folder is None else file
     simplification = result.Simplification(
         title=original.problem.name,
-        warnings=original.problem.warnings,
+        doubts=original.problem.doubts,
         verdict=result.make_verdict(findings, taken[-1] if taken else "", final, name),
         table=result.make_table(findings, attempts, final),
         tolerance=original.tolerance,

@@ -174,7 +174,7 @@ def tune(
     is_open = space.stalls(bench, goal.scale)
     final = answer(bench, goal, prediction, yardstick, proof, why, is_open)
     took = bench.spent() - (verifying.spent if verifying else 0.0)
-    return replace(summarise(bench, goal, final, took, dropped, folder), warnings=warned)
+    return replace(summarise(bench, goal, final, took, dropped, folder), doubts=warned)
 
 
 def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction) -> str:
