@@ -26,7 +26,7 @@ from studies.contact.catalogue_scenes import KINDS, Scene, draw
 SEED, EACH = 4, 5
 WRONG, GOOD = 0.10, 0.02
 FINER = 4
-SIGNS = "do not trust", "error in time"  # in warnings of the motion
+SIGNS = (fc.DoubtKind.MOTION, fc.DoubtKind.TIME)  # doubts about the motion
 
 
 def end_of(scene: Scene, parts: int) -> tuple[fc.Result, float]:
@@ -53,7 +53,7 @@ def compare(kind: str, seed: int, number: int) -> dict:
     scene = draw(kind, seed, number)
     result, moved = end_of(scene, 1)
     fine, _ = end_of(scene, FINER)
-    said = [each for each in result.warnings if any(sign in each for sign in SIGNS)]
+    said = [str(doubt) for doubt in result.doubts if doubt.kind in SIGNS]
     return {
         "error": rms(result.state.x - fine.state.x) / moved,
         "claimed": result.time_error,

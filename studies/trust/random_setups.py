@@ -19,9 +19,10 @@ import math
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
+import fecloth as fc
 from fecloth import study
 from fecloth.linalg.reductions import rms
-from fecloth.simulation.doubts.before_run import OF_SCENES, find_warnings
+from fecloth.simulation.doubts.before_run import OF_SCENES, find_doubts
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
 from fecloth.study.result import markdown_table
@@ -50,8 +51,9 @@ def judge_drawn(seed: int, number: int, most: int) -> dict:
     row = {"setup": drawn.words, "method": drawn.method, "dt": run.dt, "steps": drawn.steps}
     if result is None:
         return row | {"counts": False, "failed": True}
-    warned = list(dict.fromkeys([*warnings_of_scene(run), *result.warnings]))
-    row |= {"failed": False, "warnings": "; ".join(warned), "warned": len(warned)}
+    doubts = list(dict.fromkeys([*doubts_of_scene(run), *result.doubts]))
+    words = "; ".join(map(str, doubts))
+    row |= {"failed": False, "warnings": words, "warned": len(doubts)}
     reference, apart = refined(drawn, times, most)
     row |= {"apart": apart, "stated": result.time_error, "counts": False}
     if not apart < AGREE:
@@ -59,16 +61,16 @@ def judge_drawn(seed: int, number: int, most: int) -> dict:
     error, moved = errors_of(run, x, reference)
     counts = moved > STILL * run.system.cloth.extent
     row |= {"counts": counts, "error": error / moved, "moved": moved}
-    wrinkled = [words for words in warned if words.startswith("wrinkles")]
+    wrinkled = [doubt for doubt in doubts if doubt.kind is fc.DoubtKind.WRINKLES]
     in_space = error_on_halved_mesh(drawn, run, x, times) if wrinkled else math.nan
-    return row | {"in_space": in_space, "only_space": len(warned) == len(wrinkled) > 0}
+    return row | {"in_space": in_space, "only_space": len(doubts) == len(wrinkled) > 0}
 
 
-def warnings_of_scene(run: Run) -> list[str]:
-    """Return the warnings before the first step that a scene has beside the ones of `run`."""
+def doubts_of_scene(run: Run) -> list[fc.Doubt]:
+    """Return the doubts before the first step that a scene has beside the ones of `run`."""
     steps = choose_steps(run.method, run.dt)
     ends = steps.end_times(run.state.t, run.t_end, ())
-    return list(find_warnings(PlannedRun(run.system, run.state, steps, ends), OF_SCENES))
+    return list(find_doubts(PlannedRun(run.system, run.state, steps, ends), OF_SCENES))
 
 
 def refined(drawn: Drawn, times: np.ndarray, most: int):

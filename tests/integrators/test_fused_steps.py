@@ -100,7 +100,7 @@ def test_rows_of_a_run_are_those_of_a_run_with_more_rows(dt, pins):
     assert np.isin(stops["stops"], few.times).all()
     assert np.array_equal(full.state.x, few.state.x)
     assert few.time_error == pytest.approx(full.time_error, rel=1e-9)
-    advice = [[words.split(": ")[-1] for words in run.warnings] for run in (full, few)]
+    advice = [[(doubt.kind, doubt.remedy) for doubt in run.doubts] for run in (full, few)]
     assert advice[0] == advice[1]  # the step at which a balance was off for ten rows differs
     at = np.searchsorted(full.times, few.times)
     assert np.array_equal(full.times[at], few.times)

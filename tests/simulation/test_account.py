@@ -52,8 +52,9 @@ class Fastest(Account):
     def row(self):
         return {"fastest": self.kinetic}
 
-    def warnings(self):
-        return (f"the cloth has {1e3 * self.kinetic:.3g} mJ" if self.kinetic > 1e-3 else "",)
+    def doubts(self):
+        words = f"the cloth has {1e3 * self.kinetic:.3g} mJ"
+        return [fc.Doubt(fc.DoubtKind.OTHER, words)] if self.kinetic > 1e-3 else []
 
     def words(self):
         return f"at most {self.kinetic:.3g} J" if self.ended else ""
@@ -141,7 +142,9 @@ def test_a_changed_account_is_the_one_that_replace_makes():
     assert (account, account.changed()) == (Fastest(3.0), account)
 
 
-def test_only_the_first_warning_of_a_kind_is_new():
+def test_only_the_first_doubt_of_a_kind_is_new():
     accounts = Accounts({"fastest": Fastest(0.5)})
-    assert accounts.new_warnings([]) == ["the cloth has 500 mJ"]
-    assert accounts.new_warnings(["the cloth has 2.3e+04 mJ"]) == []
+    (first,) = accounts.new_doubts([])
+    assert first == fc.Doubt(fc.DoubtKind.OTHER, "the cloth has 500 mJ")
+    assert accounts.new_doubts([first]) == []
+    assert accounts.new_doubts([fc.Doubt(fc.DoubtKind.TIME, first.words)]) == [first]

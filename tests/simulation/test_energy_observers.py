@@ -140,7 +140,7 @@ def test_a_warning_of_a_run_stays_though_the_balance_closes_again(cloth):
     told = [str(one.message) for one in caught]
     assert told[-len(result.warnings) :] == list(result.warnings)
     assert sum("the energy balance is off" in words for words in result.warnings) == 1
-    assert "energy of deformation" in result.accounts[Balance].imbalance
+    assert "energy of deformation" in result.accounts[Balance].imbalance.words
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from fecloth.simulation.account import End, Run
 from fecloth.simulation.contact import Contact
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.doubts.before_run import OF_SCENES
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.jumps import find_jumping_motions
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
@@ -19,17 +20,19 @@ from fecloth.simulation.verdict import Verdict
 
 CLOTH = fc.Cloth.rectangle(0.6, 0.3, h=0.15, pattern="right")
 MOVED = 0.2  # m
-OFF = Balance(0.0, imbalance=f"the energy balance is off: {DISTRUST}")
+IMBALANCE = Doubt(DoubtKind.MOTION, f"the energy balance is off: {DISTRUST}")
+OFF = Balance(0.0, imbalance=IMBALANCE)
+MUCH = Doubt(DoubtKind.DAMPING, "much")
 
 
-def doubt(monkeypatch, error, balance=OFF, method=None, eaten="", jump=0.0, terms=()):
+def doubt(monkeypatch, error, balance=OFF, method=None, eaten=None, jump=0.0, terms=()):
     """The verdict of a run with this error in time, balance, dissipation and jump of a pin [m]."""
     motion = ("0", "0", f"where(t < 0.1, 0, {jump})") if jump else None
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK(), *terms], [fc.Pin("left", motion)])
     start = system.rest()
     estimate = TimeError(start.x, None, (), relative=error, moved=MOVED, sentence="error in time")
     estimate = replace(estimate, jumps=find_jumping_motions(system, start, 0.3))
-    monkeypatch.setattr(verdict, "warn_of_dissipation", lambda *given: eaten)
+    monkeypatch.setattr(verdict, "doubt_dissipation", lambda *given: eaten)
     others = {TimeError: estimate, Balance: balance, Ledger: None}
     run = Run(system, method or fc.BDF2(), start, 0, 4.0)
     return Verdict().finish(run, End(replace(start, t=0.3), 10), others).doubt
@@ -40,7 +43,7 @@ def test_a_balance_and_dissipation_matter_from_an_error_of_three_per_cent(
     error, doubted, monkeypatch
 ):
     assert (doubt(monkeypatch, error) == OFF.imbalance) == doubted
-    assert (doubt(monkeypatch, error, Balance(0.0), eaten="much") == "much") == doubted
+    assert (doubt(monkeypatch, error, Balance(0.0), eaten=MUCH) == MUCH) == doubted
 
 
 def test_a_balance_counts_where_it_is_far_off_or_the_error_is_not_known(monkeypatch):
@@ -50,7 +53,7 @@ def test_a_balance_counts_where_it_is_far_off_or_the_error_is_not_known(monkeypa
     assert doubt(monkeypatch, 0.001, method=fc.LinearlyImplicitEuler()) == OFF.imbalance
     touching = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
     assert doubt(monkeypatch, 0.001, terms=touching) == OFF.imbalance
-    assert doubt(monkeypatch, 0.001) == ""
+    assert doubt(monkeypatch, 0.001) is None
 
 
 @pytest.mark.parametrize(("part", "is_far"), [(0.8, False), (1.25, True)])
@@ -63,17 +66,17 @@ def test_a_balance_is_far_off_from_half_of_the_energy(part, is_far):
 
 
 def test_a_large_error_in_time_is_one_warning_with_its_balance(monkeypatch):
-    assert doubt(monkeypatch, 0.2, Balance(0.0), eaten="much") == "error in time"
-    words = doubt(monkeypatch, 0.2, OFF, eaten="much")
-    assert words.startswith("error in time; the energy balance is off")
-    assert DISTRUST in words
+    in_time = doubt(monkeypatch, 0.2, Balance(0.0), eaten=MUCH)
+    assert in_time == Doubt(DoubtKind.TIME, "error in time")
+    both = doubt(monkeypatch, 0.2, OFF, eaten=MUCH)
+    assert both.kind is DoubtKind.MOTION
+    assert both.words.startswith("error in time; the energy balance is off")
 
 
 @pytest.mark.parametrize(("jump", "is_cause"), [(0.8, False), (1.25, True)])
 def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, is_cause, monkeypatch):
-    words = doubt(monkeypatch, 0.2, jump=jump * 0.05 * MOVED)
-    assert ("jumps by" in words) == is_cause
-    assert (DISTRUST in words) != is_cause
+    cause = doubt(monkeypatch, 0.2, jump=jump * 0.05 * MOVED)
+    assert cause.kind is (DoubtKind.JUMP if is_cause else DoubtKind.MOTION)
 
 
 @pytest.mark.parametrize(("part", "is_cause"), [(0.8, False), (1.25, True)])
@@ -82,12 +85,14 @@ def test_with_contact_a_jump_is_the_cause_however_far_the_cloth_went(part, is_ca
     ball = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
     jump = part * verdict.SMALL * CLOTH.extent
     assert jump < 0.05 * MOVED
-    assert ("jumps by" in doubt(monkeypatch, 0.001, jump=jump, terms=ball)) == is_cause
+    cause = doubt(monkeypatch, 0.001, jump=jump, terms=ball)
+    assert (cause is not None and cause.kind is DoubtKind.JUMP) == is_cause
 
 
 @pytest.mark.parametrize(("error", "doubted"), [(0.08, False), (0.125, True)])
 def test_a_jump_matters_where_the_error_does(error, doubted, monkeypatch):
-    assert ("jumps by" in doubt(monkeypatch, error, jump=0.1)) == doubted
+    cause = doubt(monkeypatch, error, jump=0.1)
+    assert (cause is not None and cause.kind is DoubtKind.JUMP) == doubted
 
 
 @pytest.mark.parametrize("method", [fc.BDF2(), fc.ImplicitMidpoint()], ids=str)
@@ -106,7 +111,7 @@ def test_an_energy_that_is_no_number_is_told_in_words():
     system = fc.System(CLOTH, fc.Fabric(0.2, 200.0), [fc.StVK()], ["left"])
     ledger = replace(fc.Ledger.open(system, system.rest()), t=1.0, numerical=float("nan"))
     after = Balance(0.0, largest=1.0).after(system, ledger, Deformation(0.0, 0.0, in_place={}))
-    words = after.finish(None, None, None).imbalance
+    words = after.finish(None, None, None).imbalance.words
     assert "an energy is not finite" in words
     assert "nan" not in words
 
@@ -115,9 +120,9 @@ def test_an_energy_that_is_no_number_is_told_in_words():
 def test_energy_that_the_method_makes_at_impacts_is_a_warning(part, warns, monkeypatch):
     balance = Balance(0.0, kinetic=2.0, largest=1.0, gained=part * 0.05 * 2.0)
     touching = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
-    words = doubt(monkeypatch, 0.02, balance, terms=touching)
+    words = str(doubt(monkeypatch, 0.02, balance, terms=touching))
     assert ("the method has made 0.125 J, where 2 J moved" in words) == warns
-    assert doubt(monkeypatch, 0.02, balance) == ""  # without contact it says nothing of impacts
+    assert doubt(monkeypatch, 0.02, balance) is None  # without contact it says nothing of impacts
 
 
 @pytest.mark.parametrize(("part", "is_off"), [(0.8, False), (1.25, True)])
@@ -147,8 +152,9 @@ def test_dissipation_of_the_method_names_methods_that_contact_allows(method, tou
     start = system.rest()
     ledger = replace(fc.Ledger.open(system, start), t=1.0, numerical=0.5)
     run = Run(system, method, start, 0, 4.0)
-    words = verdict.warn_of_dissipation(run, Balance(0.0, largest=1.0), ledger)
-    assert f"50 % of the energy of the motion: take a smaller {remedy}" in words
+    doubt = verdict.doubt_dissipation(run, Balance(0.0, largest=1.0), ledger)
+    assert doubt.words.endswith("50 % of the energy of the motion")
+    assert doubt.remedy.startswith(f"take a smaller {remedy}")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.simulation.doubts.course import WRINKLES
+from fecloth.simulation.doubts.doubt import DoubtKind
 
 PLATE = (fc.StVK(), fc.PlateBending())
 
@@ -24,13 +24,11 @@ def pushed_together(h, terms):
         warnings.simplefilter("ignore", fc.FeclothWarning)
         start = system.state(np.column_stack([X, Y, z]))
         result = fc.run(system, fc.BackwardEuler(), start, 0.01, 0.3)
-    return result.warnings, np.sqrt(
-        system.nodal_mass @ result.state.x[:, 2] ** 2 / system.total_mass
-    )
+    return result.doubts, np.sqrt(system.nodal_mass @ result.state.x[:, 2] ** 2 / system.total_mass)
 
 
 def wrinkles(found):
-    return [words for words in found if words.startswith(WRINKLES)]
+    return [str(doubt) for doubt in found if doubt.kind is DoubtKind.WRINKLES]
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,7 @@ from support.scene_texts import STRING
 import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
-from fecloth.simulation.doubts.course import WRINKLES
-from fecloth.simulation.energy_balance import DISTRUST
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.simulation.setup import Setup
 from fecloth.study import run_problems
@@ -221,16 +220,16 @@ def test_levels_that_fail_are_named():
 
 
 @pytest.mark.parametrize(
-    ("words", "verdict"),
+    ("kind", "verdict"),
     [
-        (DISTRUST, "not known: 3 of 3 levels failed; the first: step 3: do not trust"),
-        (WRINKLES, "not known to converge: the finest run warns of step 3: wrinkles as fine"),
-        ("the air is still", "no order to be seen"),
+        (DoubtKind.MOTION, "not known: 3 of 3 levels failed; the first: any words"),
+        (DoubtKind.WRINKLES, "not known to converge: the finest run warns of any words"),
+        (DoubtKind.OTHER, "no order to be seen"),
     ],
 )
-def test_runs_that_warn_of_themselves_are_no_evidence(words, verdict, monkeypatch):
+def test_runs_that_are_doubted_are_no_evidence(kind, verdict, monkeypatch):
     def warned(problem, **asked):
-        return measure(problem.setup(), **asked) | {"warnings": [said]}
+        return measure(problem.setup(), **asked) | {"doubts": [Doubt(kind, "any words").entry()]}
 
     def local(h, mass=0.2):
         cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
@@ -238,17 +237,16 @@ def test_runs_that_warn_of_themselves_are_no_evidence(words, verdict, monkeypatc
         system = fc.System(cloth, fc.Fabric(mass, 40.0), terms, pins=["left"])
         return cloth, system, None, system.rest()
 
-    said = f"step 3: {words}"
     monkeypatch.setattr(run_problems, "measure_problem", warned)
     found = fc.study.converge(local, "tip.x", h=0.25, levels=3, probes=TIP)
     assert found.verdict.startswith(verdict)
-    assert (found.estimate is None) == (words == DISTRUST)
-    if words == "the air is still":  # without a limit the finest level has an error, too
+    assert (found.estimate is None) == (kind is DoubtKind.MOTION)
+    if kind is DoubtKind.OTHER:  # without a limit the finest level has an error, too
         assert found.table[-1]["error"] == found.estimate.uncertainty / UNSAFE > 0
     compared = fc.study.compare(local, "mass=0.2,0.1", "tip.x", h=0.25, probes=TIP)
-    assert (compared.table["status"] == ["ok", "ok"]) == (words != DISTRUST)
+    assert (compared.table["status"] == ["ok", "ok"]) == (kind is not DoubtKind.MOTION)
     notes = [words for words in compared.notes() if "not known to converge" in words]
-    assert len(notes) == 2 * (words == WRINKLES)
+    assert len(notes) == 2 * (kind is DoubtKind.WRINKLES)
 
 
 def test_slow_changes_are_called_so_only_with_a_reason():

@@ -8,7 +8,7 @@ import pytest
 from support.power_laws import PowerLaws, known_run, predict, trial
 
 from fecloth.errors import InputError
-from fecloth.simulation.energy_balance import DISTRUST
+from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study import run_problems, status
 from fecloth.study.tuning import choices, time_errors
@@ -106,12 +106,12 @@ def test_the_yardstick_is_the_run_of_which_less_is_left():
 # --- runs that are no evidence --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("words", "is_ok"), [(DISTRUST, False), ("a wrinkle", True)])
-def test_a_run_that_warns_of_itself_is_no_evidence(words, is_ok):
-    row = {"status": "ok", "cause": "", "warnings": [f"step 3: {words}; take a smaller dt"]}
+@pytest.mark.parametrize("kind", list(DoubtKind))
+def test_a_run_with_a_doubt_that_spoils_it_is_no_evidence(kind):
+    row = {"status": "ok", "cause": "", "doubts": [Doubt(kind, "any words").entry()]}
     judged = run_problems.judged(row)
-    assert (judged["status"] == "ok") == is_ok
-    assert (DISTRUST in judged["cause"]) != is_ok
+    assert (judged["status"] == "ok") == (kind is not DoubtKind.MOTION)
+    assert judged["cause"] == ("any words" if kind is DoubtKind.MOTION else "")
 
 
 def test_runs_without_a_period_end_at_the_steps_of_the_problem(monkeypatch):

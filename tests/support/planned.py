@@ -3,7 +3,7 @@
 import numpy as np
 
 import fecloth as fc
-from fecloth.simulation.doubts.before_run import DOUBTS, find_warnings
+from fecloth.simulation.doubts.before_run import OF_RUNS, find_doubts
 from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.resolve import choose_steps
 
@@ -20,8 +20,9 @@ def strip(load=None, motion=None):
     return fc.System(STRIP, fc.Fabric(0.2, 500.0), terms, pins)
 
 
-def warnings_before(system, dt=None, t_end=1.0, method=None, state=None, ends=None, doubts=DOUBTS):
+def warnings_before(system, dt=None, t_end=1.0, method=None, state=None, ends=None, doubts=OF_RUNS):
     """The sentences about steps of dt, or about steps that `method` chooses."""
     steps = choose_steps(method or (fc.BDF2() if dt else fc.Auto()), dt)
     ends = np.array([t_end] if ends is None else ends)
-    return list(find_warnings(PlannedRun(system, state or system.rest(), steps, ends), doubts))
+    planned = PlannedRun(system, state or system.rest(), steps, ends)
+    return list(map(str, find_doubts(planned, doubts)))

@@ -254,8 +254,8 @@ def swinging(f):
 
 
 def wrinkled(compressed=0.5, rough=0.9, angle=0.1, height=1.0):
-    words = course.wrinkle_warning(bound(), compressed, rough, angle, height)
-    return [words] if words else []
+    doubt = course.doubt_wrinkles(bound(), compressed, rough, angle, height)
+    return [str(doubt)] if doubt else []
 
 
 ABOVE = {  # the words about a quantity of f times its threshold, which are there for f > 1

@@ -8,7 +8,7 @@ import pytest
 from support.planned import warnings_before
 
 import fecloth as fc
-from fecloth.simulation.doubts.before_run import DOUBTS
+from fecloth.simulation.doubts.before_run import OF_RUNS
 from fecloth.simulation.doubts.pins import find_free_fall, find_free_turn, rotation_about_pins
 
 CLOTH = {name: fc.Cloth.rectangle(0.3, 0.2, h=0.05, pattern=name) for name in ("right", "cross")}
@@ -168,7 +168,7 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
         pin([3]),
     ),
     (
-        r"the pins lie on a line, .* \(0\.3 m wide\), though .* over 0\.047 m: .* clamp = true",
+        r"the pins lie on a line, .* \(0\.3 m wide\), though .* over 0\.047 m; .* clamp = true",
         BENT,
         bent(fc.Pin("left", clamp=True), terms=(fc.StVK(), fc.PlateBending(), fc.Gravity())),
     ),
@@ -219,7 +219,7 @@ CASES = [  # the words of the warning, the wrong set-up, and the right one by th
 def find(cloth=CLOTH["right"], start=None, dt=0.01, terms=(), pins=(), fabric=None):
     system = fc.System(cloth, fc.Fabric(**fabric), terms, pins)
     state = system.state(start(cloth)) if start else system.rest()
-    doubts = (*DOUBTS, find_free_turn)
+    doubts = (*OF_RUNS, find_free_turn)
     return warnings_before(system, dt, max(1.0, 2 * dt), state=state, doubts=doubts)
 
 

@@ -1,0 +1,187 @@
+"""Doubts are objects: what follows from one depends on its kind, never on its words."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+import fecloth as fc
+from fecloth.simulation.account import Account, Accounts
+from fecloth.study import run_problems, stability_runs
+from fecloth.study.measured_runs import measure
+from fecloth.study.problems import open_problem
+
+TIP = [fc.Probe("tip", "right")]
+
+
+def strip(h, mass=0.2):
+    cloth = fc.Cloth.rectangle(1.0, 0.25, h, pattern="right")
+    terms = [fc.StVK(), fc.Gravity((9.81, 0, 0))]
+    system = fc.System(cloth, fc.Fabric(mass, 40.0), terms, pins=["left"])
+    return cloth, system, None, system.rest()
+
+
+def swinging(h, dt):
+    """A stiff sheet whose first steps are much too long."""
+    cloth = fc.Cloth.rectangle(0.6, 0.3, h, pattern="right")
+    terms = [fc.StVK(), fc.Gravity()]
+    system = fc.System(cloth, fc.Fabric(0.2, 2000.0, 0.3), terms, pins=["boundary"])
+    return cloth, system, fc.BDF2(), system.state(1.02 * system.rest().x)
+
+
+SCENE = """
+[cloth]
+shape = "rectangle"
+width = 1.0
+height = 0.5
+h = 0.25
+pattern = "right"
+[fabric]
+areal_density = 150
+tensile_stiffness = 1000.0
+poisson_ratio = 0.3
+[[terms]]
+type = "StVK"
+[[terms]]
+type = "Gravity"
+acceleration = [0, 0, -981]
+[[pins]]
+where = "left"
+[time]
+method = "backward_euler"
+dt = 0.05
+t_end = 0.2
+"""
+
+
+def raised_with(kind):
+    """A `measure` whose runs have a doubt of this kind."""
+
+    def measured(problem, **asked):
+        return measure(problem.setup(), **asked) | {"doubts": [fc.Doubt(kind, "words").entry()]}
+
+    return measured
+
+
+def verdicts(monkeypatch, folder) -> list:
+    """What runs and studies conclude from doubts of different kinds, without any words."""
+
+    def hidden(h):  # other processes cannot import it, so that it runs in this one
+        return strip(h)
+
+    seen: list = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fc.FeclothWarning)
+        for dt in (0.02, 0.005):
+            _, system, method, start = swinging(0.15, dt)
+            result = fc.run(system, method, start, dt, 0.6)
+            seen.append([doubt.kind for doubt in result.doubts])
+        (folder / "strip.toml").write_text(SCENE)
+        outcome = fc.run_scene(fc.load_scene(folder / "strip.toml"), folder / "out")
+        seen.append([doubt.kind for doubt in outcome.doubts])
+        flat = fc.Cloth.rectangle(1.0, 0.1, h=0.05, pattern="right")
+        pressed = fc.System(
+            flat,
+            fc.Fabric(0.2, 1000.0, bending_rigidity=1e-4),
+            [fc.StVK(), fc.PlateBending()],
+            pins=["left", "right"],
+        )
+        rest = pressed.state(0.9 * pressed.rest().x)
+        seen.append([doubt.kind for doubt in fc.equilibrium(pressed, rest).doubts])
+        seen.append([doubt.kind for doubt in fc.modes(pressed, rest, count=2).doubts])
+    for kind in (fc.DoubtKind.MOTION, fc.DoubtKind.WRINKLES, fc.DoubtKind.UNITS):
+        monkeypatch.setattr(run_problems, "measure_problem", raised_with(kind))
+        study = fc.study.converge(hidden, "tip.x", h=0.25, levels=3, probes=TIP)
+        seen.append((study.converges, study.table["status"] if kind.spoils else None))
+    for kind in (fc.DoubtKind.INTERSECTION, fc.DoubtKind.TIME):
+        monkeypatch.setattr(
+            stability_runs,
+            "measure",
+            lambda setup, names, kind=kind: {
+                "doubts": [fc.Doubt(kind, "words").entry()],
+                "columns": {"total": [0.0, 0.0], "pins": [0.0, 0.0]},
+                "cpu_seconds": 0.1,
+            },
+        )
+        problem = open_problem(swinging, h=0.15, dt=0.01, t_end=0.1)
+        seen.append(bool(stability_runs.run_with(problem, "bdf2", 4)["warning"]))
+    return seen
+
+
+def test_other_words_lead_to_the_same_verdicts(monkeypatch, tmp_path):
+    (tmp_path / "as_written").mkdir()
+    (tmp_path / "changed").mkdir()
+    with monkeypatch.context() as patch:
+        expected = verdicts(patch, tmp_path / "as_written")
+    original = fc.Doubt.__init__
+
+    def reworded(self, kind, words, remedy=""):
+        original(self, kind, "Quite other words, 7 of them", "" if not remedy else "do nothing")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fc.Doubt, "__init__", reworded)
+        changed = verdicts(patch, tmp_path / "changed")
+    assert changed == expected
+    kinds = {kind for part in expected if isinstance(part, list) for kind in part}
+    assert {fc.DoubtKind.UNITS, fc.DoubtKind.INSTABILITY, fc.DoubtKind.BALANCE} <= kinds
+    assert (False, ["failed"] * 3) in expected  # a motion that is wrong
+    assert expected[-2:] == [False, True]  # an intersection says nothing about the steps
+    summary = json.loads((tmp_path / "changed" / "out" / "summary.json").read_text())
+    assert {entry["words"] for entry in summary["doubts"]} == {"Quite other words, 7 of them"}
+
+
+def test_the_summary_has_kind_words_and_remedy(tmp_path):
+    (tmp_path / "strip.toml").write_text(SCENE)
+    outcome = fc.run_scene(fc.load_scene(tmp_path / "strip.toml"), tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    first = summary["doubts"][0]
+    assert first == {
+        "kind": "units",
+        "words": "areal_density = 150 kg/m²: cloth has 0.01 to 1",
+        "remedy": "If you meant g/m², write 0.15",
+    }
+    assert summary["warnings"] == list(outcome.warnings)
+    assert summary["warnings"][0] == f"{first['words']}. {first['remedy']}"
+    assert [fc.Doubt.of_entry(entry) for entry in summary["doubts"]] == list(outcome.doubts)
+
+
+@pytest.mark.parametrize(
+    ("remedy", "sentence"),
+    [("", "words"), ("take P2", "words; take P2"), ("Take P2", "words. Take P2")],
+)
+def test_the_sentence_of_a_doubt_ends_with_its_remedy(remedy, sentence):
+    assert str(fc.Doubt(fc.DoubtKind.MESH, "words", remedy)) == sentence
+
+
+def test_only_a_wrong_motion_spoils_a_run():
+    assert [kind for kind in fc.DoubtKind if kind.spoils] == [fc.DoubtKind.MOTION]
+
+
+def test_values_of_kinds_are_their_names_in_lower_case():
+    assert all(kind.value == kind.name.lower() for kind in fc.DoubtKind)
+
+
+def test_two_accounts_raise_a_kind_once():
+    class First(Account):
+        name = "first"
+
+        def doubts(self):
+            return [fc.Doubt(fc.DoubtKind.OTHER, "a"), fc.Doubt(fc.DoubtKind.CURVE, "b")]
+
+    class Second(First):
+        name = "second"
+
+        def doubts(self):
+            return [fc.Doubt(fc.DoubtKind.OTHER, "c")]
+
+    accounts = Accounts({"first": First(), "second": Second()})
+    assert [str(doubt) for doubt in accounts.new_doubts([])] == ["a", "b"]
+    known = [fc.Doubt(fc.DoubtKind.CURVE, "of the start")]
+    assert [str(doubt) for doubt in accounts.new_doubts(known)] == ["a"]
+
+
+def test_the_forces_of_a_state_at_rest_leave_no_doubt():
+    _, system, _, start = strip(0.25)
+    assert fc.equilibrium(system, start).doubts == ()
+    assert np.isfinite(fc.equilibrium(system, start).residual)
