@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,53 @@ def files_in_circles(package: Path) -> set[Path]:
         imports = {s: needed for s, needed in imports.items() if s not in idle}
         needed_by_others = set().union(*imports.values(), set())
     return set(imports)
+
+
+def closure_of(source: Path, package: Path) -> set[Path]:
+    """The files that one must have to read a file whole, with the file itself."""
+    seen: set[Path] = set()
+    ahead = {source}
+    while ahead:
+        file = ahead.pop()
+        seen.add(file)
+        ahead |= files_imported_by(file, package) - seen
+    return seen
+
+
+def tokens_of(source: Path) -> int:
+    """Tokens of code in a file, without comments, docstrings and layout."""
+    layout = {"NL", "NEWLINE", "INDENT", "DEDENT", "COMMENT", "ENCODING", "ENDMARKER"}
+    count = 0
+    before = "NEWLINE"
+    with tokenize.open(source) as stream:
+        for token in tokenize.generate_tokens(stream.readline):
+            name = tokenize.tok_name[token.type]
+            is_docstring = name == "STRING" and before in layout
+            count += name not in layout and not is_docstring
+            before = name
+    return count
+
+
+def test_the_loop_over_steps_can_be_read_whole():
+    """It knows nothing of doubts, `Auto`, room, stability limits or fused steps."""
+    files = closure_of(PACKAGE / "simulation" / "steps.py", PACKAGE)
+    assert len(files) <= 85
+    assert sum(map(tokens_of, files)) <= 95_000
+    names = {file.relative_to(PACKAGE).as_posix() for file in files}
+    apart = ("method_choice", "no_room", "stability_limited", "fused_march", "step_failures")
+    assert not {f"simulation/{name}.py" for name in apart} & names
+    assert not {name for name in names if name.startswith(("simulation/doubts", "stability"))}
+
+
+def test_the_test_of_closures_counts_files_and_tokens(tmp_path):
+    package = tmp_path / "fecloth"
+    package.mkdir()
+    (package / "first.py").write_text('"""Words."""\nfrom fecloth.second import f  # why\n')
+    (package / "second.py").write_text('def f():\n    """Words."""\n    return 1\n')
+    (package / "third.py").write_text("from fecloth.first import f\n")
+    files = closure_of(package / "first.py", package)
+    assert {file.stem for file in files} == {"first", "second"}
+    assert [tokens_of(package / f"{name}.py") for name in ("first", "second")] == [6, 7]
 
 
 def package_of(source: Path) -> str:

@@ -16,7 +16,7 @@ from fecloth.cli import main as cli
 from fecloth.integrators.step import Opening
 from fecloth.quantities import formula_functions
 from fecloth.scene import table_model
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.study.fitting.file import KEYS, OF_EXPERIMENTS
 
 # what a call or a name in a code span may begin with, beside fecloth's own

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 
 
 def terminal(quiet: bool) -> Console:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fecloth.scene.probe_tables import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
-    from fecloth.simulation.march import StepInfo
+    from fecloth.simulation.steps import StepInfo
     from fecloth.system.system import System
 
 

@@ -24,11 +24,11 @@ from fecloth.scene.schedule import MOST_STEPS
 from fecloth.simulation.account import Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, in_words
 from fecloth.simulation.growth import MOST_GROWTH
-from fecloth.simulation.march import Memory, StepInfo
 from fecloth.simulation.record_steps import Record, record_steps
 from fecloth.simulation.run import list_accounts
 from fecloth.simulation.shapes import Shapes
 from fecloth.simulation.solves import Solves
+from fecloth.simulation.steps import Memory, StepInfo
 from fecloth.system.state import State
 from fecloth.view.html_report import read_table, write_report
 

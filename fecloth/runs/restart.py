@@ -27,7 +27,7 @@ from fecloth.scene.toml_text import flatten
 from fecloth.simulation.account import Accounts
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.march import Memory
+from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 

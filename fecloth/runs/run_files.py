@@ -17,7 +17,7 @@ from fecloth.output.vtu_writer import Arrays
 from fecloth.runs.folder import RunFolder
 from fecloth.runs.restart import Progress
 from fecloth.scene.problem import Problem
-from fecloth.simulation.march import Memory
+from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
 from fecloth.view.web_page import keep_shown
 

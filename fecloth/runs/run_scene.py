@@ -27,10 +27,10 @@ from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import in_words
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.run import run
 from fecloth.simulation.setup import Setup
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.system import System
 
 

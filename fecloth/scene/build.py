@@ -24,11 +24,11 @@ from fecloth.scene.probe_tables import refuse_unknown
 from fecloth.scene.problem import Problem
 from fecloth.scene.schedule import EquilibriumTable, Time
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import Memory
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Probe
 from fecloth.simulation.step_times import step_times
+from fecloth.simulation.steps import Memory
 from fecloth.system.clamps import find_clamps
 from fecloth.system.constraints import Constraints
 from fecloth.system.pins import Motion, Pin

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from fecloth.scene.schedule import Output
 from fecloth.simulation.doubts.before_run import NOTES, find_doubts
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.record_steps import rows_at_least
 from fecloth.simulation.setup import Setup
+from fecloth.simulation.steps import StepInfo
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, TypeVar, cast
 from fecloth.mesh.surface import Surface
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.signals import Signal, find_signals
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered

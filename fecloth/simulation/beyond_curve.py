@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered

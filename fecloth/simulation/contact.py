@@ -8,7 +8,7 @@ import numpy as np
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.growth import Growth
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered

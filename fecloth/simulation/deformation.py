@@ -8,8 +8,8 @@ import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import rms_without_rigid
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered

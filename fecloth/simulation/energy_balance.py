@@ -7,7 +7,7 @@ from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 

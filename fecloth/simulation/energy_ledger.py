@@ -9,7 +9,7 @@ from fecloth.integrators.fused_steps import Flows
 from fecloth.integrators.numerical_dissipation import has_power_column, load_displacement
 from fecloth.linalg.reductions import dot
 from fecloth.simulation.account import Account, Accounts, Run
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered

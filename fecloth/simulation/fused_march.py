@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from fecloth.simulation.stability_limited import (
     LimitMemory,
     StabilityLimited,
 )
+from fecloth.simulation.steps import Place, Plan, StepInfo, find_problem, take
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
@@ -51,6 +52,31 @@ class Skipped:
     step: Step | None  # the step after them, if it is known too
     flows: Flows  # what the energy ledger adds up over all of these
     seconds: float  # wall time
+
+
+def steps_with_skips(
+    plan: Plan, place: Place, stops: Sequence[float], wanted: Wanted | None
+) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
+    """Take steps as `steps` does, and skip those that are not `wanted` where this is possible.
+
+    What is wanted next comes by ``send``. Steps that end at a stop, or at the end, are yielded.
+    """
+    skipping = Skipping(plan.system, plan.method, plan.most_stretch, plan.targets, stops)
+    while place.state.t < plan.t_end:
+        memory = place.memory
+        skipped = skipping.skip(place.state, memory.method_memory, memory.step, wanted)
+        if skipped:
+            place = _after(plan, place, skipped)
+        place, info = take(plan, place, known=skipped.step if skipped else None)
+        wanted = yield place.state, replace(info, skipped=skipped)
+
+
+def _after(plan: Plan, place: Place, skipped: Skipped) -> Place:
+    """Return the place after skipped steps."""
+    number = place.memory.step + skipped.number
+    memory = replace(place.memory, step=number, method_memory=skipped.memory)
+    is_sound = find_problem(plan, skipped.state, check_stretch=True) is None
+    return Place(skipped.state, memory, skipped.state if is_sound else place.checked)
 
 
 class Skipping:

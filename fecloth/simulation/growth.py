@@ -9,8 +9,8 @@ from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
 from fecloth.simulation.energy_balance import UNSOLVED
 from fecloth.simulation.energy_ledger import Ledger
-from fecloth.simulation.march import Problem, StepInfo, step_failed
-from fecloth.simulation.stability_limited import remedy_for_growth
+from fecloth.simulation.step_failures import explain
+from fecloth.simulation.steps import Problem, StepInfo, step_failed
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
@@ -42,8 +42,9 @@ class Growth(Account):
         if self.excess and after.excess:
             noise = _noise(run.system, info, others[Ledger])
             if min(self.kinetic, after.kinetic) > noise:
-                problem = Problem(after.excess, remedy=remedy_for_growth(run.method))
-                raise step_failed(run.system, info.old, info.step, info.dt, problem)
+                problem = Problem(after.excess)
+                failure = step_failed(run.system, info.old, info.step, info.dt, problem)
+                raise explain(failure, run.system, run.method)
         return after
 
 

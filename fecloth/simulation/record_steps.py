@@ -10,8 +10,8 @@ from fecloth.simulation.account import NEVER, Accounts, Run
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.probes import Observer
+from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 

@@ -30,12 +30,13 @@ from fecloth.simulation.error_in_space import ErrorInSpace
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.growth import MOST_GROWTH, Growth
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import Memory, StepInfo, march, refuse_arguments
+from fecloth.simulation.march import march, refuse_arguments
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.resolve import choose_steps, method_to_report, resolve
 from fecloth.simulation.rest_stability import RestStability
 from fecloth.simulation.shapes import Shape, Shapes
 from fecloth.simulation.solves import Solves
+from fecloth.simulation.steps import Memory, StepInfo
 from fecloth.simulation.time_error import TimeError
 from fecloth.simulation.time_error_words import name_time_error
 from fecloth.simulation.verdict import Verdict

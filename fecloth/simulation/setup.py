@@ -17,12 +17,13 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.fused_march import Wanted
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import Memory, StepInfo, march
+from fecloth.simulation.march import march
 from fecloth.simulation.on_request import on_request
 from fecloth.simulation.probes import Observer, Probe
 from fecloth.simulation.record_steps import rows_at_least, trial_recorder
 from fecloth.simulation.resolve import method_to_report, resolve
 from fecloth.simulation.run import Result, collect
+from fecloth.simulation.steps import Memory, StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from fecloth.nonlinear.statistics import SUMMED, describe_newton_error, warn_of_round_off
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.march import StepInfo
+from fecloth.simulation.steps import StepInfo
 from fecloth.terms.records import remembered
 
 

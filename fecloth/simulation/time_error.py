@@ -15,8 +15,8 @@ from fecloth.simulation.doubts.jumps import Jump, find_jumping_motions, find_jum
 from fecloth.simulation.doubts.planned_run import attempt
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
+from fecloth.simulation.steps import StepInfo
 from fecloth.simulation.time_error_words import LEAST, WARNED, describe_time_error
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.state import State

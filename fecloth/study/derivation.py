@@ -17,9 +17,9 @@ from fecloth.simulation.derived_loads import DerivedLoads
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.equilibrium import Equilibrium, equilibrium
 from fecloth.simulation.load_steps import LoadSteps
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.run import columns
 from fecloth.simulation.setup import Setup
+from fecloth.simulation.steps import StepInfo
 from fecloth.study.parameters import Parameter
 from fecloth.system.state import State
 from fecloth.system.system import System

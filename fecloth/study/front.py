@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 from fecloth.simulation.equilibrium import equilibrium
-from fecloth.simulation.march import StepInfo
 from fecloth.simulation.setup import Setup
+from fecloth.simulation.steps import StepInfo
 from fecloth.study import charts, comparing, converging, sensitivities, stability_map, sweeps
 from fecloth.study.budgeting import budget as budgets
 from fecloth.study.modes import Modes, modes

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import fecloth as fc
-from fecloth.simulation.march import Wanted
+from fecloth.simulation.fused_march import Wanted
 
 VERSION = fc.__version__
 SETTINGS = (

@@ -1,0 +1,57 @@
+"""Why a step has failed, beyond what the step itself can know: the cause, and what to do."""
+
+import math
+from dataclasses import replace
+
+from fecloth.errors import StepFailed
+from fecloth.integrators.protocol import StepChoice
+from fecloth.simulation.doubts.jumps import find_jumping_motions
+from fecloth.simulation.no_room import name_no_room
+from fecloth.simulation.stability_limited import remedy_for_growth
+from fecloth.simulation.steps import SMALLER
+from fecloth.system.system import System
+
+ELSEWHERE = "Lead the pins, or the obstacles, elsewhere, or end earlier."
+BACK = 2  # steps before one that failed, whose jumps are looked for: they can act later
+
+
+def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFailed:
+    """Return the failure with its cause, where pins or obstacles have caused it.
+
+    They leave the cloth no room, or they jump. Without such a cause, a step whose equations were
+    solved gets the remedy for the method that took it.
+    """
+    assert failure.step is not None
+    assert failure.t is not None
+    assert failure.dt is not None
+    reason = failure.reason
+    residual = failure.residual
+    remedy = failure.remedy
+    unit = failure.unit
+    is_solved = failure.__cause__ is None
+    if is_solved and remedy == SMALLER:
+        remedy = remedy_for_growth(method)
+    if not is_solved:
+        longest = max(failure.dt, method.dt or 0.0)
+        if words := name_no_room(system, failure.state, longest):
+            reason = words
+            residual = math.nan
+            remedy = ELSEWHERE
+            unit = " s"
+    start = replace(failure.state, t=failure.t - failure.dt * min(BACK, failure.step - 1))
+    if jumps := find_jumping_motions(system, start, failure.t + failure.dt):
+        largest = max(jumps, key=lambda jump: jump.size)
+        words = str(largest.doubt)
+        remedy = f"{words[0].upper()}{words[1:]}."
+    return StepFailed(
+        reason,
+        step=failure.step,
+        t=failure.t,
+        dt=failure.dt,
+        residual=residual,
+        stretch=failure.stretch,
+        triangle=failure.triangle,
+        state=failure.state,
+        remedy=remedy,
+        unit=unit,
+    )
