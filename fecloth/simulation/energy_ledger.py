@@ -77,8 +77,18 @@ class Ledger(Account):
         reported = {*energies, *dissipated, *work}
         silent = any(name not in reported for name in system.names)
         resisting = _resisting(system, state, dissipated)
-        flows = dissipated, work, 0.0, 0.0
-        return cls(state.t, kinetic, energies, *flows, opening, resisting, silent)
+        return cls(
+            t=state.t,
+            kinetic=kinetic,
+            potential=energies,
+            dissipated=dissipated,
+            work=work,
+            pins=0.0,
+            numerical=0.0,
+            opening=opening,
+            resisting=resisting,
+            silent=silent,
+        )
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Ledger":
         """Return the ledger after a step and the steps without a row before it."""

@@ -192,9 +192,15 @@ def equilibrium(
         solved, over = increments.solve_increment(whole, 0.0, context, report)
         history = over.commit(replace(start, x=solved.x), history)
     else:
-        at = None if load_steps else start.t
-        run = system, start, context, 1 / number
-        increase = increments.increase_loads(*run, history=history, report=report, at=at)
+        increase = increments.increase_loads(
+            system,
+            start,
+            context,
+            1 / number,
+            history=history,
+            report=report,
+            at=None if load_steps else start.t,
+        )
         if friction == "shaken":
             increase = increments.shake(increase, context, report)
         solved = increase.solved

@@ -152,8 +152,9 @@ class Adaptive(ChosenSteps):
                 break
             size = dt
             try:
-                rest = solver, control.method_memory, history
-                step = protocol.take_step(self._stepper, system, state, dt, *rest)
+                step = protocol.take_step(
+                    self._stepper, system, state, dt, solver, control.method_memory, history
+                )
                 if memory is None:
                     protocol.check_step(step, self.method)
                 a, t, error = self.error(system, state, step, control)

@@ -164,8 +164,7 @@ class Skipping:
             least = limited.least / BEYOND
             largest = min(largest, limited.largest * BEYOND)
         assert isinstance(last, LastForce)
-        plan = times[: count + 1], sizes[:count]
-        taken = fused.take(state, last, *plan, look, least, largest)
+        taken = fused.take(state, last, times[: count + 1], sizes[:count], look, least, largest)
         if taken is None or not (limited or taken.step):
             raise FloatingPointError("fused steps end beyond all bounds")
         left: object = taken.memory

@@ -119,14 +119,15 @@ class LoadSteps(ChosenSteps):
         is the mean of their forces at both ends times the way. Of a step that was halved, what
         terms with a history dissipated before the last part is in it.
         """
-        start, end = step.around(system)
-        before = start.energies(old)
-        after = end.energies(step.state)
+        system_before, system_after = step.around(system)
+        before = system_before.energies(old)
+        after = system_after.energies(step.state)
         work = system.sums.dot(load_forces(system, step.state), step.state.x - old.x)
-        ends = (old.x, old.t), (step.state.x, step.state.t)
+        begin = (old.x, old.t)
+        end = (step.state.x, step.state.t)
         for term in (step.over or system).bound:
             work += term.work(step.state.x) - term.dissipation(step.state.x)
-            work += term.work_of_clamps(*ends, ends)
+            work += term.work_of_clamps(begin, end, (begin, end))
         held = system.constraints.held_part
         at = system.constraints.nodes
         work -= system.sums.dot(step.force_on_pins(system)[at], held(step.state.x - old.x))

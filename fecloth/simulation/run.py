@@ -6,7 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -45,11 +45,22 @@ from fecloth.system.system import System
 
 AT_END = (BeyondCurve, ErrorInSpace, Shapes)
 IN_TIME: tuple[type[Account], ...] = (
-    *(Deformation, Growth, Balance, Solves, Contact, TimeError, Verdict),
+    Deformation,
+    Growth,
+    Balance,
+    Solves,
+    Contact,
+    TimeError,
+    Verdict,
     *AT_END,
 )
 STATIC: tuple[type[Account], ...] = (
-    *(Deformation, Balance, Verdict, Solves, RestStability, Contact),
+    Deformation,
+    Balance,
+    Verdict,
+    Solves,
+    RestStability,
+    Contact,
     *AT_END,
 )
 
@@ -207,8 +218,12 @@ def run(
     `most_growth` times what the start, the loads and the pins can have supplied (see
     `Growth`). The `StepFailed` of a run that fails has its `result` so far, without the
     accounts of its end. Reasons to doubt the result, such as an error in time above 10 % or an
-    energy balance that does not close, are in its `warnings` and come as a `FeclothWarning`
-    each.
+    energy balance that does not close, are its `doubts`, and come as a `FeclothWarning` each.
+
+    Raises
+    ------
+    InputError, StepFailed
+        As `march`; also for a run that makes energy, as above.
 
     Examples
     --------
@@ -241,11 +256,29 @@ def run(
     if memory is None:  # `march` checks and warns only without a memory
         steps.check_start(system, state)
     before = memory or Memory(0, state.t, None)
-    given: dict[str, Any] = {"most_stretch": most_stretch, "memory": before}
-    states = march(system, steps, state, None, t_end, stops=stops, solver=chosen, **given)
-    recorded = system, method_to_report(steps), ledger, observer, why, most_growth, report
-    next_row = recording.rows_at_least(rows, opening.t, end)
-    result = collect(states, *recorded, foreseen, next_row, before.step)
+    states = march(
+        system,
+        steps,
+        state,
+        t_end=t_end,
+        stops=stops,
+        solver=chosen,
+        most_stretch=most_stretch,
+        memory=before,
+    )
+    result = collect(
+        states,
+        system,
+        method_to_report(steps),
+        ledger,
+        observer,
+        why,
+        most_growth=most_growth,
+        report=report,
+        foreseen=foreseen,
+        next_row=recording.rows_at_least(rows, opening.t, end),
+        step=before.step,
+    )
     for doubt in result.doubts[len(foreseen) :]:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=3)
     return result

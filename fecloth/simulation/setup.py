@@ -27,7 +27,8 @@ from fecloth.simulation.steps import Memory, StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-DISTURBED, WAVES = 1e-3, 6  # the largest disturbance of a start over the extent; its waves
+DISTURBANCE = 1e-3  # of a start, at most, over the extent of the cloth: small beside any motion
+WAVES = 6  # of a disturbance: enough for a shape without symmetry
 Solver = tuple[SolverContext, str]  # and in words why it was chosen
 
 
@@ -116,7 +117,7 @@ class Setup:
         normal *= math.copysign(1.0, normal[2]) / max(float(np.linalg.norm(normal)), 1e-300)
         waves = draw.normal(size=(WAVES, 2)) * 2 * math.pi / cloth.extent
         phases = cloth.X @ waves.T + draw.uniform(0, 2 * math.pi, WAVES)
-        height = DISTURBED * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
+        height = DISTURBANCE * cloth.extent * (1 + np.cos(phases).mean(axis=1)) / 2
         moved = self.system.constraints.project(height[:, None] * normal)
         return replace(self, start=replace(self.start, x=x + moved))
 
@@ -131,9 +132,15 @@ class Setup:
     def choose(self) -> tuple[Self, Solver]:
         """Return the setup with the steps that are taken, also of `Auto`, and their solver."""
         assert self.t_end is not None
-        run = self.system, self.steps, self.start, self.t_end, self.linear, self.newton
-        record = trial_recorder(self.system, self.ledger, self.observer)
-        steps, solver, why = resolve(*run, record)
+        steps, solver, why = resolve(
+            self.system,
+            self.steps,
+            self.start,
+            self.t_end,
+            self.linear,
+            self.newton,
+            record=trial_recorder(self.system, self.ledger, self.observer),
+        )
         return self.taking(steps), (solver, why)
 
     def taking(self, steps: Any) -> Self:
@@ -148,9 +155,16 @@ class Setup:
         wanted: Wanted | None = None,
     ) -> Generator[tuple[State, StepInfo], Wanted | None, None]:
         """March to the end from the start, or from a later state with the `Memory` of its step."""
-        run = (self.system, self.steps, state or self.start, None)
-        known = memory or self.memory
-        return march(*run, self.t_end, stops=self.stops, solver=solver, memory=known, wanted=wanted)
+        return march(
+            self.system,
+            self.steps,
+            state or self.start,
+            t_end=self.t_end,
+            stops=self.stops,
+            solver=solver,
+            memory=memory or self.memory,
+            wanted=wanted,
+        )
 
     def run(
         self,
@@ -160,8 +174,15 @@ class Setup:
         watch: Callable[[Iterable], Iterable] = iter,
     ) -> Result:
         """March to the end; `watch` passes the steps on, `rows` are as for `fecloth.run`."""
-        (solver, why), t_end = chosen, self.t_end
-        assert t_end is not None
-        next_row = rows_at_least(rows, self.start.t, t_end) if rows else None
-        given = self.system, self.method, self.ledger, self.observer, why
-        return collect(watch(self.march(solver)), *given, report=report, next_row=next_row)
+        solver, why = chosen
+        assert self.t_end is not None
+        return collect(
+            watch(self.march(solver)),
+            self.system,
+            self.method,
+            self.ledger,
+            self.observer,
+            why,
+            report=report,
+            next_row=rows_at_least(rows, self.start.t, self.t_end) if rows else None,
+        )

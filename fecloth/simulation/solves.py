@@ -33,8 +33,12 @@ class Solves(Account):
         return [self.doubt] if self.doubt else []
 
     def words(self) -> str:
-        errors = self.sums["newton_error"], self.sums["step_error"]
-        return describe_newton_error(self.steps, int(self.sums["estimated"]), *errors)
+        return describe_newton_error(
+            self.steps,
+            int(self.sums["estimated"]),
+            newton_error=self.sums["newton_error"],
+            step_error=self.sums["step_error"],
+        )
 
     def summary(self) -> dict[str, object]:
         return {"steps": self.steps, **self.sums, "newton_error_in_words": self.words()}

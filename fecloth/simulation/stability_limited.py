@@ -78,8 +78,9 @@ class StabilityLimited(ChosenSteps):
             limited = self._update(now, state, limited)
             system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
-        rest = solver, limited.method_memory, history
-        step = protocol.take_step(self.method, system, state, dt, *rest)
+        step = protocol.take_step(
+            self.method, system, state, dt, solver, limited.method_memory, history
+        )
         if limited.steps == 0:
             protocol.check_step(step, self.method)
         after = replace(limited, steps=limited.steps + 1, method_memory=step.memory)
@@ -107,8 +108,13 @@ class StabilityLimited(ChosenSteps):
         if not beyond and last.steps < UPDATE_STEPS:
             return last
         dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
-        extremes = min(least, last.least), max(largest, last.largest)
-        return LimitMemory(dt, 0, *extremes, last.method_memory)
+        return LimitMemory(
+            dt,
+            steps=0,
+            least=min(least, last.least),
+            largest=max(largest, last.largest),
+            method_memory=last.method_memory,
+        )
 
 
 def remedy_for_growth(steps: object) -> str:

@@ -25,7 +25,6 @@ from fecloth.terms.kinematics import largest_stretch, principal_stretches
 from fecloth.terms.records import remembered
 
 SMALLER = "Take a smaller dt."
-LEAST_STRETCH = 1e-300  # below any stretch, so that its logarithm is finite
 
 
 @remembered
@@ -251,7 +250,7 @@ def find_problem(plan: Plan, state: State, check_stretch: bool) -> Problem | Non
 def step_failed(system: System, state: State, number: int, dt: float, cause: Any) -> StepFailed:
     """Return the error of a step of dt [s], with the most strained triangle of its start."""
     stretches = principal_stretches(system.cloth, state.x)
-    strains = np.abs(np.log(np.maximum(stretches, LEAST_STRETCH)))
+    strains = np.abs(np.log(np.maximum(stretches, np.finfo(float).tiny)))
     triangle, which = np.unravel_index(np.argmax(strains), strains.shape)
     return StepFailed(
         getattr(cause, "reason", str(cause)),

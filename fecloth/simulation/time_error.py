@@ -362,8 +362,16 @@ def _sample(system: System, state: State, step: int, others: Accounts) -> Sample
     ledger = others[Ledger]
     deforming = others[Deformation].kinetic
     supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)
-    energies = deforming, ledger.lost_inside, ledger.kinetic, ledger.lost_outside - supplied
-    return Sample(state.t, step, state.x, state.v, *energies)
+    return Sample(
+        t=state.t,
+        step=step,
+        x=state.x,
+        v=state.v,
+        deforming=deforming,
+        inside=ledger.lost_inside,
+        kinetic=ledger.kinetic,
+        outside=ledger.lost_outside - supplied,
+    )
 
 
 def _seen_from_pins(system: System, x: np.ndarray) -> np.ndarray:

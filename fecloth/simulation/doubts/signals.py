@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,7 +65,7 @@ class Signal:
 
 def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> Iterator[Signal]:
     """Yield what moves pins, obstacles and tethers, the loads, and forces of users' terms."""
-    run = (start.t, t_end), is_fixed
+    of_run: dict[str, Any] = {"span": (start.t, t_end), "is_fixed": is_fixed}
     for name, (pin, _) in system.constraints.groups.items():
         if not pin.moves:
             continue
@@ -74,15 +74,16 @@ def find_signals(system: System, start: State, t_end: float, is_fixed: bool) -> 
         if isinstance(pin.motion, Motion) and pin.rotate is None:
             values = _motion(pin.motion)
             effort = PLACES if pin.motion.by_place else FORMULAS
-        yield Signal(name_motion(name), values, effort, *run, "pin")
+        yield Signal(name_motion(name), values, effort, kind="pin", **of_run)
     for name, bound in system.named:
         body = bound.body if isinstance(bound, BoundContact) else None
         if body is not None and body.moves:
             values = each(partial(_place, body, system.cloth.extent))
-            yield Signal(f"the motion of {name}", values, FUNCTIONS, *run, "obstacle")
+            words = f"the motion of {name}"
+            yield Signal(words, values, FUNCTIONS, kind="obstacle", **of_run)
         for attribute, values, effort in _of_term(bound.here(), start):
             kind = "tether" if isinstance(bound, BoundTether) else "load"
-            yield Signal(f"{attribute} of {name}", values, effort, *run, kind)
+            yield Signal(f"{attribute} of {name}", values, effort, kind=kind, **of_run)
 
 
 def name_motion(pin: str) -> str:
