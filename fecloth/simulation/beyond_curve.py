@@ -10,7 +10,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-LEAST = 1e-3  # of the area: less is a corner, and no warning
+# Of the area of the cloth beyond a curve that is worth a doubt: less is a corner.
+LEAST_AREA = 1e-3
 
 
 @remembered
@@ -30,7 +31,7 @@ class BeyondCurve(Account):
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "BeyondCurve":
         area = area_beyond(run.system, info.result.state)
-        time = self.time + (info.t - self.t if area > LEAST else 0.0)
+        time = self.time + (info.t - self.t if area > LEAST_AREA else 0.0)
         return self.changed(t=info.t, area=max(self.area, area), time=time)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "BeyondCurve":
@@ -57,7 +58,7 @@ def area_beyond(system: System, state: State) -> float:
 
 def doubt_curve(area: float, time: str = "") -> Doubt | None:
     """Return a doubt for this part of the area; None for less than a thousandth."""
-    if area <= LEAST:
+    if area <= LEAST_AREA:
         return None
     words = (
         f"MembraneTable: strains are beyond the measured curve on {100 * area:.3g} % of the "

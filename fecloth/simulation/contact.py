@@ -13,7 +13,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-RESOLVED = 50.0  # steps, of gap/v, that resolve a bounce
+# Steps, of gap/v, that resolve a bounce: its speed is then right to a few per cent.
+STEPS_PER_BOUNCE = 50.0
 
 
 @remembered
@@ -35,7 +36,7 @@ class Contact(Account):
             if not term.restitution or Growth.name not in others.records:
                 continue  # an equilibrium has no speeds
             v = term.touch_speed(info.old, new.x, new.t)
-            ratio = RESOLVED * v * info.dt / term.gap
+            ratio = STEPS_PER_BOUNCE * v * info.dt / term.gap
             if ratio > max(1.0, after.ratio):
                 after = after.changed(ratio=ratio, least=_unresolved(name, term, v, info.dt))
         return after
@@ -71,7 +72,7 @@ def _unresolved(name: str, term: Any, v: float, dt: float) -> Doubt:
         f"bounces off {name} are not resolved: parts of the cloth touch it with {v:.3g} m/s in "
         f"steps of {dt:.3g} s, so that the speed with which they leave depends on dt"
     )
-    resolving = term.gap / (RESOLVED * v)
+    resolving = term.gap / (STEPS_PER_BOUNCE * v)
     remedy = f"dt = {resolving:.2g} s resolves them, and restitution = 0 has none"
     return Doubt(DoubtKind.BOUNCE, words, remedy)
 

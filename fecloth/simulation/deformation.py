@@ -14,8 +14,9 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-OWN_ERROR = 0.05  # of the work of loads, with which a ledger whose balance closes may err
-CREEP = 1e-6  # mean motion since the start, in extents of the cloth, that counts as rest
+ERROR_OF_WORK = 0.05  # of the work of loads: by so much a ledger whose balance closes may err
+# Mean motion since the start over the extent of the cloth that counts as rest: round-off.
+LARGEST_CREEP = 1e-6
 
 
 @remembered
@@ -95,7 +96,7 @@ class Deformation(Account):
             return math.inf
         gains = sum(max(0.0, -change) for change in self._changes(ledger))
         gains += max(0.0, self.inflow)
-        own = OWN_ERROR * (ledger.lost_outside + sum(map(abs, ledger.work.values())))
+        own = ERROR_OF_WORK * (ledger.lost_outside + sum(map(abs, ledger.work.values())))
         return self.opening + (self.first or 0.0) + gains + own
 
 
@@ -117,7 +118,7 @@ def find_inflow(
 def negligible_energy(system: System, seconds: float) -> float:
     """Return the kinetic energy [J] below which a cloth is at rest: ½ m (1e-6 L/T)²."""
     # m is its mass, L its largest extent and T the time; round-off and tolerances stay below.
-    pace = CREEP * system.cloth.extent / seconds
+    pace = LARGEST_CREEP * system.cloth.extent / seconds
     return 0.5 * system.total_mass * pace**2
 
 

@@ -11,13 +11,17 @@ from fecloth.simulation.steps import StepInfo
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-TRUSTED = 0.05  # fraction of the energy of deformation; a larger remainder causes a warning
-OF_DISSIPATED = 0.02  # of what inner damping dissipates: the error of its power within a step
+LARGEST_REMAINDER = 0.05  # over the energy of deformation; a larger remainder causes a doubt
+# Of what inner damping dissipates: the error of its power within a step.
+ERROR_OF_DISSIPATED = 0.02
 DISTRUST = "do not trust this motion"  # what the doubt about a balance says
-LASTING = 10  # steps in a row that a balance must be off, before the end
-FAR = 0.5  # of the energy of the motion: a remainder that no estimate of the error excuses
-UNSOLVED = 1e-10  # of the energies, of the whole motion too: what Newton's tolerance leaves
-SLIGHT = 1e-3  # of the kinetic energy, or 3 % of the speed; of the work of obstacles that move
+STEPS_OFF = 10  # steps in a row that a balance must be off, before the end
+# Over the energy of the motion: a remainder that no estimate of the error excuses.
+FAR_OFF = 0.5
+# Over the energies, of the whole motion too: what Newton's tolerance leaves.
+ENERGY_UNSOLVED = 1e-10
+# Over the kinetic energy, or 3 % of the speed; over the work of obstacles that move.
+SLIGHT_ENERGY = 1e-3
 
 
 @remembered
@@ -50,7 +54,7 @@ class Balance(Account):
     gained: float = 0.0  # largest energy that the method had made in all until then [J]
     # A doubt if the balance was off; `Verdict` says whether it counts.
     imbalance: Doubt | None = None
-    is_far: bool = False  # whether it was off by more than FAR
+    is_far: bool = False  # whether it was off by more than FAR_OFF
 
     @classmethod
     def begin(cls, run: Run, others: Accounts) -> "Balance":
@@ -100,7 +104,7 @@ class Balance(Account):
         if min(self.least, remainder) <= trusted:  # the first of a new row of steps
             return new.changed(off=1, least=remainder)
         new = new.changed(off=self.off + 1, least=min(self.least, remainder))
-        if new.off >= LASTING:
+        if new.off >= STEPS_OFF:
             return new._doubted(new.least)
         return new
 
@@ -116,7 +120,7 @@ class Balance(Account):
         A balance must be off for ten steps in a row, all by more than is trusted at the last of
         them: a load that sets in has moved little in its first steps.
         """
-        is_far = self.is_far or off > FAR * max(self.scale, self.kinetic)
+        is_far = self.is_far or off > FAR_OFF * max(self.scale, self.kinetic)
         by = "off by {:.3g} J, where the energy of deformation was {:.3g} J at most"
         if not math.isfinite(self.remainder):
             by = "not known, because an energy is not finite: the cloth touches an obstacle"
@@ -141,7 +145,7 @@ class Balance(Account):
         if ledger.silent or ledger.t <= self.start:
             return math.inf
         noise = self.noise(system, ledger)
-        return max(TRUSTED * self.scale + OF_DISSIPATED * ledger.lost_inside, noise)
+        return max(LARGEST_REMAINDER * self.scale + ERROR_OF_DISSIPATED * ledger.lost_inside, noise)
 
     def noise(self, system: System, ledger: Ledger) -> float:
         """Return the energy [J] that does not matter in a balance.
@@ -153,8 +157,8 @@ class Balance(Account):
         forces.
         """
         amounts = sum(abs(amount) for amount in ledger.amounts())
-        unsolved = UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
-        return unsolved + SLIGHT * (self.kinetic + self.worked)
+        unsolved = ENERGY_UNSOLVED * amounts + negligible_energy(system, ledger.t - self.start)
+        return unsolved + SLIGHT_ENERGY * (self.kinetic + self.worked)
 
     def row(self) -> dict[str, float]:
         """Return the remainder relative to the largest energy of deformation so far."""

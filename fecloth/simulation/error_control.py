@@ -21,12 +21,15 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-SAFETY = 0.9
-SHORTEST, LONGEST = 0.2, 2.0  # of a step to the one before; BDF2 is stable below 1 + √2
-STAY = 1.2  # a step that could grow by less keeps its size, so that its factor can be reused
-RETRIES = 40
-QUIET = 0.1  # a step with less than this fraction of the allowed error is sampled inside
-FAR = 10.0  # largest first step, in multiples of the flight that estimates its error
+SAFETY = 0.9  # times the step that would just be allowed, as usual in step size control
+SHORTEST = 0.2  # step over the step before it: the error of one step is no base for less
+LONGEST = 2.0  # step over the step before it; BDF2 is stable below 1 + √2
+# Of a step; a step that could grow by less keeps its size, so that its factor can be reused.
+LEAST_GROWTH = 1.2
+# For a step: each at least a tenth shorter, so that 40 reach 1e-2 to 1e-28 of the first.
+MOST_ATTEMPTS = 40
+SMALL_ERROR = 0.1  # over the allowed error; a step with less is sampled inside for pulses
+LARGEST_FIRST_STEP = 10.0  # over the flight that estimates the error of the first step
 
 
 @remembered
@@ -122,9 +125,9 @@ class Adaptive(ChosenSteps):
     def start(self, system: System, state: State, longest: float) -> Control:
         """Choose the first step so that its error, estimated by differences, is the allowed one.
 
-        They are taken over a short flight with moving pins; the step is at most FAR times that
-        flight. Hairer, Nørsett and Wanner (1993), Solving Ordinary Differential Equations I,
-        II.4
+        They are taken over a short flight with moving pins; the step is at most
+        LARGEST_FIRST_STEP times that flight. Source: Hairer, Nørsett and Wanner (1993), Solving
+        Ordinary Differential Equations I, II.4.
         """
         a = acceleration(system, state)
         rate = self.allowed(system, state)
@@ -136,7 +139,11 @@ class Adaptive(ChosenSteps):
             ahead = State(state.t + dt, x, state.v + dt * a)
             ahead = set_prescribed(system, ahead, prescribed_end(system, state, dt))
             jerk = system.sums.rms(system.diagonal_mass, acceleration(system, ahead) - a) / dt
-            dt = min(longest, FAR * dt, math.sqrt(rate / (c * jerk)) if jerk > 0 else longest)
+            dt = min(
+                longest,
+                LARGEST_FIRST_STEP * dt,
+                math.sqrt(rate / (c * jerk)) if jerk > 0 else longest,
+            )
         return Control(SAFETY * dt, 1.0, a, state.t)
 
     def step(
@@ -147,7 +154,7 @@ class Adaptive(ChosenSteps):
         control = memory or self.start(system.with_history(history), state, horizon)
         dt = fit_step(min(control.dt, self.longest or math.inf), horizon)
         reason: str | NewtonFailed | SolveFailed = ""
-        for rejected in range(RETRIES):
+        for rejected in range(MOST_ATTEMPTS):
             if not state.t + dt > state.t:  # below the round-off of the time
                 break
             size = dt
@@ -164,7 +171,7 @@ class Adaptive(ChosenSteps):
                 error = math.inf
             else:
                 tried = tried.plus(step.counts)
-                if error < QUIET:
+                if error < SMALL_ERROR:
                     error = max(error, self.error_within_step(system, state, step))
                 reason = f"the error is {error:.3g} times the allowed one"
                 if error <= 1:
@@ -172,17 +179,20 @@ class Adaptive(ChosenSteps):
                     after = Control(proposed, error, a, t, step.memory)
                     counts = replace(tried, rejected=rejected)
                     return replace(step, memory=after, counts=counts, size=step.size or size)
-            if error > 0:
-                shorter = SAFETY * error ** (-1 / self.traits.order)
-            else:
-                shorter = SHORTEST
-            dt *= min(SAFETY, max(SHORTEST, shorter)) if math.isfinite(error) else SHORTEST
+            dt *= self._shortening(error)
         raise NewtonFailed(
             f"no step is short enough: at {dt:.2g} s {reason}",
             getattr(reason, "residual", math.nan),
             "Does a load or a motion of the pins jump here? Let it change in a finite time. "
             "Or take steps of a fixed dt, which need no estimate of their error.",
         )
+
+    def _shortening(self, error: float) -> float:
+        """Return the next attempt over the attempt that failed with this error."""
+        if not 0 < error < math.inf:
+            return SHORTEST
+        wanted = SAFETY * error ** (-1 / self.traits.order)
+        return min(SAFETY, max(SHORTEST, wanted))
 
     def error_within_step(self, system: System, old: State, step: Step) -> float:
         """Error from pin motion and loads inside a step, relative to the allowed one."""
@@ -193,12 +203,19 @@ class Adaptive(ChosenSteps):
         length = deviation + self._error_constant * p * dt**2 * push
         return length / (dt * self.allowed(system, step.state))
 
-    def _next_dt(self, dt, control, error):
+    def _next_dt(self, dt: float, control: Control, error: float) -> float:
+        """Return the next step [s] by the errors e of this step and of the step before it.
+
+        dt SAFETY e^(−0.7/p) e_before^(0.4/p), a proportional and integral control (Hairer and
+        Wanner 1996, Solving Ordinary Differential Equations II, IV.2).
+        """
         p = self.traits.order
-        least = 1e-4
+        least = 1e-4  # so that one tiny error does not rule the next step
         before = max(control.error, least)
         factor = SAFETY * max(error, least) ** (-0.7 / p) * before ** (0.4 / p)
-        return dt * (1.0 if 1 <= factor < STAY else min(LONGEST, max(SHORTEST, factor)))
+        if 1 <= factor < LEAST_GROWTH:
+            return dt
+        return dt * min(LONGEST, max(SHORTEST, factor))
 
     @property
     def _stepper(self):

@@ -12,7 +12,8 @@ from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 GAMMA = 1 - math.sqrt(0.5)
-RTOL = 1e-3  # of the linear solves
+# Of the linear solves: the estimate itself is known to a factor, not to a per mille.
+RTOL_OF_TRANSPORT = 1e-3
 
 
 @remembered
@@ -75,5 +76,7 @@ class Transport:
         h = GAMMA * self.seconds
         project = self.system.constraints.project
         a = project(a)
-        v, _ = self.solver.solve(project(self.system.mass_times(b) - h * (self.K @ a)), RTOL)
+        v, _ = self.solver.solve(
+            project(self.system.mass_times(b) - h * (self.K @ a)), RTOL_OF_TRANSPORT
+        )
         return Error(a + h * v, v)

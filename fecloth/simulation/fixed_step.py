@@ -13,7 +13,7 @@ from fecloth.integrators.step import Step
 from fecloth.nonlinear.equation import has_limits
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.simulation.stability_limited import refuse_unstable
-from fecloth.simulation.step_times import SAME, ChosenSteps, given_times, step_times
+from fecloth.simulation.step_times import SAME_TIME, ChosenSteps, given_times, step_times
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
@@ -28,7 +28,8 @@ class HalvedMemory:
     method_memory: object = None
 
 
-HALVINGS = 8  # of a step that fails
+# Of a step that fails: down to 1/256 of dt, where a failure has another cause.
+MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,14 @@ class FixedStep(ChosenSteps):
         last = memory.method_memory
         rejected = 0
         while True:
-            size = allowed if horizon > allowed * (1 + SAME) else horizon
+            size = allowed if horizon > allowed * (1 + SAME_TIME) else horizon
             try:
                 step = take_step(self.method, system, state, size, solver, last, history)
                 break
             except (NewtonFailed, SolveFailed):
                 allowed = size / 2
                 rejected = rejected + 1
-                if allowed < self.dt / 2**HALVINGS:
+                if allowed < self.dt / 2**MOST_HALVINGS:
                     raise
         after = HalvedMemory(min(2 * allowed, self.dt), step.memory)
         counts = replace(step.counts, rejected=rejected)

@@ -13,8 +13,8 @@ from fecloth.integrators.protocol import StepChoice
 from fecloth.integrators.step import Step
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.simulation.stability_limited import (
-    BEYOND,
-    LOOK,
+    STEPS_BETWEEN_CHECKS,
+    STRETCH_BEYOND,
     UPDATE_STEPS,
     LimitMemory,
     StabilityLimited,
@@ -27,9 +27,11 @@ from fecloth.terms.records import remembered
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
 FEWEST = 1  # more steps are worth the copies of a call
-ALIKE = 1e-9  # relative difference of step sizes that count as equal: the clock's round-off
+# Relative difference of step sizes that count as equal: the clock's round-off.
+EQUAL_SIZES = 1e-9
 CHECK_EVERY = 8  # explicit steps between two looks at the stretches
-LOOK_EVERY = 64  # the same of fused steps of one size, whose values are all finite at the end
+# The same of fused steps of one size, whose values are all finite at the end.
+FUSED_CHECK_EVERY = 64
 
 
 @remembered
@@ -154,15 +156,15 @@ class Skipping:
         count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
         if count <= FEWEST:
             return None
-        look = (number % LOOK_EVERY, LOOK_EVERY)
+        look = (number % FUSED_CHECK_EVERY, FUSED_CHECK_EVERY)
         least = 0.0
         largest = self.most_stretch
         last = memory
         if limited:
-            look = (limited.steps % LOOK, LOOK)
+            look = (limited.steps % STEPS_BETWEEN_CHECKS, STEPS_BETWEEN_CHECKS)
             last = limited.method_memory
-            least = limited.least / BEYOND
-            largest = min(largest, limited.largest * BEYOND)
+            least = limited.least / STRETCH_BEYOND
+            largest = min(largest, limited.largest * STRETCH_BEYOND)
         assert isinstance(last, LastForce)
         taken = fused.take(state, last, times[: count + 1], sizes[:count], look, least, largest)
         if taken is None or not (limited or taken.step):
@@ -186,9 +188,9 @@ class Skipping:
         none = np.array([state.t])
         if most < FEWEST:
             return none
-        if limited.steps % LOOK == 0:
+        if limited.steps % STEPS_BETWEEN_CHECKS == 0:
             least, largest = extreme_stretches(self.system.cloth, state.x)
-            if largest > BEYOND * limited.largest or least * BEYOND < limited.least:
+            if largest > STRETCH_BEYOND * limited.largest or least * STRETCH_BEYOND < limited.least:
                 return none
         dt = limited.dt
         times = np.add.accumulate(np.concatenate([none, np.full(most, dt)]))
@@ -200,5 +202,5 @@ def _equal(sizes: np.ndarray) -> int:
     """Number of the first sizes that differ by round-off only."""
     if not len(sizes):
         return 0
-    unlike = np.abs(sizes - sizes[0]) > ALIKE * sizes[0]
+    unlike = np.abs(sizes - sizes[0]) > EQUAL_SIZES * sizes[0]
     return int(np.argmax(np.append(unlike, True)))

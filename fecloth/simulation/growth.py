@@ -7,7 +7,7 @@ import numpy as np
 
 from fecloth.simulation.account import Account, Accounts, Run
 from fecloth.simulation.deformation import Deformation, negligible_energy
-from fecloth.simulation.energy_balance import UNSOLVED
+from fecloth.simulation.energy_balance import ENERGY_UNSOLVED
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.step_failures import explain
 from fecloth.simulation.steps import Problem, StepInfo, step_failed
@@ -15,7 +15,8 @@ from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
 MOST_GROWTH = 4.0  # times the energy available: every usable step so far had less
-LAG = 4.0  # times the last step's work: what loads have given as momentum before they did work
+# Times the last step's work: what loads have given as momentum before they did work.
+LAG_OF_WORK = 4.0
 ROUND_OFF = 64 * np.finfo(float).eps
 
 
@@ -52,7 +53,7 @@ def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> st
     """Return a sentence if it has more than `most` times the available energy, or ""."""
     # A load that sets in has given momentum before work: the last inflow counts several times.
     inflow = deformation.inflow - deformation.last_inflow
-    available = deformation.available(ledger) + LAG * max(0.0, inflow)
+    available = deformation.available(ledger) + LAG_OF_WORK * max(0.0, inflow)
     if math.isinf(most) or deformation.kinetic <= most * available:
         return ""
     return (
@@ -66,12 +67,12 @@ def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
     """Kinetic energy [J] below which growth means nothing.
 
     `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions, and
-    `UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
+    `ENERGY_UNSOLVED` of the energies of the whole motion and of the loads, at the start and now: an
     impact may have taken nearly all of the rigid motion's.
     """
     speed = ROUND_OFF * np.abs(info.result.state.x).max() / info.dt
     loads = [n for n, term in system.named if term.load]
     moved = [ledger.kinetic, *ledger.opening.values(), *map(ledger.potential.get, loads)]
-    unsolved = UNSOLVED * sum(abs(energy or 0.0) for energy in moved)
+    unsolved = ENERGY_UNSOLVED * sum(abs(energy or 0.0) for energy in moved)
     rounded = 0.5 * system.total_mass * speed**2 + unsolved
     return max(rounded, negligible_energy(system, info.t - info.memory.start))

@@ -21,10 +21,11 @@ from fecloth.simulation.step_times import ChosenSteps
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-EXPLICIT_STEPS, IMPLICIT_STEPS = 20, 12  # of a trial, at most
-FEWEST = 3  # steps before a trial may stop early
-SHARE = 0.05  # cost of a trial as a fraction of the cheaper run predicted so far
-DECISIVE = 5.0  # a method that is cheaper by this factor ends the trial
+MOST_EXPLICIT_STEPS = 20  # of a trial: enough to time them
+MOST_IMPLICIT_STEPS = 12  # of a trial: enough for a usual number of iterations
+FEWEST_TRIAL_STEPS = 3  # steps before a trial may stop early
+COST_OF_TRIAL = 0.05  # over the cost of the cheaper run predicted so far, at most
+DECISIVE_RATIO = 5.0  # of costs: a method that is cheaper by this factor ends the trial
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,8 @@ class Auto(ChosenSteps):
             return implicit, "a consistent mass leaves no explicit method"
         explicit = self._candidate(CentralDifference())
         solver = solver_of(implicit)
-        first = _trial(system, state, t_end, explicit, None, EXPLICIT_STEPS, math.inf, record)
-        most = IMPLICIT_STEPS
+        first = _trial(system, state, t_end, explicit, None, MOST_EXPLICIT_STEPS, math.inf, record)
+        most = MOST_IMPLICIT_STEPS
         rival = first.seconds
         second = _trial(system, state, t_end, implicit, solver, most, rival, record)
         best, other = sorted((first, second), key=lambda trial: trial.seconds)
@@ -145,6 +146,8 @@ def _trial(
 
 def _is_decided(trial: Trial, rival: float, seconds: list[float]) -> bool:
     """Return whether a trial is decided, or has taken its share of the run."""
-    if DECISIVE * trial.seconds < rival < math.inf:  # the first steps cost most
+    if DECISIVE_RATIO * trial.seconds < rival < math.inf:  # the first steps cost most
         return True
-    return len(seconds) >= FEWEST and sum(seconds) > SHARE * min(trial.seconds, rival)
+    return len(seconds) >= FEWEST_TRIAL_STEPS and sum(seconds) > COST_OF_TRIAL * min(
+        trial.seconds, rival
+    )

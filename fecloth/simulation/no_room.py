@@ -8,7 +8,7 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.bound_contact import BoundContact
 
-NAMED = 5  # nodes that an error names
+MOST_NAMED = 5  # nodes that an error names
 SPANS = 2.0 ** np.arange(-12, 1)
 
 
@@ -61,4 +61,4 @@ def _name_two(state: State, dt: float, contacts) -> str:
 
 
 def _numbers(nodes: np.ndarray) -> str:
-    return ", ".join(map(str, nodes[:NAMED])) + ", …" * (len(nodes) > NAMED)
+    return ", ".join(map(str, nodes[:MOST_NAMED])) + ", …" * (len(nodes) > MOST_NAMED)

@@ -17,12 +17,12 @@ from fecloth.terms.contact import shapes
 from fecloth.terms.traits import parameters_of
 
 ON_REQUEST = re.compile(r"drape_coefficient|folds|distance of .+|line_force[:.].+")
-LINES = 1000  # that measure a shadow: its error is below a tenth of a per cent
-ANGLES = 360  # of the rim, for its waves
-MOST_FOLDS = 100
-FLAT = 0.01  # of the mean radius: waves of a smaller amplitude are no folds
+LINES_OF_SHADOW = 1000  # that measure a shadow: its error is below a tenth of a per cent
+ANGLES_OF_RIM = 360  # of the rim, for its waves: one for each degree
+MOST_FOLDS = 100  # that are looked for: a rim of more is noise of the mesh
+LEAST_WAVE = 0.01  # over the mean radius: waves of a smaller amplitude are no folds
 NO_TRIANGLES = np.zeros((0, 3), int)
-LEVEL = 0.999  # cosine of the largest tilt of a support
+LEAST_COSINE_OF_TILT = 0.999  # of a support that counts as level: 2.6 degrees
 
 # From positions (n, 3) and the row so far to more columns of the row.
 Measure = Callable[[np.ndarray, Mapping[str, float]], dict[str, float]]
@@ -93,7 +93,7 @@ def support_area(system: System) -> float:
         shape = parameters_of(term).get("shape")
         if isinstance(shape, shapes.Disk | shapes.Cylinder):
             axis = np.array(shape.normal if isinstance(shape, shapes.Disk) else shape.axis, float)
-            if abs(axis[2]) > LEVEL * np.linalg.norm(axis):
+            if abs(axis[2]) > LEAST_COSINE_OF_TILT * np.linalg.norm(axis):
                 return math.pi * shape.radius**2
     cloth = system.cloth
     held = np.isin(cloth.triangles, system.constraints.nodes).all(axis=1)
@@ -144,7 +144,7 @@ def shadow_area(triangles: np.ndarray, x: np.ndarray) -> float:
     (xa, ya), (xb, yb), (xc, yc) = np.take_along_axis(corners, order, 1).transpose(1, 2, 0)
     if not yc.max(initial=-np.inf) > (low := ya.min(initial=np.inf)):
         return 0.0
-    apart = (yc.max() - low) / LINES
+    apart = (yc.max() - low) / LINES_OF_SHADOW
     first, last = (np.ceil((y - low) / apart - 0.5).astype(int) for y in (ya, yc))
     count = last - first
     t = np.repeat(np.arange(len(count)), count)
@@ -179,12 +179,12 @@ def _bind_folds(cloth: Cloth) -> Measure:
     radii = np.linalg.norm(from_middle, axis=1)
     nodes = np.flatnonzero(loop == loop[np.argmax(radii)])  # without the rims of holes
     angles = np.arctan2(*from_middle[nodes].T[::-1])
-    equal = 2 * np.pi * np.arange(ANGLES) / ANGLES
-    least = FLAT * float(radii[nodes].mean())
+    equal = 2 * np.pi * np.arange(ANGLES_OF_RIM) / ANGLES_OF_RIM
+    least = LEAST_WAVE * float(radii[nodes].mean())
 
     def folds(x: np.ndarray, row: Mapping[str, float]) -> dict[str, float]:
         height = np.interp(equal, angles, x[nodes, 2], period=2 * np.pi)
-        waves = np.abs(np.fft.rfft(height))[: MOST_FOLDS + 1] * 2 / ANGLES
+        waves = np.abs(np.fft.rfft(height))[: MOST_FOLDS + 1] * 2 / ANGLES_OF_RIM
         waves[:2] = 0.0
         return {"folds": float(np.argmax(waves)) if waves.max() > least else 0.0}
 

@@ -15,7 +15,7 @@ from fecloth.simulation.steps import StepInfo
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-LATE = 1.5  # times the distance of rows: the most by which two are apart
+LARGEST_DISTANCE = 1.5  # over the distance of rows: the most by which two rows are apart
 ROWS = 1000  # of a run whose steps can be fused
 
 
@@ -58,7 +58,7 @@ def record_steps(
 def _with_due(wanted: Wanted, info: StepInfo, due: int) -> Wanted:
     """Return the next step to record: the step `due` for an account is always recorded."""
     # It takes the place of a row that is wanted shortly before.
-    is_late = info.step + LATE * (wanted.t - info.t) / info.dt >= due
+    is_late = info.step + LARGEST_DISTANCE * (wanted.t - info.t) / info.dt >= due
     return Wanted(min(wanted.step, due), math.inf if is_late else wanted.t)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from fecloth.compiled.jit import kernel
 from fecloth.linalg.reductions import mean
 
-FLAT = 1e-12  # of the sum of the moments of inertia: below, a body is not turned about that axis
+# Over the sum of the moments of inertia: below, a body is not turned about that axis.
+LEAST_INERTIA = 1e-12
 
 
 def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
@@ -17,7 +18,7 @@ def rms_without_rigid(w: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     inertia = sums[0].trace() * np.eye(3) - sums[0]
     moment = np.array([sums[1, i - 2, i - 1] - sums[1, i - 1, i - 2] for i in range(3)])
     values, axes = np.linalg.eigh(inertia)
-    turns = values > FLAT * values.sum()
+    turns = values > LEAST_INERTIA * values.sum()
     turning = ((moment @ axes)[turns] ** 2 / values[turns]).sum()
     return math.sqrt(max(sums[2].trace() - turning, 0.0) / w.sum())
 

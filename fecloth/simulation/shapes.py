@@ -19,9 +19,9 @@ from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
-SQUEEZED = 0.2  # of the mean tension; a triangle with more compression counts as compressed
+LEAST_COMPRESSION = 0.2  # over the mean tension; a triangle with more counts as compressed
 STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")
-NOTHING = 1e-6  # of the fabric's stiffness; less compression is none
+NO_COMPRESSION = 1e-6  # over the fabric's stiffness; less compression is round-off
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def compressed_share(system: System, cells: Mapping[str, np.ndarray]) -> float:
     radius = np.hypot((S11 - S22) / 2, S12)
     tension = math.sqrt(float(area @ (mean + radius) ** 2) / area.sum())
     stiffness = min(min(fabric.tensile) for fabric in system.panel.fabrics)
-    compressed = mean - radius < -(SQUEEZED * tension + NOTHING * stiffness)
+    compressed = mean - radius < -(LEAST_COMPRESSION * tension + NO_COMPRESSION * stiffness)
     return float(area @ compressed) / float(area.sum())
 
 

@@ -17,15 +17,16 @@ from fecloth.system.system import System
 from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
-FRACTION = 0.9  # of the limit
-UPDATE_STEPS = 500  # after this number the limit is computed again, at less than 10 % of their cost
-LOOK = 4  # steps between two checks of the stretches
-BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
+STEP_OVER_LIMIT = 0.9  # the estimated limit may be a few per cent too long
+# After this number the limit is computed again, at less than 10 % of their cost.
+UPDATE_STEPS = 500
+STEPS_BETWEEN_CHECKS = 4  # of the stretches
+STRETCH_BEYOND = 1.02  # times the largest stretch so far: the stiffness grows with its square
 COLLAPSED = (
     "Its steps are at the stability limit, which fell faster than they follow, as where a cloth "
     "collapses: take an implicit method, or a term that prevents the collapse."
 )
-LONGER = 1.05  # largest growth of a step: the cloth may become as stiff again
+LARGEST_GROWTH = 1.05  # of a step: the cloth may become as stiff again
 
 
 @remembered
@@ -74,7 +75,7 @@ class StabilityLimited(ChosenSteps):
     ) -> Step:
         now = system.with_history(history)
         limited = memory or self._start(now, state)
-        if limited.steps % LOOK == 0:
+        if limited.steps % STEPS_BETWEEN_CHECKS == 0:
             limited = self._update(now, state, limited)
             system.constraints.expect(np.add.accumulate([state.t, *[limited.dt] * AT_ONCE]))
         dt = fit_step(limited.dt, horizon)
@@ -87,7 +88,7 @@ class StabilityLimited(ChosenSteps):
         return replace(step, memory=after, size=dt)
 
     def _limit(self, system: System, state: State) -> float:
-        return FRACTION * estimate(system, state, self.method)
+        return STEP_OVER_LIMIT * estimate(system, state, self.method)
 
     def _start(self, system: System, state: State) -> LimitMemory:
         """Return the first memory: the lesser limit of the start and of the cloth at rest.
@@ -104,10 +105,10 @@ class StabilityLimited(ChosenSteps):
     def _update(self, system: System, state: State, last: LimitMemory) -> LimitMemory:
         """Return the memory, with a new limit if the last one may no longer be valid."""
         least, largest = extreme_stretches(system.cloth, state.x)
-        beyond = largest > BEYOND * last.largest or least * BEYOND < last.least
+        beyond = largest > STRETCH_BEYOND * last.largest or least * STRETCH_BEYOND < last.least
         if not beyond and last.steps < UPDATE_STEPS:
             return last
-        dt = min(self._limit(system, state), last.dt if beyond else LONGER * last.dt)
+        dt = min(self._limit(system, state), last.dt if beyond else LARGEST_GROWTH * last.dt)
         return LimitMemory(
             dt,
             steps=0,

@@ -12,7 +12,7 @@ from fecloth.simulation.steps import SMALLER
 from fecloth.system.system import System
 
 ELSEWHERE = "Lead the pins, or the obstacles, elsewhere, or end earlier."
-BACK = 2  # steps before one that failed, whose jumps are looked for: they can act later
+STEPS_BACK = 2  # before a step that failed, whose jumps are looked for: they can act later
 
 
 def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFailed:
@@ -38,7 +38,7 @@ def explain(failure: StepFailed, system: System, method: StepChoice) -> StepFail
             residual = math.nan
             remedy = ELSEWHERE
             unit = " s"
-    start = replace(failure.state, t=failure.t - failure.dt * min(BACK, failure.step - 1))
+    start = replace(failure.state, t=failure.t - failure.dt * min(STEPS_BACK, failure.step - 1))
     if jumps := find_jumping_motions(system, start, failure.t + failure.dt):
         largest = max(jumps, key=lambda jump: jump.size)
         words = str(largest.doubt)

@@ -16,8 +16,9 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 
 MOST_STEPS = 10**8  # whose end times alone take 0.8 GB
-COARSEST = 1e-3  # rounding of the time, relative to a step
-SAME = 1e-9  # of a step: times that are not farther apart are the same
+# Rounding of the time over a step: a coarser clock changes the velocity visibly.
+COARSEST_CLOCK = 1e-3
+SAME_TIME = 1e-9  # of a step: times that are not farther apart are the same
 EARLIER = "Start earlier, as at t_start = 0, or take a larger dt."
 
 
@@ -38,7 +39,7 @@ def end_times(t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.
         allowed = f"must lie in the run, from {t:g} to {t_end:g} s"
         raise InputError(f"stops: {outside[0]:g}", allowed, "march")
     times = np.concatenate([[t], stops[(stops > t) & (stops < t_end)], [t_end]])
-    apart = np.diff(times) > SAME * (t_end - t)
+    apart = np.diff(times) > SAME_TIME * (t_end - t)
     return np.append(times[1:-1][apart[:-1] & apart[1:]], t_end)
 
 
@@ -59,7 +60,7 @@ def step_times(t: float, dt: float, t_end: float | None, stops: Sequence[float] 
 
 def count_steps(span: float, dt: float) -> int:
     """Return how many steps of at most dt make a span [s]; what is left by round-off is no step."""
-    return max(1, math.ceil(span / dt - SAME))
+    return max(1, math.ceil(span / dt - SAME_TIME))
 
 
 def fit_step(dt: float, horizon: float) -> float:
@@ -80,7 +81,7 @@ def given_times(
     for size in sizes:
         ends.append(t + size)
         near = targets[np.argmin(abs(targets - ends[-1]))]
-        if abs(near - ends[-1]) <= SAME * size:
+        if abs(near - ends[-1]) <= SAME_TIME * size:
             ends[-1] = float(near)
         t = ends[-1]
     missed = np.setdiff1d(targets, ends)
@@ -97,11 +98,10 @@ def given_times(
 def coarse_clock(t: float, dt: float) -> str:
     """Say that a step is not resolved by the floating-point time t, or return ""."""
     tick = math.ulp(t)
-    if not math.isfinite(tick) or tick <= COARSEST * dt:
+    if not math.isfinite(tick) or tick <= COARSEST_CLOCK * dt:
         return ""
-    return (
-        f"the time t = {t:g} s is known to {tick:.1e} s only, which must be below {COARSEST:g} dt"
-    )
+    most = f"{COARSEST_CLOCK:g} dt"
+    return f"the time t = {t:g} s is known to {tick:.1e} s only, which must be below {most}"
 
 
 class ChosenSteps:

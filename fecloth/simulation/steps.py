@@ -18,7 +18,7 @@ from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
 from fecloth.simulation.step_history import StepHistory, needs_history
-from fecloth.simulation.step_times import EARLIER, SAME, coarse_clock
+from fecloth.simulation.step_times import EARLIER, SAME_TIME, coarse_clock
 from fecloth.system.state import State
 from fecloth.system.system import History, System
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
@@ -223,7 +223,7 @@ def _solve(plan: Plan, place: Place, horizon: float) -> Step:
 
 def _end_at_target(state: State, target: float, horizon: float) -> State:
     """Return the state with t exactly at the target if it differs by round-off only."""
-    if 0.0 < abs(target - state.t) <= SAME * horizon:
+    if 0.0 < abs(target - state.t) <= SAME_TIME * horizon:
         return replace(state, t=target)
     return state
 

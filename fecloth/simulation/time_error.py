@@ -17,7 +17,7 @@ from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.error_transport import Error, Transport
 from fecloth.simulation.rigid_motion import derivative, rms_without_rigid
 from fecloth.simulation.steps import StepInfo
-from fecloth.simulation.time_error_words import LEAST, WARNED, describe_time_error
+from fecloth.simulation.time_error_words import LARGEST_ACCEPTED, LEAST_STATED, describe_time_error
 from fecloth.simulation.within_step import acceleration
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -26,12 +26,13 @@ from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
 MEAN = math.pi / 2  # peak of |sin| over its mean
-STILL = 1e-6  # of the cloth's extent: a cloth that has moved by less is at rest
-GIVES_WAY = 0.1  # of a gap: so much a barrier gives way under the weight, and no place is sharper
-LOOKS = 33  # between two samples, at loads that may jump
-ROUND_OFF = 1e-9  # of a load
-GROWN = 4.0  # times the sum of errors: what is carried further has grown
-MISSED = 6.0  # the sum over what is carried; above, the field has missed what happened
+LEAST_MOVED = 1e-6  # over the extent of the cloth: a cloth that has moved by less is at rest
+# Of a gap: so much a barrier gives way under the weight, and no place is sharper.
+GAP_GIVEN_WAY = 0.1
+SAMPLES_OF_LOADS = 33  # between two samples of the motion, at loads that may jump
+LEAST_LOAD_JUMP = 1e-9  # over the largest value of a load; less is round-off
+LARGEST_GAIN = 4.0  # what is carried over the sum of errors; above, small errors have grown
+LARGEST_LOSS = 6.0  # the sum over what is carried; above, the field has missed what happened
 GROWS = (
     "small errors have grown, as where a cloth buckles, flutters or is hit, and nothing tells how "
     "far: see whether a run with half the dt ends the same"
@@ -39,8 +40,8 @@ GROWS = (
 JUMPS = "a pin or an obstacle jumps, and what follows depends on dt"
 BOUNCES = "the cloth bounces in less than a few steps, and what follows depends on dt"
 HITS = "the cloth hits something, where the method is of first order only"
-HIT = 0.05  # of the largest kinetic energy: what impacts have taken where they count
-OFTEN = 0.15  # of the time so far between two looks at the displacement
+LEAST_IMPACT = 0.05  # over the largest kinetic energy: what impacts have taken where they count
+LOOK_AGAIN = 0.15  # of the time so far between two looks at the displacement
 
 
 @remembered
@@ -78,10 +79,10 @@ class TimeError(Account):
     This sum is too large where errors cancel each other, and too small where they grow. Where
     the method solves systems, `Transport` moves the same error on with the cloth, as a field.
     It is too small where lost energy changes the mean motion. The geometric mean of both is
-    stated. Below the sum over MISSED the field has missed waves between its samples: the sum
-    is stated. Above GROWN times the sum the errors grow, as in a cloth that buckles: there is
-    no estimate. There is none where a pin jumps, and after impacts where they count: see
-    `find_hits`.
+    stated. Below the sum over LARGEST_LOSS the field has missed waves between its samples: the
+    sum is stated. Above LARGEST_GAIN times the sum the errors grow, as in a cloth that buckles:
+    there is no estimate. There is none where a pin jumps, and after impacts where they count:
+    see `find_hits`.
 
     A mode cannot be off by more than 2 A. The derivative is therefore a divided difference over
     times τ apart, at most (2/τ)^p A for a mode of any frequency, with
@@ -165,7 +166,9 @@ class TimeError(Account):
     def is_large(self) -> bool:
         """Whether the error, or what is known of one that cannot be stated, is above 10 %."""
         known = max(self.largest, self.carried)
-        return self.relative > WARNED or bool(self.unknown and known > WARNED * self.moved)
+        return self.relative > LARGEST_ACCEPTED or bool(
+            self.unknown and known > LARGEST_ACCEPTED * self.moved
+        )
 
     def summary(self) -> dict[str, object]:
         error = None if math.isnan(self.relative) else self.relative
@@ -200,7 +203,7 @@ class TimeError(Account):
             fastest=max(self.fastest, sample.kinetic),
             due=sample.step + math.ceil(self._apart(q, constant, dt, new.t) / dt - 1e-6),
         )
-        next_look = self.looked + OFTEN * (self.looked - self.start.t)
+        next_look = self.looked + LOOK_AGAIN * (self.looked - self.start.t)
         if new.t < next_look:
             return after
         return after._looked(system.diagonal_mass, state)
@@ -251,14 +254,14 @@ class TimeError(Account):
         if (drift := drift_of(traits)) is None or self.unknown:
             return math.nan
         gaps = (term.gap for term in system.bound if isinstance(term, BoundContact))
-        still = max(STILL * system.cloth.extent, GIVES_WAY * min(gaps, default=0.0))
+        still = max(LEAST_MOVED * system.cloth.extent, GAP_GIVEN_WAY * min(gaps, default=0.0))
         if len(self.recent) < drift[0] + 2 or self.moved <= still:
             return math.nan
         length = self._sum(system, t)
         if traits.order < drift[0] and traits.error_constant is not None:
             dt = _mean_step(self.start, self.recent[-1])
             length += traits.error_constant * dt * self._speed(system)
-        carried = self.carried if self.carried > length / MISSED else length
+        carried = self.carried if self.carried > length / LARGEST_LOSS else length
         return math.sqrt(length * carried) / self.moved
 
     def _sum(self, system: System, t: float) -> float:
@@ -270,7 +273,7 @@ class TimeError(Account):
 
     def _find_unknown(self, system: System, t: float) -> str:
         """Return why there is no estimate at the end of the run, or ""."""
-        if self.carried > max(GROWN * self._sum(system, t), LEAST * self.moved):
+        if self.carried > max(LARGEST_GAIN * self._sum(system, t), LEAST_STATED * self.moved):
             return GROWS
         return JUMPS if self.jumps else ""
 
@@ -288,7 +291,7 @@ class TimeError(Account):
         drift = drift_of(run.method.traits)
         contacts = [name for name, term in run.system.named if term.limits_direction]
         lost = ledger.numerical + sum(ledger.dissipated.get(name, 0.0) for name in contacts)
-        if drift and drift[0] > 1 and lost > HIT * self.fastest:
+        if drift and drift[0] > 1 and lost > LEAST_IMPACT * self.fastest:
             return HITS
         return ""
 
@@ -336,11 +339,13 @@ class TimeError(Account):
 
 def _jumps_of_loads(run: Run, state: State, begin: float, end: float):
     """Return the times of jumps of loads [s], and the jumps of the acceleration (n, 3) [m/s²]."""
-    times = np.linspace(begin, end, LOOKS)
+    times = np.linspace(begin, end, SAMPLES_OF_LOADS)
     jumps = set()
     for load in run.loads:
-        g = np.asarray(load.values(times), float).reshape(LOOKS, -1)
-        jumps |= {t for t, _ in find_jumps(times, g, load.values, ROUND_OFF * np.abs(g).max())}
+        g = np.asarray(load.values(times), float).reshape(SAMPLES_OF_LOADS, -1)
+        jumps |= {
+            t for t, _ in find_jumps(times, g, load.values, LEAST_LOAD_JUMP * np.abs(g).max())
+        }
     near = 1e-9 * (end - begin)
     sizes = []
     for t in sorted(jumps):

@@ -4,11 +4,11 @@ import math
 
 from fecloth.simulation.error_control import Adaptive
 
-RESOLVED = 0.3  # largest error that the estimate can resolve
-WARNED = 0.1
-WANTED = 0.01  # the error for which the step is reported
-LONGER = 10.0  # most by which that step may be longer than the one taken
-LEAST = 1e-5  # a smaller error is reported as below it
+LARGEST_STATED = 0.3  # error that the estimate can resolve
+LARGEST_ACCEPTED = 0.1  # error without a doubt
+PROPOSED_ERROR = 0.01  # for which a step is proposed
+LONGEST_PROPOSAL = 10.0  # step over the step that was taken
+LEAST_STATED = 1e-5  # a smaller error is reported as below it
 
 
 def describe_time_error(
@@ -26,14 +26,14 @@ def describe_time_error(
         return f"error in time: not known, because {unknown}"
     if math.isnan(error):
         return name_time_error(error)
-    if error >= RESOLVED:
+    if error >= LARGEST_STATED:
         finer = "rtol" if isinstance(method, Adaptive) else "dt"
         return f"{name_time_error(error)}; take a smaller {finer}"
     if is_cause:
         cause = f", as a load jumps at t = {jump:.6g} s, which no step meets"
     else:
         cause = ""
-    if error < LEAST or (jump < math.inf and error < WANTED):
+    if error < LEAST_STATED or (jump < math.inf and error < PROPOSED_ERROR):
         return name_time_error(error) + cause
     order = 1 if jump < math.inf else method.traits.order
     return name_time_error(error) + cause + _proposal(error, method, dt, order)
@@ -43,10 +43,10 @@ def name_time_error(error: float) -> str:
     """Return how large an error in time is, in words."""
     if math.isnan(error):
         return "error in time: no estimate"
-    if error >= RESOLVED:
+    if error >= LARGEST_STATED:
         return "error in time: not resolved"
-    if error < LEAST:
-        return f"error in time below {100 * LEAST:g} % of the motion"
+    if error < LEAST_STATED:
+        return f"error in time below {100 * LEAST_STATED:g} % of the motion"
     return f"error in time about {100 * error:.2g} % of the motion"
 
 
@@ -56,7 +56,7 @@ def _proposal(error: float, method, dt: float, order: int) -> str:
         name = "rtol"
         value = method.rtol
         unit = ""
-        factor = WANTED / error
+        factor = PROPOSED_ERROR / error
         if not method.rtol:
             name = "atol"
             value = method.atol
@@ -65,7 +65,7 @@ def _proposal(error: float, method, dt: float, order: int) -> str:
         name = "dt"
         value = dt
         unit = " s"
-        factor = (WANTED / error) ** (1 / order)
-    if factor > (1.0 if method.traits.explicit else LONGER):
+        factor = (PROPOSED_ERROR / error) ** (1 / order)
+    if factor > (1.0 if method.traits.explicit else LONGEST_PROPOSAL):
         return ""
     return f"; {name} = {factor * value:.2g}{unit} would give 1 %"

@@ -6,17 +6,19 @@ from dataclasses import dataclass
 
 from fecloth.simulation.account import Account, Accounts, End, Run
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.simulation.doubts.jumps import SMALL
+from fecloth.simulation.doubts.jumps import LEAST_JUMP
 from fecloth.simulation.energy_balance import DISTRUST, Balance
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.time_error import TimeError
 from fecloth.terms.records import remembered
 from fecloth.terms.traits import has_kind
 
-SLIGHT = 0.03  # error in time below which energy that is off or dissipated does not matter
-SHARE = 0.05  # of the largest displacement: a smaller jump is not the cause
-MADE = 0.05  # of the largest energy that moved: what the method may make at impacts
-EATEN = 0.2  # fraction of the motion that the method may dissipate without a warning
+# Error in time below which energy that is off or dissipated does not matter.
+SLIGHT_ERROR = 0.03
+LEAST_JUMP_THAT_COUNTS = 0.05  # over the largest displacement: a smaller jump is not the cause
+ENERGY_MADE = 0.05  # over the largest energy that moved: what the method may make at impacts
+# Over the energy of the motion: what the method may dissipate without a doubt.
+ENERGY_TAKEN = 0.2
 
 
 @remembered
@@ -46,11 +48,11 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt | None]:
     error = estimate.relative if estimate else math.nan
     touches = has_kind(run.system.terms, "contact")
     solves = run.method.traits.solves and not touches
-    is_slight = error < SLIGHT and solves
+    is_slight = error < SLIGHT_ERROR and solves
     if estimate and not (is_slight and not balance.is_far):
         # An obstacle that jumps throws the cloth, however little it jumps.
-        share = 0.0 if touches else SHARE * estimate.moved
-        least = max(SMALL * run.system.cloth.extent, share)
+        share = 0.0 if touches else LEAST_JUMP_THAT_COUNTS * estimate.moved
+        least = max(LEAST_JUMP * run.system.cloth.extent, share)
         jump = next((jump for jump in estimate.jumps if jump.size > least), None)
         if jump:
             yield jump.doubt if estimate.is_large or not solves else None
@@ -64,14 +66,14 @@ def _find_causes(run: Run, others: Accounts) -> Iterator[Doubt | None]:
         yield Doubt(DoubtKind.TIME, estimate.sentence)
     if balance.is_far or not is_slight:
         yield balance.imbalance
-    if estimate and not error < SLIGHT:
+    if estimate and not error < SLIGHT_ERROR:
         yield doubt_dissipation(run, balance, others[Ledger])
 
 
 def doubt_gain(balance: Balance) -> Doubt | None:
     """Return a doubt if numerical dissipation was below zero by 5 % of what moved."""
     moved = max(balance.kinetic, balance.scale)
-    if balance.gained <= MADE * moved:
+    if balance.gained <= ENERGY_MADE * moved:
         return None
     words = (
         f"numerical dissipation was below zero: the method has made {balance.gained:.3g} J, where "
@@ -91,7 +93,7 @@ def doubt_dissipation(run: Run, balance: Balance, ledger: Ledger) -> Doubt | Non
     lost = ledger.numerical + sum(ledger.dissipated.values())
     motion = max(balance.scale, lost)
     noise = balance.noise(run.system, ledger)
-    if balance.scale <= noise or not ledger.numerical > max(EATEN * motion, noise):
+    if balance.scale <= noise or not ledger.numerical > max(ENERGY_TAKEN * motion, noise):
         return None
     remedy = "take a smaller dt, or a method that dissipates less"
     if has_kind(run.system.terms, "contact"):  # all other methods are refused

@@ -14,7 +14,7 @@ import fecloth as fc
 from fecloth.linalg.reductions import rms
 from fecloth.simulation import error_transport
 from fecloth.simulation.error_transport import Error, Transport
-from fecloth.simulation.time_error import GROWN, GROWS, Sample, TimeError, _as_random
+from fecloth.simulation.time_error import GROWS, LARGEST_GAIN, Sample, TimeError, _as_random
 
 RATE = 30.0  # of the damping [1/s]
 
@@ -46,7 +46,7 @@ def moved_on(square: float, seconds: float, at, s: float, r: float) -> np.ndarra
 @pytest.mark.parametrize("forcing", [(0.0, 0.0), (3.0, 0.0), (0.0, 500.0)], ids=["free", "s", "r"])
 def test_an_error_swings_or_grows_as_a_mode(stretch, forcing, monkeypatch):
     """A taut sheet has ω² > 0, a compressed one ω² < 0. The method has order 2."""
-    monkeypatch.setattr(error_transport, "RTOL", 1e-9)
+    monkeypatch.setattr(error_transport, "RTOL_OF_TRANSPORT", 1e-9)
     system, state, shape, square = sheet(stretch)
     assert (square > 0) == (stretch > 1)
     frequency, (s, r) = math.sqrt(abs(square)), forcing
@@ -118,7 +118,10 @@ def test_an_error_that_has_grown_beyond_the_sum_is_not_known(share, known):
     system, state, _, _ = sheet(1.05)
     start = Sample(0.0, 0, state.x, state.v, 0.0, 0.0, 0.0, 0.0)
     error = replace(
-        TimeError(state.x, start, (start,)), largest=1e-3, carried=share * GROWN * 1e-3, moved=1.0
+        TimeError(state.x, start, (start,)),
+        largest=1e-3,
+        carried=share * LARGEST_GAIN * 1e-3,
+        moved=1.0,
     )
     assert error._find_unknown(system, 1.0) == ("" if known else GROWS)
 

@@ -94,12 +94,12 @@ def test_the_forecast_is_the_number_of_steps_where_each_takes_a_second(monkeypat
 
 @pytest.mark.parametrize(
     ("rival", "steps"),
-    [(1e9, 1), (np.inf, 12), (0.0, method_choice.FEWEST)],
+    [(1e9, 1), (np.inf, 12), (0.0, method_choice.FEWEST_TRIAL_STEPS)],
     ids=["far cheaper than the other", "nothing known of the other", "far dearer"],
 )
 def test_a_trial_takes_no_more_steps_than_it_needs(monkeypatch, rival, steps):
     counting_clock(monkeypatch)
-    monkeypatch.setattr(method_choice, "SHARE", 0.05 if rival < np.inf else 1.0)
+    monkeypatch.setattr(method_choice, "COST_OF_TRIAL", 0.05 if rival < np.inf else 1.0)
     system, state = sheet(damping=0.02)
     taken = []
 

@@ -8,7 +8,7 @@ from fecloth.errors import SolveFailed
 from fecloth.simulation.deformation import Deformation
 from fecloth.simulation.energy_ledger import Ledger
 from fecloth.simulation.growth import MOST_GROWTH
-from fecloth.simulation.stability_limited import FRACTION, UPDATE_STEPS
+from fecloth.simulation.stability_limited import STEP_OVER_LIMIT, UPDATE_STEPS
 from fecloth.terms.kinematics import largest_stretch, principal_stretches
 
 
@@ -37,7 +37,7 @@ def test_without_a_dt_the_step_is_a_part_of_the_limit(sheet, method):
     start = system.rest()
     limit = fc.critical_dt(system, start, method)
     infos = [info for _, info in fc.march(system, method, start, t_end=0.01)]
-    assert infos[0].dt == pytest.approx(FRACTION * limit, rel=0.03)
+    assert infos[0].dt == pytest.approx(STEP_OVER_LIMIT * limit, rel=0.03)
     assert infos[0].dt < limit
     assert infos[-1].t == 0.01
 

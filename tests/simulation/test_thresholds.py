@@ -1,15 +1,21 @@
 """Each threshold of a decision, from both sides: at about 0.8 and 1.25 times its value."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import fecloth as fc
 from fecloth.simulation import error_control, stability_limited
+from fecloth.simulation.account import Run
 from fecloth.simulation.deformation import Deformation, find_inflow
 from fecloth.simulation.energy_balance import Balance
+from fecloth.simulation.error_control import Control
 from fecloth.simulation.growth import MOST_GROWTH, describe_growth
+from fecloth.simulation.time_error import TimeError
+from fecloth.simulation.verdict import doubt_dissipation
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +96,50 @@ def test_one_step_with_much_kinetic_energy_excuses_no_balance(system):
     spike = ledger(system, kinetic=1e4, opening={"kinetic": 1e4 - 1.0, "StVK": 0.0})
     balance = Balance(0.0, last_kinetic=1.0, kinetic_before=1.0)
     assert is_off(balance.after(system, spike, moved(1e-20)))
+
+
+@pytest.mark.parametrize(("error", "before"), [(0.1, 0.5), (0.6, 0.05), (0.04, 0.04)])
+def test_the_next_step_follows_from_two_errors(error, before):
+    """dt 0.9 e^(−0.7/p) e₋^(0.4/p), by logarithms."""
+    dt = 0.01
+    for method, p in ((fc.BDF2(), 2), (fc.BackwardEuler(), 1)):
+        control = Control(dt, before, np.zeros((1, 3)), 0.0)
+        logarithms = 0.4 * math.log(before) - 0.7 * math.log(error)
+        by_hand = dt * 0.9 * math.exp(logarithms / p)
+        shown = fc.Adaptive(method, rtol=1e-3)._next_dt(dt, control, error)
+        assert shown == pytest.approx(min(2 * dt, by_hand))
+        if p == 2:
+            assert by_hand < 2 * dt
+
+
+@pytest.mark.parametrize(("since", "of_period"), [(0.02, False), (3.0, True)])
+def test_a_kick_moves_a_vibration_by_its_speed_over_the_frequency_at_most(since, of_period, system):
+    """x = A sin(ω t) of all nodes: a wrong velocity δ leads away by δ t, and by δ/ω at most."""
+    amplitude, omega, delta = 0.03, 25.0, 0.4
+    start = system.rest()
+    error = TimeError(
+        start.x,
+        None,
+        (),
+        kick=delta,
+        kicked=1.0,
+        moved=amplitude,
+        fastest=0.5 * system.total_mass * (amplitude * omega) ** 2,
+    )
+    farthest = delta / omega if of_period else delta * since
+    assert error.kick_length(system, 1.0 + since) == pytest.approx(farthest)
+
+
+@pytest.mark.parametrize(("part", "doubted"), [(0.8, False), (1.25, True)])
+def test_what_a_driven_cloth_loses_to_damping_is_a_part_of_its_motion(part, doubted, system):
+    """It loses ten times the energy that it ever has; the method takes 20 % of all that."""
+    run = Run(system, fc.BackwardEuler(), system.rest(), 0, 4.0)
+    numerical = part * 0.2 * 10.0
+    ledger = replace(
+        fc.Ledger.open(system, system.rest()),
+        t=1.0,
+        numerical=numerical,
+        dissipated={"damping": 10.0 - numerical},
+    )
+    balance = Balance(0.0, largest=1.0)
+    assert (doubt_dissipation(run, balance, ledger) is not None) == doubted

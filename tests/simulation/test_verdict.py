@@ -83,7 +83,7 @@ def test_a_jump_is_the_cause_from_a_twentieth_of_the_motion(jump, is_cause, monk
 def test_with_contact_a_jump_is_the_cause_however_far_the_cloth_went(part, is_cause, monkeypatch):
     """An obstacle that jumps throws the cloth, in short steps far."""
     ball = [fc.Obstacle(fc.shapes.Sphere((0, 0, -2), 0.5))]
-    jump = part * verdict.SMALL * CLOTH.extent
+    jump = part * verdict.LEAST_JUMP * CLOTH.extent
     assert jump < 0.05 * MOVED
     cause = doubt(monkeypatch, 0.001, jump=jump, terms=ball)
     assert (cause is not None and cause.kind is DoubtKind.JUMP) == is_cause

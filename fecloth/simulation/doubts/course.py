@@ -9,23 +9,27 @@ from fecloth.simulation import dimensionless
 from fecloth.simulation.dimensionless import distance_from_pins, gravity_magnitude
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun
-from fecloth.simulation.doubts.units import STEP
+from fecloth.simulation.doubts.units import LARGEST_STEP
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import TensionField
 from fecloth.terms.traits import has_kind, traits_of
 
-POOR = 0.3  # quality of a triangle; 1 is equilateral, 0.87 half a square
-RESOLVED = 4.0  # fewest edges per wrinkle
-COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
-HIGH = 0.012  # height of folds over the displacement; lower folds do not matter
-SHALLOW, VISIBLE = 0.05, 0.03  # folds of such an angle [rad] matter from this height on
-ROUGH = 0.65  # part of the angles between triangles; where less is rough, the mesh resolves them
-STRAINED = 0.2  # strain of a hanging cloth; measured constants hold for a few per cent
-UNRESOLVED = 20.0  # explicit limits; beyond, fast waves were seen to gain energy
-LOST = 0.01  # part of the amplitude in a step that damping must take from waves
-SHORT = 0.01  # of the explicit limit
-DAMPED = 0.1  # part of the amplitude lost in one swing
+LEAST_QUALITY = 0.3  # of a triangle without a doubt; 1 is equilateral, 0.87 half a square
+EDGES_PER_WRINKLE = 4.0  # fewest edges that resolve a wrinkle: two for each half wave
+LEAST_COMPRESSED = 0.2  # part of the area; where less is compressed, wrinkles do not matter
+# Of folds over the displacement; lower folds were seen to change no motion.
+LEAST_HEIGHT = 0.012
+SHALLOW_ANGLE = 0.05  # rad; folds that are shallower must be higher to matter
+LEAST_HEIGHT_OF_SHALLOW = 0.03  # of shallow folds over the displacement
+# Part of the angles between triangles; where less is rough, the mesh resolves the folds.
+LEAST_ROUGHNESS = 0.65
+# Of a hanging cloth by its weight; measured constants hold for a few per cent.
+LARGEST_STRAIN = 0.2
+FAST_STEP = 20.0  # dt over the explicit limit; beyond, fast waves were seen to gain energy
+LEAST_LOSS = 0.01  # part of the amplitude that damping must take from fast waves in a step
+SHORT_STEP = 0.01  # dt over the explicit limit; an implicit method pays only for longer steps
+LARGEST_LOSS = 0.1  # part of the amplitude that a method may take in one swing: it can be seen
 
 
 def find_slivers(run: PlannedRun) -> Iterator[Doubt]:
@@ -33,12 +37,13 @@ def find_slivers(run: PlannedRun) -> Iterator[Doubt]:
     cloth = run.system.cloth
     quality = cloth.quality
     worst = int(np.argmin(quality))
-    if quality[worst] < POOR:
+    if quality[worst] < LEAST_QUALITY:
         X, Y = cloth.X[cloth.triangles[worst]].mean(axis=0)
+        below = int((quality < LEAST_QUALITY).sum())
         words = (
             f"triangle {worst} at ({X:.3g}, {Y:.3g}) m has the quality {quality[worst]:.2g} (1 is "
-            f"equilateral), {int((quality < POOR).sum())} are below {POOR}: slivers are stiff in "
-            "bending, and the worst one limits explicit steps"
+            f"equilateral), {below} are below {LEAST_QUALITY}: slivers are stiff in bending, and "
+            "the worst one limits explicit steps"
         )
         yield Doubt(DoubtKind.MESH, words, "improve the mesh")
 
@@ -52,7 +57,7 @@ def find_large_weight(run: PlannedRun) -> Iterator[Doubt]:
         return
     load = pull * length * system.total_mass / system.cloth.area
     strain = load / min(min(fabric.tensile) for fabric in system.panel.fabrics)
-    if strain > STRAINED:
+    if strain > LARGEST_STRAIN:
         words = (
             f"its own weight will stretch the cloth by about {100 * strain:.0f} % (ρ g L / Y, "
             f"L = {length:.2g} m from the pins): few fabrics are that soft"
@@ -100,7 +105,7 @@ def find_fast_waves(run: PlannedRun) -> Iterator[Doubt]:
         return
     limit = run.explicit_limit
     loss = _loss(run, dt)
-    if dt > UNRESOLVED * limit and loss < LOST:
+    if dt > FAST_STEP * limit and loss < LEAST_LOSS:
         if loss:
             damping = f"damping takes {100 * loss:.1g} % a step from them"
         else:
@@ -132,7 +137,7 @@ def find_short_steps(run: PlannedRun) -> Iterator[Doubt]:
     if not dt or run.method.traits.explicit:
         return
     limit = run.explicit_limit
-    if dt < SHORT * limit < math.inf:
+    if dt < SHORT_STEP * limit < math.inf:
         words = (
             f"dt = {dt:g} s is {limit / dt:.0f} times shorter than even an explicit method needs "
             f"({limit:.2g} s)"
@@ -144,7 +149,7 @@ def find_short_steps(run: PlannedRun) -> Iterator[Doubt]:
 def find_step_beyond_end(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt dt if a single step is longer than the whole run, and is not called large anyway."""
     span = run.t_end - run.state.t
-    if run.dt and span * (1 + 1e-9) < run.dt <= STEP:
+    if run.dt and span * (1 + 1e-9) < run.dt <= LARGEST_STEP:
         words = (
             f"dt = {run.dt:g} s is longer than the run of {span:g} s, which is a single shorter "
             "step"
@@ -164,7 +169,7 @@ def find_numerical_damping(run: PlannedRun) -> Iterator[Doubt]:
     lost = dimensionless.swing_loss(rate * run.dt)
     rates = [term.rate for term in run.system.terms if traits_of(term).damps == "motion"]
     meant = -math.expm1(-sum(rates) * math.pi / rate)  # what the terms take in a period
-    if lost > max(DAMPED, meant):
+    if lost > max(LARGEST_LOSS, meant):
         words = (
             f"numerical damping of {type(run.method).__name__} removes about "
             f"{100 * lost:.0f} % of the amplitude of a swing over {length:.2g} m per period"
@@ -184,8 +189,8 @@ def doubt_wrinkles(
 ) -> Doubt | None:
     """Return a doubt if a compressed cloth is folded as finely as its triangles."""
     taut_only = any(isinstance(term, TensionField) for term in system.terms)
-    matters = height > (HIGH if angle > SHALLOW else VISIBLE)
-    if not (compressed > COMPRESSED and rough > ROUGH and matters) or taut_only:
+    matters = height > (LEAST_HEIGHT if angle > SHALLOW_ANGLE else LEAST_HEIGHT_OF_SHALLOW)
+    if not (compressed > LEAST_COMPRESSED and rough > LEAST_ROUGHNESS and matters) or taut_only:
         return None
     words = (
         f"wrinkles as fine as the mesh: {100 * compressed:.0f} % of the cloth is compressed, and "
@@ -194,7 +199,7 @@ def doubt_wrinkles(
     if not has_kind(system.terms, "bending"):
         remedy = "add PlateBending, or use TensionField where only taut regions matter"
         return Doubt(DoubtKind.WRINKLES, words, remedy)
-    wave = dimensionless.wrinkle_length(system) / RESOLVED
+    wave = dimensionless.wrinkle_length(system) / EDGES_PER_WRINKLE
     edge = dimensionless.mean_edge(system)
     if 0 < wave < edge:
         size = f"<= {wave:.2g} m"

@@ -12,10 +12,10 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-MOST = 8  # jumps of a pin that are looked for
-HALVINGS = 30  # of an interval, after which what is left of a change is a jump
-SMALL = 1e-6  # of the cloth's extent; a smaller jump does nothing
-SLOW = 1.0  # m/s, of the motion that a warning proposes instead
+MOST_JUMPS = 8  # jumps of a pin that are looked for
+HALVINGS_OF_JUMP = 30  # of an interval, after which what is left of a change is a jump
+LEAST_JUMP = 1e-6  # over the extent of the cloth; a smaller jump moves nothing that can be seen
+PROPOSED_SPEED = 1.0  # m/s, of the motion that a doubt proposes in place of a jump
 
 
 @remembered
@@ -29,14 +29,14 @@ class Jump:
 
 def find_motion_jumps(run: PlannedRun) -> Iterator[Doubt]:
     """Doubt each pin and obstacle whose motion jumps, and say when and how far."""
-    jumps = _largest_jumps(run.signals, SMALL * run.system.cloth.extent)
+    jumps = _largest_jumps(run.signals, LEAST_JUMP * run.system.cloth.extent)
     return (jump.doubt for jump in jumps)
 
 
 def find_jumping_motions(system: System, start: State, t_end: float) -> tuple[Jump, ...]:
     """Return the largest jump of each pin and obstacle that jumps."""
     signals = find_signals(system, start, t_end, True)
-    return tuple(_largest_jumps(signals, SMALL * system.cloth.extent))
+    return tuple(_largest_jumps(signals, LEAST_JUMP * system.cloth.extent))
 
 
 def _largest_jumps(signals: Iterable[Signal], least: float) -> Iterator[Jump]:
@@ -49,7 +49,7 @@ def _largest_jump(motion: Signal, least: float) -> Jump | None:
     if not jumps:
         return None
     t, size = max(jumps, key=lambda jump: jump[1])
-    later = t + max(size / SLOW, 0.01)
+    later = t + max(size / PROPOSED_SPEED, 0.01)
     more = f", the largest of {len(jumps)} jumps" if len(jumps) > 1 else ""
     words = (
         f"{motion.name} jumps by {size:.3g} m at t = {t:.6g} s{more}: no step resolves a jump, and "
@@ -74,7 +74,7 @@ def find_jumps(
     changes = np.abs(changes, out=changes).max(axis=1)  # in place: these may be 100 MB
     beside = np.minimum(np.append(changes[1], changes[:-1]), np.append(changes[1:], changes[-2]))
     unlike = np.where(changes > least, beside - changes, 0.0)
-    most = np.argsort(unlike, kind="stable")[:MOST]
+    most = np.argsort(unlike, kind="stable")[:MOST_JUMPS]
     begin = times[0]
     end = times[-1]
     near = 1e-9 * (end - begin)
@@ -89,9 +89,9 @@ def find_jumps(
 
 
 def _halve(values: Values, times: np.ndarray, g: np.ndarray) -> tuple[float, float]:
-    """Return the time of the largest change between two times, and what HALVINGS leave of it."""
+    """Return the time of the largest change between two times, and the change that is left."""
     (a, b), (at_a, at_b) = times, g
-    for _ in range(HALVINGS):
+    for _ in range(HALVINGS_OF_JUMP):
         middle = 0.5 * (a + b)
         (at_middle,) = values(np.array([middle]))
         if np.abs(at_middle - at_a).max() > np.abs(at_b - at_middle).max():

@@ -17,15 +17,18 @@ from fecloth.system.system import System
 from fecloth.terms.loads.gravity import Gravity
 from fecloth.terms.traits import has_kind, traits_of
 
-DROPPED = 0.01  # part of a motion along its slide that is reported
-REACH = 0.25  # of an edge; a region that covers more was meant to hold more than its one node
-CORNER = 0.5  # rad, between two edges of the border
-STICKS_OUT = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well
-UNEVEN = (1e-6, 3e-3)  # extents of the cloth: what interpolation moves nodes by
-ROUGH = 0.5  # of the deviation from a uniform stretch; a wave of 6 nodes has it from node to node
-FEWEST = 6  # nodes; the deviation of fewer is rough in any case
+LEAST_DROPPED = 0.01  # part of a motion along its own slide that is reported
+# Over an edge; a region that covers more was meant to hold more than its one node.
+REACH_OF_REGION = 0.25
+LEAST_CORNER = 0.5  # rad between two edges of the border; less is a curved side
+LONGEST_LEVER = 12.0  # bending lengths; a cloth that is longer hangs down from a clamp as well
+# Extents of the cloth, least and most: what interpolation moves nodes by.
+ERROR_OF_PLACES = (1e-6, 3e-3)
+# Of the deviation from a uniform stretch; a wave of 6 nodes has it from node to node.
+LEAST_ZIGZAG = 0.5
+FEWEST_NODES = 6  # the deviation of fewer is rough in any case
 INTERNAL = ("membrane", "bending", "damping")  # kinds of terms that leave a rigid motion alone
-TURNS = 0.1  # part of the load that turns the cloth about its pins
+LEAST_TURNING = 0.1  # part of the load that turns the cloth about its pins
 
 
 def find_idle_pins(run: PlannedRun) -> Iterator[Doubt]:
@@ -70,7 +73,7 @@ def _dropped_motion(name: str, pin: Slide, motion: Signal) -> Doubt | None:
     moves = (places - places[0]).reshape(len(places), -1, 3)
     along = np.linalg.norm(moves @ pin.projector, axis=-1).max()
     most = np.linalg.norm(moves, axis=-1).max()
-    if not along > DROPPED * most:
+    if not along > LEAST_DROPPED * most:
         return None
     key = "direction" if pin.normal is None else "normal"
     words = (
@@ -102,7 +105,9 @@ def _one_node(cloth: Cloth, name: str, pin: Pin, node: int) -> Doubt | None:
     near = np.unique(cloth.cells[(cloth.cells == node).any(axis=1)])
     steps = cloth.X[near[near != node]] - cloth.X[node]
     # A predicate of the user may know the nodes of the cloth alone.
-    around = attempt(pin.where, cloth.X[node] + REACH * steps, otherwise=np.zeros(0, bool))
+    around = attempt(
+        pin.where, cloth.X[node] + REACH_OF_REGION * steps, otherwise=np.zeros(0, bool)
+    )
     if not (np.any(around) or _is_within_a_side(cloth, node)):
         return None
     edge = np.linalg.norm(steps, axis=1).min()
@@ -125,7 +130,7 @@ def _is_within_a_side(cloth: Cloth, node: int) -> bool:
         return False
     a, b = (cloth.X[e[e != node][0]] - cloth.X[node] for e in ends)
     turn = np.pi - np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
-    return bool(turn < CORNER)
+    return bool(turn < LEAST_CORNER)
 
 
 # --- held nodes that start beside their places ----------------------------------------------------
@@ -140,7 +145,7 @@ def find_uneven_start(run: PlannedRun) -> Iterator[Doubt]:
     cloth = run.system.cloth
     for name, (pin, nodes) in run.system.constraints.groups.items():
         off = _zigzag(cloth, nodes, run.state.x[nodes] @ (np.eye(3) - pin.projector))
-        if UNEVEN[0] < off / cloth.extent < UNEVEN[1]:
+        if ERROR_OF_PLACES[0] < off / cloth.extent < ERROR_OF_PLACES[1]:
             words = (
                 f"pin {name!r} holds its nodes where they start, and they start up to "
                 f"{1e3 * off:.3g} mm beside their neighbours' line, as after interpolation from "
@@ -152,7 +157,7 @@ def find_uneven_start(run: PlannedRun) -> Iterator[Doubt]:
 
 def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
     """Return how far nodes at x (k, 3) lie off the mean of their neighbours [m]; 0 if smoothly."""
-    if len(nodes) < FEWEST:
+    if len(nodes) < FEWEST_NODES:
         return 0.0
     affine = np.column_stack([np.ones(len(nodes)), cloth.X[nodes]])
     off = x - affine @ np.linalg.lstsq(affine, x, rcond=None)[0]
@@ -167,7 +172,7 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
     np.add.at(sums, pairs[:, 0], off[pairs[:, 1]])
     inner = counts > 1
     apart = np.linalg.norm(off[inner] - sums[inner] / counts[inner, None], axis=1).max(initial=0)
-    if apart > ROUGH * np.linalg.norm(off, axis=1).max():
+    if apart > LEAST_ZIGZAG * np.linalg.norm(off, axis=1).max():
         return float(apart)
     return 0.0
 
@@ -189,10 +194,10 @@ def find_free_turn(run: PlannedRun) -> Iterator[Doubt]:
     f = system.force(state)
     reach = np.linalg.norm(motion, axis=1).max()  # of a rotation by 1 rad/s: a distance
     load = float(np.linalg.norm(f, axis=1).sum())
-    if not abs(np.vdot(f, motion)) > TURNS * load * reach:
+    if not abs(np.vdot(f, motion)) > LEAST_TURNING * load * reach:
         return
     length = (max(rigidities) * system.cloth.area / load) ** (1 / 3)
-    if reach < STICKS_OUT * length:
+    if reach < LONGEST_LEVER * length:
         words = (
             f"the pins lie on a line, and the cloth turns about it like a door ({reach:.3g} m "
             f"wide), though it is stiff in bending over {length:.2g} m"

@@ -20,7 +20,7 @@ from fecloth.terms.custom.force import VARIABLES, BoundUserForce, FormulaForce
 from fecloth.terms.loads.air_velocity import Field, Formulas, Gusts, Uniform
 from fecloth.terms.springs.tether import BoundTether
 
-NODES = 16  # at most, at which a force on all nodes is compared
+MOST_NODES = 16  # at which a force on all nodes is compared: each costs an evaluation
 
 Values = Callable[[np.ndarray], np.ndarray]  # function of times (m,) that returns (m, k)
 Span = tuple[float, float]  # start and end of a run [s]
@@ -35,7 +35,7 @@ class Effort(NamedTuple):
 
 
 FORMULAS = Effort(2**17, 2**13 + 1, uneven(64))  # of time
-PLACES = Effort(2**15, 2**13 + 1, uneven(32))  # the same at NODES
+PLACES = Effort(2**15, 2**13 + 1, uneven(32))  # the same at MOST_NODES
 FUNCTIONS = Effort(2**13, 2**10 + 1, uneven(16))
 FORCES = Effort(2**8, 2**8, uneven(5))  # of all nodes, by a function
 
@@ -152,8 +152,8 @@ def _force(bound, state: State, t: float) -> np.ndarray:
 
 
 def _few(values: np.ndarray) -> np.ndarray:
-    """Return the values at up to NODES of the nodes."""
-    return values[:: max(1, -(-len(values) // NODES))]
+    """Return the values at up to MOST_NODES of the nodes."""
+    return values[:: max(1, -(-len(values) // MOST_NODES))]
 
 
 def _formulas(parts, **place: np.ndarray) -> Values:

@@ -23,13 +23,15 @@ SEVERAL = {  # of a kind, in words
     "load": "loads",
     "contact": "contacts",
 }
-STRETCH = 0.01  # strain at which the resistance of a system is measured
-RESISTS = 1e-3  # of the fabric's resistance; less is none
-ALIKE = 0.1  # a net of springs within this is as stiff as the fabric
-PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
-OF_HINGES = -1 / 3  # Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's
-ROUND_OFF = 1e-12
-EXHAUSTED = 0.5  # of the ambient pressure; a gas with less lets the cloth collapse
+# Strain at which the resistance of a system is measured: small, and far above round-off.
+TRIAL_STRETCH = 0.01
+LEAST_RESISTANCE = 1e-3  # over the resistance of the fabric; less is no membrane
+LARGEST_MISMATCH = 0.1  # relative; a net of springs within it is as stiff as the fabric
+ERROR_OF_PATTERN = 0.25  # of its rigidity is what hinges miss by the pattern of the mesh anyway
+# Poisson's ratio of bending on equilateral triangles, and nearly on Gmsh's.
+POISSON_OF_HINGES = -1 / 3
+ROUND_OFF_OF_COUPLING = 1e-12  # relative; less is no lower coupling
+LEAST_PRESSURE = 0.5  # over the ambient pressure; a gas with less lets the cloth collapse
 
 
 # --- membranes ------------------------------------------------------------------------------------
@@ -40,7 +42,7 @@ def find_no_membrane(run: PlannedRun) -> Iterator[Doubt]:
     system = run.system
     names = [type(term).__name__ for term in system.terms]
     held = len(system.constraints.nodes) or has_kind(system.terms, "bending")
-    if not (names and held) or (resistance := _resistance(system)) > RESISTS:
+    if not (names and held) or (resistance := _resistance(system)) > LEAST_RESISTANCE:
         return
     words = (
         f"no membrane is among the terms ({', '.join(names)}): they resist a stretch with "
@@ -59,10 +61,10 @@ def _resistance(system: System) -> float:
         stencil = protocol.stencil(term, system.cloth)
         is_internal = stencil is not None and stencil.shape[1] > 1
         if is_internal and not bound.load and not bound.limits_direction:  # contact resists nothing
-            bound.add_force((1 + STRETCH) * rest, np.zeros_like(rest), 0.0, resists)
+            bound.add_force((1 + TRIAL_STRETCH) * rest, np.zeros_like(rest), 0.0, resists)
             bound.add_force(rest, np.zeros_like(rest), 0.0, f)
     stiffness = system.panel.each(lambda fabric: fabric.moduli()[[0, 1, 3, 3]].sum())[:, 0]
-    fabric = STRETCH * float(system.cloth.weights.sum(axis=1) @ stiffness)
+    fabric = TRIAL_STRETCH * float(system.cloth.weights.sum(axis=1) @ stiffness)
     return float(np.vdot(f - resists, rest)) / fabric
 
 
@@ -106,7 +108,7 @@ def find_springs_of_another_fabric(run: PlannedRun) -> Iterator[Doubt]:
         x = system.rest().x
         x[:, :2] += 1e-4 * system.cloth.X @ np.array(strain)
         ratios.append(sum(net.energy(x, 0.0) for net in nets) / fabric.energy(x, 0.0))
-    if max(abs(ratio - 1) for ratio in ratios) > ALIKE:
+    if max(abs(ratio - 1) for ratio in ratios) > LARGEST_MISMATCH:
         along_x, along_y, in_shear = np.round(ratios, 6)
         words = (
             f"the Springs are {along_x:.3g}, {along_y:.3g} and {in_shear:.3g} times as stiff as "
@@ -127,7 +129,7 @@ def find_ignored_poisson_ratio(run: PlannedRun) -> Iterator[Doubt]:
     if not any(sheet.kind == "incompressible" for sheet in sheets):
         return
     given = {fabric.poisson_ratio for fabric in run.system.panel.fabrics} - {0.0}
-    for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > ALIKE / 2):
+    for nu in (nu for nu in sorted(given) if abs(nu - 0.5) > LARGEST_MISMATCH / 2):
         words = f"poisson_ratio = {nu:g} has no effect: NeoHookean is incompressible, with 0.5"
         remedy = 'use kind = "compressible", or leave poisson_ratio out'
         yield Doubt(DoubtKind.NO_EFFECT, words, remedy)
@@ -139,7 +141,7 @@ def find_lowered_coupling(run: PlannedRun) -> Iterator[Doubt]:
     for c, most in (
         table.coupling(fabric) for table in tables for fabric in run.system.panel.fabrics
     ):
-        if abs(c) > most * (1 + ROUND_OFF):
+        if abs(c) > most * (1 + ROUND_OFF_OF_COUPLING):
             words = (
                 f"MembraneTable: poisson is lowered by a factor of {most / abs(c):.3g}: with more, "
                 "W would not be convex where warp and weft are softer than at rest"
@@ -153,14 +155,14 @@ def find_bending_unknown_to_hinges(run: PlannedRun) -> Iterator[Doubt]:
     for fabric in dict.fromkeys(run.system.panel.fabrics) if names else ():
         nu = fabric.bending_poisson_ratio
         bias = fabric.bias_rigidity
-        if nu and abs(nu - OF_HINGES) > ALIKE:
+        if nu and abs(nu - POISSON_OF_HINGES) > LARGEST_MISMATCH:
             words = (
                 f"bending_poisson_ratio = {nu:g} has no effect: {names[0]} on a mesh of nearly "
                 "equilateral triangles is a plate of -1/3, on others by the pattern, however fine"
             )
             yield Doubt(DoubtKind.NO_EFFECT, words, "take PlateBending")
         huber = sum(value**0.5 for value in fabric.bending or ()) ** 2 / 4
-        if bias is not None and abs(bias - huber) > PATTERN * huber:
+        if bias is not None and abs(bias - huber) > ERROR_OF_PATTERN * huber:
             words = (
                 f"bias_rigidity = {bias:.3g} N m has no effect: {names[0]} knows warp and weft, "
                 f"and bends at 45° with {huber:.3g} N m"
@@ -205,7 +207,7 @@ def find_gas_without_pressure(run: PlannedRun) -> Iterator[Doubt]:
             continue
         volume = bound.volume(run.state.x)
         p = bound.absolute_pressure(volume) if volume > 0 else gas.pressure
-        if p < EXHAUSTED * gas.ambient:
+        if p < LEAST_PRESSURE * gas.ambient:
             words = (
                 f"the Gas has {p:.3g} Pa at the start, {100 * p / gas.ambient:.2g} % of the "
                 f"ambient {gas.ambient:.6g} Pa, which crushes the cloth: pressure is absolute"

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.constants import g
 
 from fecloth.fabric.fabric import Fabric
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
@@ -22,15 +23,16 @@ from fecloth.terms.traits import traits_of
 
 Words = tuple[str, str]  # what was noticed, and the remedy
 
-G = 9.81  # m/s²
-DENSITY = 0.004, 5.0  # kg/m²
-STIFFNESS = 10.0, 1e7  # N/m
-BENDING_LENGTH = 0.25  # m
-HELD = 500.0  # 1/m, HB/B: the curvature that friction may hold
-SIZE = 0.002, 10.0  # m
-STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
-GRAVITY, AIR_SPEED = 50.0, 100.0  # m/s², m/s
-DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
+# kg/m², least and most: a third of the lightest gauze, five times the heaviest roof.
+DENSITIES = 0.004, 5.0
+STIFFNESSES = 10.0, 1e7  # N/m, least and most: a factor 3 below and 8 above any cloth
+LARGEST_BENDING_LENGTH = 0.25  # m; the stiffest membrane above has 0.19
+LARGEST_HELD_CURVATURE = 500.0  # 1/m, HB/B: eight times the largest of fabrics
+SIZES = 0.002, 10.0  # m, least and most: smaller are yarns, larger are roofs
+LARGEST_STEP = 0.1  # s; a cloth swings within seconds, fast waves cross it within hundredths
+LARGEST_GRAVITY = 50.0  # m/s²; five times the gravity on Earth, a twentieth of it in cm/s²
+LARGEST_AIR_SPEED = 100.0  # m/s; three hurricanes
+LARGEST_DAMPING_TIME = 1.0  # s; in measured cloth it is below 0.1
 
 
 def find_values_in_other_units(run: PlannedRun) -> Iterator[Doubt]:
@@ -47,7 +49,7 @@ def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
     else:
         yield from _of_fabric(fabric)
     yield from _of_size(float(np.ptp(run.system.cloth.X, axis=0).max()))
-    if run.dt and run.dt > STEP:
+    if run.dt and run.dt > LARGEST_STEP:
         remedy = f"If you meant ms, write {run.dt / 1000:g}, and t_end in s too"
         yield f"dt = {run.dt:g} s is large: cloth swings within a second", remedy
     for term in run.system.terms:
@@ -56,11 +58,11 @@ def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
 
 def _of_fabric(fabric: Fabric) -> Iterator[Words]:
     density = fabric.areal_density
-    if not DENSITY[0] <= density <= DENSITY[1]:
-        is_large = density > DENSITY[1]
+    if not DENSITIES[0] <= density <= DENSITIES[1]:
+        is_large = density > DENSITIES[1]
         remedy = f"If you meant g/m², write {density / 1000:g}" if is_large else ""
         yield f"areal_density = {density:g} kg/m²: cloth has 0.01 to 1", remedy
-    least, most = STIFFNESS
+    least, most = STIFFNESSES
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
             if least > Y:
@@ -71,14 +73,14 @@ def _of_fabric(fabric: Fabric) -> Iterator[Words]:
             yield words, f"If you meant {meant}"
     for B in dict.fromkeys(fabric.bending or ()):
         length = bending_length(B, density)
-        if length > BENDING_LENGTH:
+        if length > LARGEST_BENDING_LENGTH:
             words = (
                 f"bending_rigidity = {B:g} N m: it bends under its weight over {length:.2g} m, "
                 "cloth over 0.01 to 0.05 m"
             )
             yield words, f"If you meant µN m, write {B * 1e-6:g}"
     for hysteresis, B in zip(fabric.hysteresis or (), fabric.bending or (), strict=False):
-        if hysteresis > 2 * HELD * B:
+        if hysteresis > 2 * LARGEST_HELD_CURVATURE * B:
             meant = f'gf·cm/cm, as KES prints, write "{hysteresis:g} gf*cm/cm"'
             words = (
                 f"bending_hysteresis = {hysteresis:g} N: HB/B = {hysteresis / (2 * B):.3g}/m, in "
@@ -89,7 +91,7 @@ def _of_fabric(fabric: Fabric) -> Iterator[Words]:
 
 
 def _of_size(size: float) -> Iterator[Words]:
-    least, most = SIZE
+    least, most = SIZES
     if size > most:
         words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
         remedy = (
@@ -102,13 +104,16 @@ def _of_size(size: float) -> Iterator[Words]:
 
 
 def _of_term(term: Any) -> Iterator[Words]:
-    if isinstance(term, Gravity) and (g := float(np.linalg.norm(term.acceleration))) > GRAVITY:
-        words = f"Gravity has {g:g} m/s²: on Earth it is 9.81"
-        yield words, f"If you meant cm/s², write {g / 100:g}"
-    if traits_of(term).damps in ("strain", "bending") and term.time > DAMPING_TIME:
+    if (
+        isinstance(term, Gravity)
+        and (size := float(np.linalg.norm(term.acceleration))) > LARGEST_GRAVITY
+    ):
+        words = f"Gravity has {size:g} m/s²: on Earth it is 9.81"
+        yield words, f"If you meant cm/s², write {size / 100:g}"
+    if traits_of(term).damps in ("strain", "bending") and term.time > LARGEST_DAMPING_TIME:
         words = f"{type(term).__name__} has time = {term.time:g} s: cloth has less than 0.1"
         yield words, f"If you meant ms, write {term.time / 1000:g}"
-    if isinstance(term, Wind) and (speed := _speed(term.velocity)) > AIR_SPEED:
+    if isinstance(term, Wind) and (speed := _speed(term.velocity)) > LARGEST_AIR_SPEED:
         words = f"Wind blows at {speed:g} m/s: a hurricane has 33"
         yield words, f"If you meant km/h, write {speed / 3.6:.3g}"
 
@@ -122,10 +127,10 @@ def _speed(velocity: Any) -> float:
 
 def bending_length(B: float, density: float) -> float:
     """Return Peirce's (B/(ρ g))^⅓ [m]."""
-    return float((B / (density * G)) ** (1 / 3))
+    return float((B / (density * g)) ** (1 / 3))
 
 
 def is_stiff(fabric: Fabric) -> bool:
     """Return whether the bending rigidity is beyond any cloth's, and is warned of."""
     lengths = (bending_length(B, fabric.areal_density) for B in fabric.bending or ())
-    return any(length > BENDING_LENGTH for length in lengths)
+    return any(length > LARGEST_BENDING_LENGTH for length in lengths)

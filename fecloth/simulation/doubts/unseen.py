@@ -17,17 +17,20 @@ from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.step_times import step_times
 from fecloth.simulation.within_step import LOADS, PINS
 
-MISSED = 0.25  # of a motion or load; a sine at 4 steps a period has 0.2, at 3 steps 0.33
-MISSED_BY_REMEDY = 0.12  # of it, at the dt that a warning proposes
-NEAR = 5  # steps on each side of the one that misses most
-HALVINGS = 12  # of dt, at most, in the search for one that is short enough
-ROUND_OFF = 1e-9  # of the largest value; less is no deviation
-SLIGHT = 1e-3  # of the way of a motion; less does not matter beside its uniform part
+# Share of a motion or load; a sine at 4 steps a period has 0.2, at 3 steps 0.33.
+LARGEST_MISSED = 0.25
+# Share of it that the dt of a remedy may miss: half of what causes a doubt.
+MISSED_BY_REMEDY = 0.12
+STEPS_AROUND = 5  # steps on each side of the step that misses most
+HALVINGS_OF_STEP = 12  # of dt, at most, in the search for a step that is short enough
+LEAST_DEVIATION = 1e-9  # over the largest value; less is round-off of the user's function
+LEAST_MOTION = 1e-3  # over the way of a motion; less does not matter beside its uniform part
 
-ACTS = 0.1  # of the largest deviation; below it a load does not act
-RARE = 0.25  # of the run; what acts for longer is met by one of the samples in a step
-SMALL = 0.05  # of the largest value of a load; a smaller deviation does not matter
-QUARTER = 0.25  # of the time for which a load acts: the longest step that sees it well
+LEAST_ACTION = 0.1  # over the largest deviation; below it a load does not act
+LONGEST_PULSE = 0.25  # of the run; what acts for longer is met by one of the samples in a step
+LEAST_PULSE = 0.05  # over the largest value of a load; a smaller deviation does not matter
+# Longest step that sees a load well, over the time for which the load acts.
+STEP_OVER_PULSE = 0.25
 
 
 # --- between steps of a fixed size ----------------------------------------------------------------
@@ -40,13 +43,13 @@ def find_missed(run: PlannedRun) -> Iterator[Doubt]:
 
 def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:
     share, near = missed_share(signal, dt, signal.span)
-    if not (share > MISSED and missed_share(signal, dt, near)[0] > MISSED):
+    if not (share > LARGEST_MISSED and missed_share(signal, dt, near)[0] > LARGEST_MISSED):
         return None
     words = (
         f"{signal.name} acts between the ends of the steps: {100 * min(share, 1):.0f} % of it is "
         f"not seen by steps of {dt:g} s"
     )
-    for shorter in dt * 0.5 ** np.arange(1, HALVINGS):
+    for shorter in dt * 0.5 ** np.arange(1, HALVINGS_OF_STEP):
         if _sees(signal, shorter, near):
             return Doubt(DoubtKind.MISSED, words, f"take dt <= {shorter:.2g} s")
     return Doubt(DoubtKind.MISSED, words, "take a much smaller dt, or let it act for longer")
@@ -77,7 +80,10 @@ def missed_share(signal: Signal, dt: float, span: Span) -> tuple[float, Span]:
     share, worst = _missed(signal, ends)
     if len(ends) > 2:
         share = max(share, _missed(signal, ends[:-1] + 0.5 * np.diff(ends))[0])
-    return share, (ends[max(0, worst - NEAR)], ends[min(worst + 1 + NEAR, len(ends) - 1)])
+    return share, (
+        ends[max(0, worst - STEPS_AROUND)],
+        ends[min(worst + 1 + STEPS_AROUND, len(ends) - 1)],
+    )
 
 
 def _most_steps(signal: Signal) -> int:
@@ -94,9 +100,9 @@ def _missed(signal: Signal, ends: np.ndarray) -> tuple[float, int]:
     size = np.diff(ends)[chosen, None]
     times = begin + size * np.concatenate([[0.0], s, [1.0]])
     g = signal.values(times.ravel()).reshape(*times.shape, -1)
-    least = ROUND_OFF * np.abs(g).max()
+    least = LEAST_DEVIATION * np.abs(g).max()
     if signal.moves:
-        least = max(least, SLIGHT * np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max())
+        least = max(least, LEAST_MOTION * np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max())
         g = _without_uniform_motion(times, g)
     lines = g[:, :1] + (g[:, -1:] - g[:, :1]) * s[:, None]
     missed = np.abs(g[:, 1:-1] - lines).mean(axis=1) * size
@@ -150,7 +156,9 @@ def _check_for_pulse(signal: Signal, run: PlannedRun, longest: float) -> Doubt |
         f"{signal.name} acts for {length:.2g} s at t = {begin:.4g} s, and the chosen "
         f"steps, of up to {longest:.2g} s, may jump over it"
     )
-    remedy = f"take longest = {QUARTER * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
+    remedy = (
+        f"take longest = {STEP_OVER_PULSE * length:.1g} [s] for Adaptive, Auto or [time] of a scene"
+    )
     return Doubt(DoubtKind.MISSED, words, remedy)
 
 
@@ -175,18 +183,18 @@ def shortest_pulse(signal: Signal, ends: np.ndarray) -> tuple[float, float]:
     """
     times, g = signal.samples
     if signal.moves:
-        scale = np.ptp(g, axis=0).max() * SLIGHT
+        scale = np.ptp(g, axis=0).max() * LEAST_MOTION
     else:
-        scale = np.abs(g).max() * SMALL
+        scale = np.abs(g).max() * LEAST_PULSE
     half = len(times) // 2
     index = np.arange(len(times))[:, None]
     rate = np.median(g[-half:], axis=0) - np.median(g[:half], axis=0)
     g = g - rate * index / (len(times) - half)
     g -= np.median(g, axis=0)
     deviation = np.abs(g, out=g).max(axis=1)
-    acts = deviation > ACTS * deviation.max()
+    acts = deviation > LEAST_ACTION * deviation.max()
     none = float(times[0]), math.inf
-    if not deviation.max() > scale or acts.mean() > RARE:
+    if not deviation.max() > scale or acts.mean() > LONGEST_PULSE:
         return none
     changes = np.diff(acts.astype(int))
     begins = np.flatnonzero(changes > 0)

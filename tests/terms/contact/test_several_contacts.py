@@ -12,7 +12,7 @@ from fecloth.integrators.step import Step
 from fecloth.mesh.surface import find_intersections
 from fecloth.nonlinear.newton import NewtonFailed
 from fecloth.nonlinear.statistics import Counts
-from fecloth.simulation.fixed_step import HALVINGS, FixedStep, HalvedMemory
+from fecloth.simulation.fixed_step import MOST_HALVINGS, FixedStep, HalvedMemory
 from fecloth.terms.contact.guess import Way, find_guess
 
 # steps are coarse and meshes small by intent
@@ -118,7 +118,7 @@ def test_a_step_that_fails_is_repeated_over_half_of_it(most, repeated):
 
 
 def test_a_step_is_at_least_a_256th():
-    least = 0.5**HALVINGS
+    least = 0.5**MOST_HALVINGS
     assert least == 1 / 256
     assert step_of(Stubborn(1.25 * least)).size == least
     with pytest.raises(NewtonFailed, match="too long"):

@@ -9,7 +9,7 @@ from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.errors import FeclothWarning, InputError
-from fecloth.simulation.beyond_curve import LEAST, doubt_curve
+from fecloth.simulation.beyond_curve import LEAST_AREA, doubt_curve
 from fecloth.terms.membranes.curves import LEAST_END, Curve
 from fecloth.terms.membranes.table import law
 from fecloth.verify import check_term
@@ -319,8 +319,8 @@ def test_a_specimen_drawn_to_its_last_point_is_not_beyond(factor):
 
 
 def test_less_than_a_thousandth_of_the_area_is_no_warning():
-    assert not doubt_curve(0.8 * LEAST)
-    assert doubt_curve(1.25 * LEAST)
+    assert not doubt_curve(0.8 * LEAST_AREA)
+    assert doubt_curve(1.25 * LEAST_AREA)
 
 
 # --- in scenes, studies and runs ------------------------------------------------------------------
