@@ -161,6 +161,6 @@ def test_the_help_says_the_longest_time_of_a_case(name, seconds, capsys):
 
 def test_the_page_names_every_study():
     """Its table says which question each answers."""
-    text = read("fecloth/README.md")
+    text = read("fecloth/study/README.md")
     for name in (*STUDIES, "modes"):
         assert re.search(rf"^\|.*\| `study\.{name}\(.*\| `fecloth {name}\b", text, re.MULTILINE)
