@@ -121,17 +121,17 @@ def parse_quantity(text: str | Quantity | Callable[..., float]) -> Quantity:
         if not int(mode[1]):
             raise InputError(f"quantity {text!r}", "the first mode is frequency(1)")
         return Quantity(words, how="mode", mode=int(mode[1]))
-    found = _TEXT.fullmatch(words)
-    if found is None or " at " in found["name"] or " in " in found["name"]:
+    match = _TEXT.fullmatch(words)
+    if match is None or " at " in match["name"] or " in " in match["name"]:
         raise _refusal(text, "is not in the grammar of quantities")
-    how = HOW[found["how"]] if found["how"] else "value"
-    if found["at"] is None:
+    how = HOW[match["how"]] if match["how"] else "value"
+    if match["at"] is None:
         at = None
     else:
-        at = _seconds(text, found["at"], found["unit"])
-    quantity = Quantity(words, found["name"], how, at, _norm(text, found["name"], found["norm"]))
-    if quantity.how != "value" and (at is not None or found["end"]):
-        raise _refusal(text, f"'{found['how']}' is over the whole run: it takes no time")
+        at = _seconds(text, match["at"], match["unit"])
+    quantity = Quantity(words, match["name"], how, at, _norm(text, match["name"], match["norm"]))
+    if quantity.how != "value" and (at is not None or match["end"]):
+        raise _refusal(text, f"'{match['how']}' is over the whole run: it takes no time")
     if quantity.is_field and (quantity.how != "value" or at is not None):
         raise _refusal(text, "a field is taken at the end only")
     return quantity
