@@ -132,9 +132,9 @@ class Step:
     def force_on_pins(self, system: System) -> np.ndarray:
         """(n, 3) force [N] against which the pins do their work over the step."""
         force = self.mean_force(system)
-        if self.first_force is None:
-            return force
-        return 0.5 * (self.first_force + force)
+        if self.first_force is not None:
+            force = 0.5 * (self.first_force + force)
+        return force
 
     @cached_property
     def solved_force(self) -> np.ndarray:
