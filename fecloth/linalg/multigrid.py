@@ -29,7 +29,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
-from fecloth.compiled.team import SMALL
+from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.compiled.threads import ONLY, Member, part_of, wait
 from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
@@ -345,7 +345,7 @@ def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
     level = levels[0]
     is_single = len(levels) == 1 or len(b) < FEWEST_NODES_FOR_TWO_CYCLES
     x = level.work.result if is_single else level.work.first
-    if member.threads > 1 and len(b) < SMALL:
+    if member.threads > 1 and len(b) < SMALLEST_SHARED_LOOP:
         if member.thread == 0:
             correct(levels, b, ONLY)
         wait(member)
