@@ -6,15 +6,15 @@ backward:
     M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
 
 with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle),
-since these cost little and save a third of the iterations; of small levels it is one. M⁻¹ is
-symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
+since these cost little and save a third of the iterations; on the coarsest level it is one. M⁻¹
+is symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
 of eigenvalues, as Chebyshev smoothing does, and it remains true if the coarse levels belong to
 another matrix. C is definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all
 levels that belong together.
 
 All threads call the functions of a cycle. The nodes of a colour, the rows and the aggregates
-are divided among them, and each number is computed by one thread as by any other. The small
-levels are left to the first thread.
+are divided among them. Each number is computed by one thread, and it does not matter by which.
+The small levels are left to the first thread.
 
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, section 13.4.
 """
@@ -318,8 +318,6 @@ class Multigrid(PCG):
 
 # The load and the correction of a level that does not exist: below the coarsest one.
 NOTHING = np.zeros((0, 3))
-# Below this number of nodes a level gets one cycle: a second one saves no iteration.
-FEWEST_NODES_FOR_TWO_CYCLES = 60
 
 
 def cycle(levels: list[Level], b: np.ndarray, member: Member = ONLY) -> np.ndarray:
@@ -338,18 +336,18 @@ def _rows_of(matrix: sparse.bsr_matrix) -> BlockRows:
 
 
 def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
-    """The correction C b by one cycle or by two; b is overwritten.
+    """The correction C b by two cycles, on the coarsest level by one; b is overwritten.
 
     All threads share a large level. A small one is left to the first thread.
     """
     level = levels[0]
-    is_single = len(levels) == 1 or len(b) < FEWEST_NODES_FOR_TWO_CYCLES
-    x = level.work.result if is_single else level.work.first
+    is_coarsest = len(levels) == 1
+    x = level.work.result if is_coarsest else level.work.first
     if member.threads > 1 and len(b) < SMALLEST_SHARED_LOOP:
         if member.thread == 0:
             correct(levels, b, ONLY)
         wait(member)
-    elif is_single:
+    elif is_coarsest:
         cycle(levels, b, member)
     else:
         first = cycle(levels, b, member)
