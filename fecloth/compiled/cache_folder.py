@@ -17,11 +17,11 @@ from pathlib import Path
 
 @cache
 def cache_folder() -> str:
-    """Folder for the machine code of these very kernels.
+    """Folder for the machine code of the kernels of these sources.
 
     It lies in ``$NUMBA_CACHE_DIR``, else ``$XDG_CACHE_HOME``, else ``~/.cache``, else in the
-    temporary directory: the first where it can be written, and where `can_be_trusted` says so of
-    it. If no folder can, the process has one of its own until it ends.
+    temporary directory: in the first one where it can be written and `can_be_trusted`. If there
+    is none, the process has a folder of its own until it ends, and a `RuntimeWarning` says why.
     """
     name = f"fecloth-{_digest_of_sources()}"
     bases = [
@@ -45,25 +45,34 @@ def cache_folder() -> str:
 def can_be_trusted(folder: Path) -> bool:
     """Whether only this user and root can change what a folder holds.
 
-    The folder must be a real one, no symbolic link, and this user's; each folder above it must
-    be this user's or root's. Group and others must not be able to write any of them; the
-    folders above may have the sticky bit instead, as ``/tmp`` has. On Windows the answer is
-    yes: there a user's folders have lists of access rights.
+    The folder must be a real one, no symbolic link, and belong to this user. Each folder above
+    it must belong to this user or to root. Group and others must not be able to write any of
+    them; the folders above may have the sticky bit instead, as ``/tmp`` has. On Windows the
+    answer is yes: there a user's folders have lists of access rights.
     """
     if os.name != "posix":
         return True
-    mine = folder.lstat()
-    if not stat.S_ISDIR(mine.st_mode) or mine.st_uid != os.getuid() or mine.st_mode & 0o022:
+    status = folder.lstat()
+    is_mine = stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid()
+    if not is_mine or _others_can_write(status):
         return False
-    above = [each.lstat() for each in folder.parents]
-    return all(
-        each.st_uid in (0, os.getuid())
-        and (not each.st_mode & 0o022 or each.st_mode & stat.S_ISVTX)
-        for each in above
-    )
+    return all(_can_be_above(parent.lstat()) for parent in folder.parents)
+
+
+def _others_can_write(status: os.stat_result) -> bool:
+    """Whether group or others can write a folder."""
+    return bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def _can_be_above(status: os.stat_result) -> bool:
+    """Whether a folder may be above a folder that can be trusted."""
+    is_sticky = bool(status.st_mode & stat.S_ISVTX)
+    belongs = status.st_uid in (0, os.getuid())
+    return belongs and (is_sticky or not _others_can_write(status))
 
 
 def _digest_of_sources() -> str:
+    """Hash of all source files of the package that hold kernels, and of the compiler's."""
     digest = hashlib.sha256()
     compiler = Path(__file__).with_name("jit.py")
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
@@ -76,20 +85,21 @@ def _digest_of_sources() -> str:
 def _make(folder: Path) -> bool:
     """Make a folder, and those above it that are missing, for this user only, if possible."""
     try:
-        for each in reversed([folder, *folder.parents]):
-            if not each.exists():
-                each.mkdir(mode=0o700, exist_ok=True)
+        for place in reversed([folder, *folder.parents]):
+            if not place.exists():
+                place.mkdir(mode=0o700, exist_ok=True)
     except OSError:
         return False
     return os.access(folder, os.W_OK)
 
 
 def _warn_of(folders: list[Path]) -> None:
+    """Warn of folders that can be written but not be trusted."""
     if folders:
+        names = ", ".join(map(str, folders))
         words = (
             f"machine code is compiled anew for this process: other users can change what is in "
-            f"{', '.join(map(str, folders))}. Remove it, and take the right to write from group "
-            f"and others on the folders above it (chmod go-w), or set NUMBA_CACHE_DIR to a folder "
-            f"of your own."
+            f"{names}. Remove it, and take the right to write from group and others on the "
+            f"folders above it (chmod go-w), or set NUMBA_CACHE_DIR to a folder of your own."
         )
         warnings.warn(words, RuntimeWarning, stacklevel=2)

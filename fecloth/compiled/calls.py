@@ -28,7 +28,15 @@ from fecloth.compiled.team import Call
 
 
 class SharedCall(NamedTuple):
-    """A call that threads can share: what one thread makes, and ``of_thread(p)`` of thread p."""
+    """A call that threads can share.
+
+    Attributes
+    ----------
+    function, arguments
+        The call that one thread makes alone.
+    of_thread
+        ``of_thread(p)`` returns the calls of thread p, if all threads share it.
+    """
 
     function: Callable[..., object]
     arguments: tuple[Any, ...]
@@ -45,10 +53,17 @@ _numbers = count()
 
 @dataclass(frozen=True, eq=False)
 class JoinedCalls:
-    """A compiled function that makes several calls."""
+    """A compiled function that makes several calls.
 
-    address: int  # of the function, for `call` in a kernel
-    # What must live as long as the function: its code, the kernels and the arrays.
+    Attributes
+    ----------
+    address
+        Address of the function, for `call` in a kernel.
+    kept
+        What must live as long as the function: its code, the kernels and the arrays.
+    """
+
+    address: int
     kept: tuple[Any, ...]
 
     def __call__(self) -> None:
@@ -58,14 +73,17 @@ class JoinedCalls:
 
 @global_compiler_lock
 def join(calls: Calls) -> JoinedCalls:
-    """Return one function that makes all the calls in order, on the same arrays each time."""
-    # What the kernels return is dropped. Numbers are taken now; arrays may change in place.
+    """Make one function of calls: it makes them in order, on the same arrays each time.
+
+    Numbers keep the value that they have now; arrays may change in place. The results of the
+    kernels are not used.
+    """
     name = f"fecloth_calls_{next(_numbers)}"
     library = cpu_target.target_context.codegen().create_library(name)
     module = library.create_ir_module(name)
     body = ir.IRBuilder(ir.Function(module, PROCEDURE, name).append_basic_block())
-    for each in calls:
-        _add_call(body, each[0], each[1])
+    for function, arguments, *_ in calls:
+        _add_call(body, function, arguments)
     body.ret_void()
     library.add_ir_module(module)
     library.finalize()
@@ -73,7 +91,7 @@ def join(calls: Calls) -> JoinedCalls:
 
 
 def _add_call(body: ir.IRBuilder, function: Any, arguments: tuple[Any, ...]) -> None:
-    """Add the call of a kernel, which is compiled or read from disk if need be."""
+    """Add the call of a kernel, which is compiled or read from disk if necessary."""
     signature = tuple(numba.typeof(argument) for argument in arguments)
     function.compile(signature)
     compiled = function.overloads[signature]
@@ -82,7 +100,8 @@ def _add_call(body: ir.IRBuilder, function: Any, arguments: tuple[Any, ...]) -> 
     kind = convention.get_function_type(compiled.signature.return_type, signature)
     result, error, *leaves = kind.args
     pointer = body.inttoptr(ir.Constant(WORD, address), kind.as_pointer())
-    values = [_constant(leaf, word) for leaf, word in zip(leaves, _words(arguments), strict=True)]
+    words = zip(leaves, _words(arguments), strict=True)
+    values = [_constant(leaf, word) for leaf, word in words]
     body.call(pointer, [body.alloca(result.pointee), body.alloca(error.pointee), *values])
 
 
@@ -99,9 +118,12 @@ def _words(value: Any) -> Iterator[float]:
 
 
 def _constant(leaf: Any, word: float) -> Any:
+    """A number as a constant of LLVM's type `leaf`."""
     if isinstance(leaf, ir.PointerType):
         return ir.Constant(WORD, int(word)).inttoptr(leaf)
-    return ir.Constant(leaf, float(word) if isinstance(leaf, ir.DoubleType) else int(word))
+    if isinstance(leaf, ir.DoubleType):
+        return ir.Constant(leaf, float(word))
+    return ir.Constant(leaf, int(word))
 
 
 def _call(typing: Any, address: Any) -> Any:

@@ -27,19 +27,22 @@ from numba.extending import _Intrinsic, intrinsic
 from fecloth.compiled.cache_folder import cache_folder
 
 Array = np.ndarray
-"""An array as a kernel takes it; the docstring has its shape."""
+"""An array as a kernel takes it; the docstring of the kernel has its shape."""
 Zeros = tuple[int, ...]
 """A tuple with one zero for each node or point, so that the compiler knows their number."""
 Function = TypeVar("Function", bound=Callable)
 Result = TypeVar("Result")
 
-# nogil: other Python threads, such as the threads of a `Team`, run on while a kernel does
-OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True}
-OPTIONS["no_cfunc_wrapper"] = True  # no C code calls them
+OPTIONS: dict[str, Any] = {
+    "fastmath": {"contract"},
+    "error_model": "numpy",
+    "nogil": True,  # other Python threads, as the threads of a `Team`, run on while a kernel does
+    "no_cfunc_wrapper": True,  # no C code calls kernels
+}
 
 
 class _RareCollection(event.Listener):
-    """Lets Python look for cyclic garbage seldom while Numba compiles."""
+    """Makes Python look for cyclic garbage seldom while Numba compiles."""
 
     depth = 0
     usual = gc.get_threshold()
@@ -47,7 +50,9 @@ class _RareCollection(event.Listener):
     def on_start(self, event: object) -> None:
         if self.depth == 0:
             self.usual = gc.get_threshold()
-            gc.set_threshold(max(self.usual[0], 50_000) if self.usual[0] else 0, *self.usual[1:])
+            objects, *generations = self.usual
+            if objects > 0:  # 0 means that nobody looks
+                gc.set_threshold(max(objects, 50_000), *generations)
         self.depth += 1
 
     def on_end(self, event: object) -> None:
@@ -74,16 +79,18 @@ def kernel(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def rounded_kernel(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Compile an entry point that rounds each product and sum by itself."""
-    # The same formula then gives the same bits in every loop in which it stands.
+    """Compile an entry point that rounds each product and sum by itself.
+
+    So the same formula gives the same bits in every loop in which it stands.
+    """
     return _compile(function, fastmath=False)
 
 
 def inner(function: Function, **more: bool) -> Function:
     """Compile a function that kernels call: it is cached as a part of them.
 
-    For them it has no wrapper, which would take as long to compile as the function itself. A
-    call from Python compiles it once more, with one.
+    It has no wrapper for calls from Python, which would take as long to compile as the function
+    itself. The first call from Python compiles the function once more, with a wrapper.
     """
     compiled: Any = numba.njit(**(OPTIONS | {"no_cpython_wrapper": True} | more))(function)
     wrapped = cache(lambda: numba.njit(**OPTIONS)(function))
@@ -93,7 +100,7 @@ def inner(function: Function, **more: bool) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Compile a function as `inner` does, to stand in its callers also if it is long or a loop."""
+    """Compile a function as `inner` does, and insert it in its callers even if it is long."""
     return inner(function, forceinline=True)
 
 
@@ -116,7 +123,8 @@ def insert(template: Function, **functions: Callable) -> Function:
     """
     if unknown := functions.keys() - set(template.__code__.co_names):
         raise TypeError(f"{template.__qualname__} does not call {', '.join(sorted(unknown))}")
-    name = "-".join([template.__qualname__, *(each.__qualname__ for each in functions.values())])
+    names = [template.__qualname__, *(inserted.__qualname__ for inserted in functions.values())]
+    name = "-".join(names)
     return _copy(template, name, template.__globals__ | functions)
 
 
@@ -151,7 +159,7 @@ def _compile_by_content(function: Any, **options: Any) -> Any:
 
 
 def _compile(function: Any, **options: Any) -> Any:
-    """Compile; Numba finds the machine code on disk by the function's name, line and bytecode."""
+    """Compile; Numba finds the machine code on disk by the name, line and bytecode."""
     config: Any = numba.config  # its types lack CACHE_DIR
     user_choice = config.CACHE_DIR
     config.CACHE_DIR = cache_folder()  # read by Numba while it decorates, not later
@@ -168,10 +176,10 @@ class _UnknownContent(Exception):
 def fingerprint(function: Callable) -> str | None:
     """Hash of a function's bytecode, its constants and all compiled functions that it calls.
 
-    These are found through globals, modules and closures. It is None where that is not enough to
-    tell what is compiled: if a global is not yet defined, or is neither a number, an array, a
-    tuple of such, a compiled function nor a thing of Python, NumPy or Numba themselves. Then the
-    machine code must not be kept on disk.
+    The compiled functions are found through globals, modules and closures. The hash is None
+    where they do not tell what is compiled: if a global is not yet defined, or if it is neither
+    a number, an array, a tuple of such, a compiled function, nor a part of Python, NumPy or
+    Numba. Then the machine code must not be kept on disk.
     """
     try:
         content = repr(_function_content(function, {}))
@@ -181,8 +189,11 @@ def fingerprint(function: Callable) -> str | None:
 
 
 def _function_content(function: Callable, seen: dict[int, int]) -> tuple:
-    """Describe a plain function by texts that are the same in every process."""
-    # `seen` numbers the functions and modules already met, which may call each other.
+    """Describe a plain function by texts that are the same in every process.
+
+    `seen` has a number for each function and module that was described before: they may call
+    each other.
+    """
     if id(function) in seen:
         return ("seen", seen[id(function)])
     seen[id(function)] = len(seen)
@@ -212,9 +223,9 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
     if isinstance(value, _Intrinsic):
         return kind, _function_content(value._defn, seen)
     if isinstance(value, tuple | list):
-        return kind, *(_content(each, seen, attributes) for each in value)
+        return kind, *(_content(item, seen, attributes) for item in value)
     if isinstance(value, set | frozenset):
-        return kind, *sorted(repr(_content(each, seen, ())) for each in value)
+        return kind, *sorted(repr(_content(item, seen, ())) for item in value)
     if isinstance(value, np.ndarray):
         if value.dtype.hasobject:
             raise _UnknownContent(repr(value))
@@ -238,17 +249,25 @@ def _content(value: Any, seen: dict[int, int], attributes: tuple[str, ...]) -> t
 
 @cache
 def _describe_code(code: CodeType) -> tuple[tuple, tuple[str, ...], tuple[str, ...]]:
-    """Bytecode and constants; the names of the globals; the names of all attributes and globals."""
-    nested = [_describe_code(each) for each in code.co_consts if isinstance(each, CodeType)]
-    plain = [each for each in code.co_consts if not isinstance(each, CodeType)]
+    """The bytecode with its constants, the names of the globals, and all names that it uses.
+
+    The last are the names of attributes and of globals.
+    """
+    nested = [_describe_code(item) for item in code.co_consts if isinstance(item, CodeType)]
+    constants = [item for item in code.co_consts if not isinstance(item, CodeType)]
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-    described = code.co_code, code.co_argcount, code.co_flags, names, _content(plain, {}, ())
-    loads = {i.argval for i in dis.get_instructions(code) if i.opname == "LOAD_GLOBAL"}
-    global_names = sorted(loads.union(*(each[1] for each in nested)))
-    attributes = sorted(set(code.co_names).union(*(each[2] for each in nested)))
-    return (described, *(each[0] for each in nested)), tuple(global_names), tuple(attributes)
+    content = _content(constants, {}, ())
+    described = [(code.co_code, code.co_argcount, code.co_flags, names, content)]
+    loads = dis.get_instructions(code)
+    global_names = {load.argval for load in loads if load.opname == "LOAD_GLOBAL"}
+    used_names = set(code.co_names)
+    for inner_described, inner_globals, inner_used in nested:
+        described.append(inner_described)
+        global_names.update(inner_globals)
+        used_names.update(inner_used)
+    return tuple(described), tuple(sorted(global_names)), tuple(sorted(used_names))
 
 
 def _is_of_library(module: str) -> bool:
-    """Whether a module is of Python, NumPy or Numba, whose versions Numba itself looks at."""
+    """Whether a module belongs to Python, NumPy or Numba: Numba itself checks their versions."""
     return module.partition(".")[0] in ("builtins", "cmath", "math", "numba", "numpy")

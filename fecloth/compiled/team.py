@@ -1,13 +1,13 @@
 """The threads that share the loops of a run, to the same bits for every number of them.
 
 A `Team` belongs to a `System`; its terms and the matrices of its steps use it. All loops are
-compiled and release Python's lock, so plain threads of Python share them: each is called with
-its own part of the elements or nodes, and the thread that asks takes the first part itself.
+compiled and release Python's lock. So plain threads of Python share them: each thread is called
+with its own part of the elements or nodes, and the calling thread takes the first part.
 
-Two rules keep the bits. Forces and tangents: every node has one owner, and the owner adds up
-all that the node gets, in the order in which one thread would (`SharedLoop`). Sums over all
-nodes: they are made of blocks of a fixed size, and the sums of the blocks are added in order.
-Loops that iterate keep their threads from begin to end: see `threads`.
+Two rules keep the bits. In forces and tangents every node has one owner, which adds up all
+contributions to the node, in the order in which one thread would add them (`SharedLoop`). Sums
+over all nodes are made of blocks of a fixed size, and the sums of the blocks are added in
+order. Loops that iterate keep their threads from begin to end: see `threads`.
 """
 
 import math
@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import partial
 from statistics import median
 from typing import Any, TypeVar
@@ -31,33 +32,50 @@ Result = TypeVar("Result")
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A kernel and its arguments."""
 
-SMALL = 1000  # elements or nodes below which one thread does a loop
-MOST = 256  # threads
+# A loop over fewer elements or nodes is done by one thread: it takes less time than to wake
+# another thread.
+SMALLEST_SHARED_LOOP = 1000
+# Largest number of threads that a user may ask for.
+MOST_THREADS = 256
 
 
 def number_of_threads(threads: Any, where: str = "System") -> int:
-    """Number of threads for "auto", which means all that Numba may start, or a number."""
-    # Numba may start one on each core that the process may use, or ``NUMBA_NUM_THREADS``.
+    """The number of threads that "auto" or a number stands for.
+
+    "auto" means all that Numba may start: one on each core that the process may use, or
+    ``NUMBA_NUM_THREADS``. Raises `InputError`, with the place `where`, for any other value.
+    """
     if isinstance(threads, str) and threads == "auto":
         config: Any = numba.config  # its types lack the settings
         return int(config.NUMBA_NUM_THREADS)
-    whole = isinstance(threads, int | np.integer) and not isinstance(threads, bool)
-    if not (whole and 1 <= threads <= MOST):
-        allowed = f'must be "auto" or a whole number from 1 to {MOST}'
+    is_whole = isinstance(threads, int | np.integer) and not isinstance(threads, bool)
+    if not (is_whole and 1 <= threads <= MOST_THREADS):
+        allowed = f'must be "auto" or a whole number from 1 to {MOST_THREADS}'
         raise InputError(f"threads = {brief(threads)}", allowed, where)
     return int(threads)
 
 
-ONE, ALL = False, True  # thread or threads
-TRIALS = 3  # calls of each that a calibration compares
-GAIN = 0.95  # all threads must take less than this share of the time of one
-WORST = 2.0  # times the time of one thread: most trials above it end a calibration
-BUDGET = 0.08  # of the time of a loop, that may be lost
-CREDIT = 0.2  # [s] that all threads have gained and may lose again
-REST = 0.5  # [s] of a loop, from a calibration to the next one, at least
-SHORTEST = 1e-4  # [s] of a unit of work, below which one thread does it
-PORTION = 2e-3, 1e-2  # [s] of the units that are timed at once, in calibrations and between them
-MOST_UNITS = 64  # in a portion
+class Mode(Enum):
+    """The threads that do a loop: one of them, or all."""
+
+    ONE = "one"
+    ALL = "all"
+
+
+# Calls in each mode that a calibration compares: the median of three ignores one interruption.
+TRIALS = 3
+# All threads are taken if their time is less than this share of the time of one thread.
+LARGEST_TIME_RATIO = 0.95
+# Share of the time of a loop that calibrations, and calls on all threads, may lose.
+LARGEST_LOSS = 0.08
+# [s] time of a loop from a calibration to the next one, at the least.
+SHORTEST_REST = 0.5
+# [s] a shorter unit of work is done by one thread: threads would spend much of it on waiting for
+# each other.
+SHORTEST_UNIT = 1e-4
+# [s] time of a call of a loop that iterates, between calibrations. The trials of a calibration
+# take this time together.
+PORTION = 1e-2
 
 
 @dataclass
@@ -65,74 +83,98 @@ class ThreadChoice:
     """Whether a loop runs on one thread or on all (``threads="auto"``), by a calibration.
 
     On an idle machine two threads halve the time of a long loop; on a busy one they wait for
-    each other, many times as long. So a few calls of each are timed in turn, after one of each
-    that sets up the loop. The smaller median decides: one call that was interrupted changes
-    nothing. Then one thread takes over when the calls on all threads have lost more than two
-    calls, or `BUDGET` of a `REST`, and what they had gained, up to `CREDIT`. The loop is
-    calibrated again when what was lost is `BUDGET` of the time since.
+    each other, many times as long. So a few calls in each mode are timed in turn, after one call
+    in each mode that sets up the loop. The smaller median decides: one call that was interrupted
+    changes nothing.
+
+    After that, one thread takes over when the calls on all threads have lost more than two
+    calls, and more than `LARGEST_LOSS` of a `SHORTEST_REST`. The loop is calibrated again when
+    the lost time is `LARGEST_LOSS` of the time since.
+
+    Attributes
+    ----------
+    best
+        The mode between calibrations.
+    spent
+        Time of all calls in each mode [s].
+    usual
+        Time that one thread takes for a unit of work [s].
     """
 
-    # The mode between calibrations, and the seconds of all calls in each mode.
-    best: bool = ONE
-    spent: dict[bool, float] = field(default_factory=lambda: {ONE: 0.0, ALL: 0.0})
-    usual: float = 0.0  # of one thread [s a unit]
-    _times: dict[bool, list[float]] = field(default_factory=lambda: {ONE: [], ALL: []})
-    _set_up: set[bool] = field(default_factory=set)
-    _tried: tuple[float, float] = 0.0, 0.0  # seconds and units of this calibration
-    _lost: float = 0.0  # by all threads since one thread rested [s]; negative where they gain
-    _rest: float = 0.0  # until the next one [s]
+    best: Mode = Mode.ONE
+    spent: dict[Mode, float] = field(default_factory=lambda: dict.fromkeys(Mode, 0.0))
+    usual: float = 0.0
+    _times: dict[Mode, list[float]] = field(default_factory=lambda: {mode: [] for mode in Mode})
+    _set_up: set[Mode] = field(default_factory=set)
+    _tried_seconds: float = 0.0  # in this calibration
+    _tried_units: float = 0.0
+    _lost: float = 0.0  # [s] by all threads, compared with one thread
+    _rest: float = 0.0  # [s] until the next calibration
 
-    def ask(self) -> bool:
+    def ask(self) -> Mode:
+        """The mode for the next call."""
         if self._rest > 0:
             return self.best
-        return len(self._times[ALL]) < len(self._times[ONE])
+        if len(self._times[Mode.ALL]) < len(self._times[Mode.ONE]):
+            return Mode.ALL
+        return Mode.ONE
 
-    def tell(self, mode: bool, seconds: float, units: float = 1.0) -> None:
+    def tell(self, mode: Mode, seconds: float, units: float = 1.0) -> None:
+        """Take note of the time and the units of work of a call."""
         self.spent[mode] += seconds
         if self._rest > 0:
             self._rest -= seconds
-            if mode == ALL:
-                self._lost = max(self._lost + seconds - units * self.usual, -CREDIT)
-            if self._lost > max(2 * units * self.usual, BUDGET * REST):
-                self._begin_rest(ONE, self._lost)
+            if mode is Mode.ALL:
+                self._lost = max(self._lost + seconds - units * self.usual, 0.0)
+            if self._lost > max(2 * units * self.usual, LARGEST_LOSS * SHORTEST_REST):
+                self._begin_rest(Mode.ONE, self._lost)
             return
-        self._tried = self._tried[0] + seconds, self._tried[1] + units
+        self._tried_seconds += seconds
+        self._tried_units += units
         if mode in self._set_up:
             self._times[mode].append(seconds / units)
             self._conclude()
         self._set_up.add(mode)
 
     def _conclude(self) -> None:
-        """End the calibration if enough is known."""
-        one = self._times[ONE]
-        all_ = self._times[ALL]
-        self.usual = median(one)
-        is_slow = 2 * sum(each > WORST * self.usual for each in all_) > TRIALS
-        is_hopeless = self.usual < SHORTEST or is_slow
-        if len(all_) < TRIALS and not is_hopeless:
+        """End the calibration if there are enough trials, or the units are too short."""
+        trials = self._times[Mode.ALL]
+        self.usual = median(self._times[Mode.ONE])
+        is_short = self.usual < SHORTEST_UNIT
+        if len(trials) < TRIALS and not is_short:
             return
-        on_all = median(all_) if all_ else math.inf
-        lost = self._tried[0] - self._tried[1] * min(self.usual, on_all)
-        self._begin_rest(not is_hopeless and on_all < GAIN * self.usual, lost)
+        on_all = median(trials) if trials else math.inf
+        best = Mode.ONE
+        if on_all < LARGEST_TIME_RATIO * self.usual and not is_short:
+            best = Mode.ALL
+        lost = self._tried_seconds - self._tried_units * min(self.usual, on_all)
+        self._begin_rest(best, lost)
 
-    def _begin_rest(self, mode: bool, lost: float) -> None:
-        """Take a mode until the seconds that were lost are `BUDGET` of the time."""
-        self.best, self._rest = mode, max(lost / BUDGET, REST)
-        self._lost = min(self._lost, 0.0)
-        self._tried = (0.0, 0.0)
-        self._times = {ONE: [], ALL: []}
+    def _begin_rest(self, mode: Mode, lost: float) -> None:
+        """Take a mode until the seconds that were lost are `LARGEST_LOSS` of the time."""
+        self.best = mode
+        self._rest = max(lost / LARGEST_LOSS, SHORTEST_REST)
+        self._lost = 0.0
+        self._tried_seconds = 0.0
+        self._tried_units = 0.0
+        self._times = {either: [] for either in Mode}
 
     @property
     def portion(self) -> int:
         """Units of work to do in the next call of a loop that iterates."""
-        seconds = PORTION[self._rest > 0]
-        if self.usual:
-            return min(MOST_UNITS, math.ceil(seconds / self.usual))
-        return 1
+        if not self.usual:
+            return 1
+        seconds = PORTION
+        if self._rest <= 0:
+            seconds = PORTION / TRIALS
+        return math.ceil(seconds / self.usual)
 
 
 class Team:
-    """The threads of a system: a number, or "auto", for which `ThreadChoice` asks the clock [s]."""
+    """The threads of a system: a number, or "auto".
+
+    For "auto" `ThreadChoice` decides between one thread and all, by the times of a `clock` [s].
+    """
 
     def __init__(self, threads: int | str = 1, clock: Callable[[], float] = time.perf_counter):
         self.threads = threads
@@ -156,8 +198,8 @@ class Team:
             self.count = before
 
     def shares(self, size: int) -> bool:
-        """Whether a loop over that many elements or nodes may be shared."""
-        return self.count > 1 and size >= SMALL
+        """Whether a loop over `size` elements or nodes may be shared."""
+        return self.count > 1 and size >= SMALLEST_SHARED_LOOP
 
     def do(
         self,
@@ -168,8 +210,8 @@ class Team:
     ) -> Result:
         """Return alone(), or together(), which calls `run`; both must have the same result.
 
-        The times of a loop are compared by its `name`, and by its units of work, which `count`
-        takes from the result.
+        For "auto" the times of the calls with the same `name` are compared, as times of a unit
+        of work: `count` takes the number of units from the result.
         """
         if self.count == 1:
             return alone()
@@ -177,10 +219,10 @@ class Team:
             self.has_shared = True
             return together()
         choice = self.choices.setdefault(name, ThreadChoice())
-        on_all = choice.ask()
+        mode = choice.ask()
         begin = self.clock()
-        result = together() if on_all else alone()
-        choice.tell(on_all, self.clock() - begin, max(1.0, count(result)))
+        result = together() if mode is Mode.ALL else alone()
+        choice.tell(mode, seconds=self.clock() - begin, units=max(1.0, count(result)))
         return result
 
     def portion(self, name: object, most: int) -> int:
@@ -192,10 +234,11 @@ class Team:
     def each(
         self, size: int, call: Callable[[slice], Call], name: object = None, unit: int = 1
     ) -> None:
-        """Make call(part), the kernel and its arguments for a range of `size` elements.
+        """Call a kernel for all of `size` elements, on one thread or in parts.
 
-        It writes only what belongs to its elements, of which each `unit` must stay together.
-        `name` is as for `do`.
+        ``call(part)`` returns the kernel and its arguments for a range of elements. The kernel
+        must write only what belongs to its elements. Parts begin at multiples of `unit`
+        elements. `name` is as for `do`.
         """
         function, arguments = call(slice(0, size))
         if not self.shares(size):
@@ -203,24 +246,23 @@ class Team:
             return
 
         def part(p: int) -> None:
-            one, its_arguments = call(self.share_of(p, size, unit))
-            one(*its_arguments)
+            kernel, its_arguments = call(self.share_of(p, size, unit))
+            kernel(*its_arguments)
 
         self.do((function, name), lambda: function(*arguments), lambda: self.run(part))
 
     def share_of(self, p: int, size: int, unit: int = 1) -> slice:
-        """Return the range of a number of elements that belongs to thread p."""
+        """The range of `size` elements of thread p, from a multiple of `unit`."""
         units = -(-size // unit)
         begin, end = (units * q // self.count * unit for q in (p, p + 1))
         return slice(begin, min(end, size))
 
     def run(self, part: Callable[[int], Result], meeting: Array | None = None) -> Result:
-        """Call part(p) for each thread p at once; return part(0), which the caller's thread does.
+        """Call part(p) for each thread p at once; return part(0), of the calling thread.
 
-        `meeting` is the counter of `meet`, if the parts wait for each other. If another Python
-        thread uses the workers, they are waited for.
+        `meeting` is the counter of `wait`, if the parts wait for each other. If another Python
+        thread uses the workers, this call waits for them.
         """
-
         if self.count == 1:
             return part(0)
 
@@ -245,14 +287,14 @@ class Team:
         return result
 
     def work(self, p: int, shape: tuple[int, ...]) -> np.ndarray:
-        """An array of thread p, of which only the entries that are used take memory."""
+        """A work array of thread p; only the entries that are used take memory."""
         array = self._work.get((p, shape))
         if array is None:
             array = self._work[p, shape] = np.zeros(shape)
         return array
 
     def words(self, size: int) -> str:
-        """How many threads share a loop of that size, in words."""
+        """How many threads share a loop of `size` elements, in words."""
         if not self.shares(size):
             return "one thread"
         if self.threads == "auto":
@@ -262,8 +304,8 @@ class Team:
     @property
     def used(self) -> int:
         """Threads that were used: all, or one if most of the time was spent with one."""
-        spent = [choice.spent for choice in self.choices.values()]
-        alone, on_all = (sum(each[mode] for each in spent) for mode in (ONE, ALL))
+        alone = sum(choice.spent[Mode.ONE] for choice in self.choices.values())
+        on_all = sum(choice.spent[Mode.ALL] for choice in self.choices.values())
         if self.has_shared or on_all > alone:
             return self.count
         return 1

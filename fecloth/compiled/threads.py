@@ -1,9 +1,8 @@
 """The threads of a process, and how threads that share a loop wait for each other.
 
 Loops that iterate, as conjugate gradients and explicit steps do, keep their threads from begin
-to end. The threads wait for each other by `wait`: a thread that waits gives its core to others
-after a microsecond, so that on a busy machine it does not keep the core from the thread it
-waits for.
+to end. The threads wait for each other by `wait`. A waiting thread gives its core to others
+after a microsecond: on a busy machine the thread for which it waits may need this core.
 """
 
 import sys
@@ -20,9 +19,12 @@ from numba.extending import intrinsic
 
 from fecloth.compiled.jit import Array, inner, kernel
 
-SPIN = 256  # looks at the counter before a waiting thread gives its core to others
-ATTENTIVE = 300  # times that, before a thread without work sleeps
-GIVE_UP = 2**62  # the counter when a thread has failed: nobody waits any longer
+# Looks at the counter before a waiting thread gives its core to others: about a microsecond.
+LOOKS_BEFORE_YIELD = 256
+# Times that a thread without work gives its core to others before it sleeps: about 0.1 ms in all.
+YIELDS_BEFORE_SLEEP = 300
+# The value of the counter when a thread has failed: no thread waits any longer.
+GIVE_UP = 2**62
 
 
 def _add_one(typing: Any, counter: Any) -> Any:
@@ -52,18 +54,26 @@ _give_core: Any = types.ExternalFunction(_yield_name, types.int32())
 
 
 class Member(NamedTuple):
-    """One of the threads that share a loop, for kernels."""
+    """One of the threads that share a loop, for kernels.
 
-    # Number of this thread, from 0 on, and of all.
+    Attributes
+    ----------
+    thread, threads
+        Number of this thread, from 0 on, and number of all threads.
+    meeting
+        (1,) int64 counter of the arrivals of all threads at `wait`.
+    round_
+        (1,) int64 number of the next meeting of this thread, from 1 on.
+    """
+
     thread: int
     threads: int
-    # (1,) int64: the counter of all threads, and the round of this one, from 1 on.
     meeting: np.ndarray
     round_: np.ndarray
 
 
 def members(threads: int) -> list[Member]:
-    """Return the threads of a loop, before they meet for the first time."""
+    """The members of a loop on a number of threads, before they meet for the first time."""
     meeting = np.zeros(1, np.int64)
     return [Member(p, threads, meeting, np.ones(1, np.int64)) for p in range(threads)]
 
@@ -73,22 +83,24 @@ ONLY = members(1)[0]  # a thread that shares its loop with none
 
 @kernel
 def wait(member: Member) -> None:
-    """Wait until all threads have come here; for kernels and for Python."""
-    # What a thread wrote before is seen by the others afterwards.
+    """Wait until all threads have called this function; for kernels and for Python.
+
+    Afterwards each thread sees what the others wrote before.
+    """
     if member.threads > 1:
         _arrive(member.meeting)
         arrivals = member.threads * member.round_[0]
         looks = 0
         while _look(member.meeting) < arrivals:
             looks += 1
-            if looks % SPIN == 0:
+            if looks % LOOKS_BEFORE_YIELD == 0:
                 _give_core()
         member.round_[0] += 1
 
 
 @inner
 def part_of(member: Member, begin: int, end: int) -> tuple[int, int]:
-    """Return the begin and the end of a thread's part of the numbers begin … end − 1."""
+    """The begin and the end of a thread's part of the numbers begin … end − 1."""
     size = end - begin
     p = member.thread
     threads = member.threads
@@ -98,18 +110,18 @@ def part_of(member: Member, begin: int, end: int) -> tuple[int, int]:
 @kernel
 def attend(counter: Array, known: int) -> None:
     """Return when the counter is no longer the known number, or after 0.1 ms."""
-    for look in range(ATTENTIVE * SPIN):
+    for look in range(YIELDS_BEFORE_SLEEP * LOOKS_BEFORE_YIELD):
         if _look(counter) != known:
             return
-        if look % SPIN == SPIN - 1:
+        if look % LOOKS_BEFORE_YIELD == LOOKS_BEFORE_YIELD - 1:
             _give_core()
 
 
 class Worker:
     """A thread that makes one call after another.
 
-    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So
-    it, and who waits for it, look at a counter for 0.1 ms before they sleep.
+    It takes 60 µs to wake a thread that sleeps, as long as the forces of 3000 triangles. So the
+    worker, and the thread that waits for it, look at a counter for 0.1 ms before they sleep.
     """
 
     def __init__(self) -> None:
@@ -119,6 +131,7 @@ class Worker:
         Thread(target=self._serve, name="fecloth", daemon=True).start()
 
     def begin(self, task: Callable[[], object]) -> None:
+        """Begin a call; it must be ended before the next one begins."""
         self._tasks.put(task)
         self._begun[0] += 1
 
@@ -129,12 +142,13 @@ class Worker:
         return error
 
     def _serve(self) -> None:
+        """What the thread does: all calls, one after another."""
         calls = 0
         while True:
             error: BaseException | None = None
             try:
                 self._tasks.get()()
-            except BaseException as raised:  # for the caller
+            except BaseException as raised:  # `end` returns it to the calling thread
                 error = raised
             calls += 1
             self._errors.put(error)
@@ -143,7 +157,10 @@ class Worker:
 
 
 def end_all(workers: list[Worker]) -> list[BaseException | None]:
-    """Wait for all workers; if that is interrupted, the next call gets others."""
+    """Wait for all workers; return their errors.
+
+    If the wait is interrupted, `workers_of` makes new workers for the next call.
+    """
     try:
         return [worker.end() for worker in workers]
     except BaseException:
@@ -153,5 +170,5 @@ def end_all(workers: list[Worker]) -> list[BaseException | None]:
 
 @cache
 def workers_of(process: int, count: int) -> tuple[list[Worker], Lock]:
-    """The threads of a process besides the caller's, and who may use them."""
+    """The workers of a process besides the calling thread, and the lock for their use."""
     return [Worker() for _ in range(count)], Lock()

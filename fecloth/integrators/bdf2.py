@@ -15,22 +15,35 @@ from fecloth.system.state import State
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
-# A step does not resolve an impact if the force of contact changes in it by this part, and if
-# that would change the momentum of what it touches by this part.
-JUMP = 0.5
-KICK = 0.35
+# A step does not resolve an impact if the force of contact changes in it by more than this share
+# of the larger of both forces, …
+FORCE_JUMP = 0.5
+# … and if this change would take more than this share of the momentum of the nodes in contact.
+MOMENTUM_JUMP = 0.35
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Step size [s], Δx and Δv (n, 3) of the last step; with contact, how it ended."""
+    """The memory of BDF2: the changes in the last step.
+
+    Attributes
+    ----------
+    dt
+        Size of that step [s].
+    dx, dv
+        (n, 3) Δx [m] and Δv [m/s].
+    push
+        (n, 3) force of the contacts at its end [N]; None without contact.
+    jumped
+        Whether this force has jumped within the step, as in an impact.
+    """
 
     dt: float
     dx: np.ndarray
     dv: np.ndarray
-    push: np.ndarray | None = None  # (n, 3) force of the contacts at its end [N]
-    jumped: bool = False  # whether this has changed within the step by more than half
+    push: np.ndarray | None = None
+    jumped: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,7 +69,17 @@ class BDF2(WithMemory):
         """The stage of a step from `state`, after the change that led there."""
         e, h = _coefficients(dt, last)
         x = state.x + e * last.dx + h * state.v
-        return Stage(state.t + dt, x, state.v, -e / h * last.dv, h, 1.0, 1.0 / h, x, h)
+        return Stage(
+            t=state.t + dt,
+            x=x,
+            v=state.v,
+            a=-e / h * last.dv,
+            wx=h,
+            wv=1.0,
+            wa=1.0 / h,
+            x_end=x,
+            w_end=h,
+        )
 
     def difference(self, state: State, dt: float, last: Change | None) -> StepDifference:
         """The method's rate of y(x): (y₁ − (1 + e) y₀ + e y₋)/(b dt).
@@ -66,17 +89,16 @@ class BDF2(WithMemory):
         """
         x = state.x
         if last is None:
-            way = 0.5 * dt * state.v
-            past = (1.0, x), (0.5, x + way), (-0.5, x - way)
+            half_step = 0.5 * dt * state.v
+            past = (1.0, x), (0.5, x + half_step), (-0.5, x - half_step)
             return StepDifference(x, dt, 0.5 * dt, past, t=state.t)
         e, h = _coefficients(dt, last)
         return StepDifference(x, dt, h, ((1 + e, x), (-e, x - last.dx)), t=state.t)
 
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
-        """One step.
+        """One step; a step in which the force of contact jumps is taken again by backward Euler.
 
-        A step in which the force of contact jumps, as in an impact, is taken again by backward
-        Euler: the memory of the motion before would throw the cloth off.
+        In an impact the memory of the motion before would throw the cloth off.
         """
         step = super()._take(begin, solver)
         last = begin.memory
@@ -87,12 +109,13 @@ class BDF2(WithMemory):
         return replace(again, counts=step.counts.plus(again.counts))
 
     def _open(self, begin: Begin, solver: SolverContext | None) -> Opening:
-        """Open a step after the one that left this memory; q = v₁ − v₀.
+        """Open a step after the step that left this memory; q = v₁ − v₀.
 
-        The first step is a step of another method. With contact it is of first order, which
-        leaves this method of second order: the friction and the push at its begin are not to
-        be relied on, as a cloth that stands still may be held by any friction below the limit.
-        So is the step after a step in which the force of contact jumped.
+        The first step is a step of the trapezoidal rule. With contact it is a step of backward
+        Euler, and so is the step after a step in which the force of contact jumped: they do
+        not depend on the force at their begin. That force is not known, as a cloth that stands
+        still may be held by any friction below the limit. BDF2 remains of second order with one
+        step of first order.
         """
         system, state, dt, memory, history = begin
         contact = any(term.needs_end for term in system.bound)
@@ -106,10 +129,21 @@ class BDF2(WithMemory):
         stage = self.stage(state, dt, memory)
         stage = hold_stage(system, stage, end, stage.a + stage.wa * (end.v - state.v))
         before = system.with_history(history)
-        return Opening(self, before, over, stage, state, end, dt, memory, memory.dv, history)
+        return Opening(
+            method=self,
+            system=before,
+            over=over,
+            stage=stage,
+            begin=state,
+            end=end,
+            dt=dt,
+            memory=memory,
+            guess=memory.dv,
+            history=history,
+        )
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
-        """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + q."""
+        """Close the step with the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + q."""
         stage = opening.stage
         if opening.method is not self:
             return self._close_first(opening, q, counts)
@@ -119,7 +153,7 @@ class BDF2(WithMemory):
         return Step(new, new, _memory(opening, new), counts, **forces)
 
     def _close_first(self, opening: Opening, q: np.ndarray, counts: Counts) -> Step:
-        """The first step, by the method that opened it; its memory and reactions are of this."""
+        """Close the first step by the method that opened it, with the memory of BDF2."""
         step: Step = opening.method.close(opening, q, counts)
         memory = _memory(opening, step.state)
         if step.ends:
@@ -130,12 +164,13 @@ class BDF2(WithMemory):
 
 
 def _coefficients(dt: float, last: Change) -> tuple[float, float]:
-    """Return e and b dt."""
+    """The coefficients e and b dt of a step of size dt [s]."""
     r = dt / last.dt
     return r**2 / (1 + 2 * r), (1 + r) / (1 + 2 * r) * dt
 
 
 def _memory(opening: Opening, new: State) -> Change:
+    """The changes in the step from an opening to a new state."""
     old = opening.begin
     last = opening.memory
     change = Change(new.t - old.t, new.x - old.x, new.v - old.v)
@@ -144,12 +179,13 @@ def _memory(opening: Opening, new: State) -> Change:
     if not contacts:
         return change
     push = np.zeros_like(new.x)
-    size = opening.system.sums.norm
+    norm = opening.system.sums.norm
     for contact in contacts:
         contact.add_force(new.x, new.v, new.t, push)
     before = push if last is None else last.push
-    changed = size(push - before)
-    touched = (push != 0.0) | (before != 0.0)
-    stopped = size(opening.system.mass_times(old.v) * touched.any(axis=1, keepdims=True))
-    jumped = changed > JUMP * max(size(push), size(before)) and change.dt * changed > KICK * stopped
-    return replace(change, push=push, jumped=bool(jumped))
+    changed = norm(push - before)
+    is_touched = (push != 0.0) | (before != 0.0)
+    momentum = norm(opening.system.mass_times(old.v) * is_touched.any(axis=1, keepdims=True))
+    force_jumps = changed > FORCE_JUMP * max(norm(push), norm(before))
+    momentum_jumps = change.dt * changed > MOMENTUM_JUMP * momentum
+    return replace(change, push=push, jumped=bool(force_jumps and momentum_jumps))

@@ -1,7 +1,7 @@
 """Explicit methods: forces and updates only, on the lumped mass, without any matrix.
 
-Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ;
-what is beyond it grows without bound. Pins and slides act through their projector P at the end
+Each has its own stability limit on dt, given for a mode of frequency ω and damping ratio ζ.
+Beyond it the mode grows without bound. Pins and slides act through their projector P at the end
 of each step; moved pins are exactly at their prescribed positions.
 """
 
@@ -28,7 +28,15 @@ quiet = np.errstate(over="ignore", invalid="ignore")
 @remembered
 @dataclass(frozen=True, eq=False)
 class LastForce:
-    """The memory of central differences: a = M⁻¹ f, and the state of f."""
+    """The memory of central differences.
+
+    Attributes
+    ----------
+    a
+        (n, 3) the acceleration M⁻¹ f of the last step [m/s²].
+    at
+        The state at which the force f was evaluated.
+    """
 
     a: np.ndarray
     at: State
@@ -37,31 +45,57 @@ class LastForce:
 class ExplicitOpening(NamedTuple):
     """An explicit step that is open: ``method.open(system, state, dt, memory, history)``.
 
-    ``method.close(opening, a)`` is the `Step` to the `acceleration` a (n, 3) [m/s²].
+    ``method.close(opening, a)`` is the `Step` with the acceleration a (n, 3) [m/s²].
+
+    Attributes
+    ----------
+    system, over
+        The system, and the system over the step.
+    at
+        The state at which the step needs the acceleration.
+    begin, end
+        The state at the begin, and at the end the state of the held directions.
+    dt
+        Size of the step [s].
+    memory
+        What the method remembers of the step before.
+    history
+        The records that terms keep, at the begin of the step; None without any.
+    opened
+        The clock when the step was opened [s], for the counts.
     """
 
-    # The system, and the system over the step.
     system: System
     over: System
-    at: State  # the state at which the step needs the acceleration
-    # The state at the begin, and at the end the state of the held directions.
+    at: State
     begin: State
     end: State
-    dt: float  # size of the step [s]
-    memory: LastForce | None  # what the method remembers of the step before
-    # The records that terms keep, at the begin of the step; None without any.
+    dt: float
+    memory: LastForce | None
     history: History | None
-    opened: float  # the clock when it was opened, for the counts [s]
+    opened: float
 
     def acceleration(self) -> np.ndarray:
+        """The acceleration M⁻¹ f (n, 3) [m/s²] that the step needs."""
         return acceleration(self.over, self.at)
 
     def counts(self) -> Counts:
+        """The counts of the step: the seconds since it was opened."""
         return Counts(seconds={"force": time.perf_counter() - self.opened})
 
 
 class Explicit(OpensSteps):
-    """Base of explicit methods; `forces_at` is 0 for forces at the start, ½ at both ends."""
+    """Base of explicit methods.
+
+    Attributes
+    ----------
+    constants
+        The traits of the method, but for `beyond_limit`.
+    forces_at
+        0 for a method with forces at the begin of the step, ½ for forces at both ends.
+    beyond_limit
+        Whether `march` may take steps beyond the stability limit.
+    """
 
     constants: MethodTraits
     forces_at: float
@@ -76,20 +110,32 @@ class Explicit(OpensSteps):
         return replace(self.constants, beyond_limit=self.beyond_limit)
 
     def check(self, system: System) -> None:
+        """Raise `InputError` unless the mass of the system is lumped."""
         if system.mass_kind != "lumped":
             what = f"mass = {system.mass_kind!r}"
-            allowed = "must be 'lumped': an explicit step divides by the mass, and solves nothing"
+            reason = "an explicit step divides by the mass, and solves nothing"
+            allowed = f"must be 'lumped': {reason}"
             remedy = 'Write mass = "lumped", or take an implicit method.'
             raise InputError(what, allowed, type(self).__name__, remedy)
 
     def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
-        """It needs the acceleration at its begin."""
-        opened, (system, state, dt, _, history) = time.perf_counter(), begin
-        over = begin.over
-        return ExplicitOpening(system, over, state, state, begin.end, dt, None, history, opened)
+        """Open a step that needs the acceleration at its begin."""
+        opened = time.perf_counter()
+        return ExplicitOpening(
+            system=begin.system,
+            over=begin.over,
+            at=begin.state,
+            begin=begin.state,
+            end=begin.end,
+            dt=begin.dt,
+            memory=None,
+            history=begin.history,
+            opened=opened,
+        )
 
     @quiet
     def _take(self, begin: Begin, solver: object) -> Step:
+        """One step."""
         self.check(begin.system)
         opening = self.open(*begin)
         a = opening.acceleration()
@@ -97,6 +143,7 @@ class Explicit(OpensSteps):
         return replace(step, solution=Solution(self, opening, begin.memory, a))
 
     def numerical(self, system: System, old: State, step: Step) -> float:
+        """Numerical dissipation [J] of a step from `old`, see `explicit_dissipation`."""
         return explicit_dissipation(system, old, step, self.forces_at)
 
 
@@ -123,6 +170,7 @@ class ForwardEuler(Explicit):
     beyond_limit: bool = False
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """Close the step with the acceleration a (n, 3) at its begin."""
         return _euler(opening, a, new_velocity=0.0)
 
 
@@ -141,18 +189,22 @@ class SymplecticEuler(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    # the drift is as of central differences, started half a step off
     constants = replace(
-        ForwardEuler.constants, drift=(2, 1 / 24), stability=(1 / 4, 1 / 2), studied=("stability",)
+        ForwardEuler.constants,
+        drift=(2, 1 / 24),  # as of central differences, started half a step off
+        stability=(1 / 4, 1 / 2),
+        studied=("stability",),
     )
     forces_at = 0.0
     beyond_limit: bool = False
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
+        """Close the step with the acceleration a (n, 3) at its begin."""
         return _euler(opening, a, new_velocity=1.0)
 
 
 def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step:
+    """Close an Euler step: x moves by the share `new_velocity` of v₁, and the rest of v₀."""
     begin = opening.begin
     dt = opening.dt
     x, v = move(begin, a, dt, new_velocity)
@@ -164,15 +216,18 @@ def _euler(opening: ExplicitOpening, a: np.ndarray, new_velocity: float) -> Step
 class CentralDifference(Explicit):
     """v½ = v₀ + dt/2 a₀, x₁ = x₀ + dt v½, a₁ = M⁻¹ f(x₁, v₀ + dt a₀), v₁ = v½ + dt/2 a₁.
 
-    Velocity Verlet: the leapfrog, started with the half-step velocity. Second order, also with
-    damping, as that sees the predicted velocity v₀ + dt a₀; a force at v½ would be of first
-    order. One force a step, kept for the next one; `many_steps` takes them in one call. Stable
-    for ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. No damping of
-    its own at any frequency below. Where nothing damps it is symplectic: the energy error
-    stays bounded, of second order in dt; linear modes conserve the energy less dt²/8 a·M a.
-    Keeps linear and angular momentum. Source: Hairer, Lubich and Wanner (2003), Geometric
-    numerical integration illustrated by the Störmer–Verlet method, Acta Numerica 12, section
-    1.
+    Velocity Verlet: the leapfrog, started with the half-step velocity. It is of second order,
+    also with damping, because damping sees the predicted velocity v₀ + dt a₀; with a force at
+    v½ it would be of first order. It evaluates one force in each step, which it keeps for the
+    next one. `many_steps` takes many steps in one call.
+
+    Stable for ω dt < 2 (√(1 + 4ζ²) − 2ζ): 2, 1.64, 0.83, 0.47 at ζ = 0, 0.1, 0.5, 1. Below this
+    limit it has no damping of its own at any frequency. Where nothing damps it is symplectic:
+    the energy error stays bounded, of second order in dt, and linear modes conserve the energy
+    less dt²/8 a·M a. Keeps linear and angular momentum.
+
+    Source: Hairer, Lubich and Wanner (2003), Geometric numerical integration illustrated by the
+    Störmer–Verlet method, Acta Numerica 12, section 1.
 
     Parameters
     ----------
@@ -180,37 +235,61 @@ class CentralDifference(Explicit):
         Whether `march` may take steps beyond the stability limit, which it refuses otherwise.
     """
 
-    constants = replace(SymplecticEuler.constants, order=2, error_constant=1 / 6)
-    constants = replace(constants, stability=(1 / 4, 1.0), studied=ALL_STUDIES)
+    constants = replace(
+        SymplecticEuler.constants,
+        order=2,
+        error_constant=1 / 6,
+        stability=(1 / 4, 1.0),
+        studied=ALL_STUDIES,
+    )
     forces_at = 0.5
     beyond_limit: bool = False
 
     def _open(self, begin: Begin, solver: object) -> ExplicitOpening:
-        """It needs the acceleration at x₁ and v₀ + dt a₀. Without a memory a₀ is evaluated."""
-        opened, (system, state, dt, memory, history) = time.perf_counter(), begin
+        """Open a step that needs the acceleration at x₁ and v₀ + dt a₀.
+
+        Without a memory a₀ is evaluated.
+        """
+        opened = time.perf_counter()
+        system, state, dt, memory, history = begin
         last = memory or LastForce(acceleration(system.with_history(history), state), state)
         end = begin.end
         x, ahead = move(state, last.a, dt, 0.5)
-        at = set_held(system, State(state.t + dt, x, ahead), end)
-        over = begin.over
-        return ExplicitOpening(system, over, at, state, end, dt, last, history, opened)
+        return ExplicitOpening(
+            system=system,
+            over=begin.over,
+            at=set_held(system, State(state.t + dt, x, ahead), end),
+            begin=state,
+            end=end,
+            dt=dt,
+            memory=last,
+            history=history,
+            opened=opened,
+        )
 
     def close(self, opening: ExplicitOpening, a: np.ndarray) -> Step:
-        """The step to the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
+        """Close the step with the acceleration a (n, 3) at x₁ and v₀ + dt a₀."""
         at = opening.at
         last = opening.memory
         assert last is not None
         v = opening.begin.v + 0.5 * opening.dt * (last.a + a)
         opening.system.constraints.set_held(v, opening.end.v)
         new = State(at.t, at.x, v)
-        forces = ((last.at, last.a), (at, a))
-        memory = LastForce(a, at)
-        counts = opening.counts()
-        return Step(new, at, memory, counts, accelerations=forces, **ending(opening, new))
+        return Step(
+            state=new,
+            balanced_at=at,
+            memory=LastForce(a, at),
+            counts=opening.counts(),
+            accelerations=((last.at, last.a), (at, a)),
+            **ending(opening, new),
+        )
 
 
 def acceleration(system: System, state: State) -> np.ndarray:
-    """Return M⁻¹ f (n, 3) [m/s²]; `set_held` removes what it does along held directions."""
+    """The acceleration M⁻¹ f (n, 3) [m/s²].
+
+    Its part along held directions is not removed here: `set_held` sets what it has changed.
+    """
     return system.force(state) * (1.0 / system.nodal_mass)[:, None]
 
 
@@ -222,6 +301,6 @@ def set_held(system: System, state: State, end: State) -> State:
 
 
 def move(begin: State, a: np.ndarray, dt: float, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """x + dt (v + share dt a), and v + dt a."""
+    """Positions x + dt (v + share dt a) and velocities v + dt a after a step from `begin`."""
     dv = dt * a
     return begin.x + dt * (begin.v + share * dv), begin.v + dv

@@ -1,7 +1,7 @@
-"""The compiled calls of fused steps: all forces, and what the energy ledger has of them."""
+"""The compiled calls of fused steps: all forces, and their columns in the energy ledger."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -13,74 +13,154 @@ from fecloth.integrators.numerical_dissipation import has_power_column, has_work
 from fecloth.system.system import System
 from fecloth.terms.loops.array_updates import BY_ROWS
 
-POWER, LAST, PATH, WORK = 0, 1, 2, 3  # places in `Column.sums`; from 4 on the impulse and its last
-
 
 @dataclass(frozen=True, eq=False)
 class Moves:
-    """The arrays of a step, which all columns share."""
+    """The arrays of a step, which all columns share.
 
-    clock: np.ndarray  # (1,) size of the step [s]
-    # (n, 3) positions [m] and velocities [m/s] now, and at the begin of the step.
+    Attributes
+    ----------
+    clock
+        (1,) size of the step [s].
+    x, old_x
+        (n, 3) positions now, and at the begin of the step [m].
+    v, old_v
+        (n, 3) velocities now, and at the begin of the step [m/s].
+    ahead
+        (n, 3) velocities that the forces see [m/s].
+    """
+
+    clock: np.ndarray
     x: np.ndarray
     old_x: np.ndarray
     v: np.ndarray
     old_v: np.ndarray
-    ahead: np.ndarray  # (n, 3) the velocities that the forces see
+    ahead: np.ndarray
+
+
+class Sums(NamedTuple):
+    """What a column adds up over steps, as arrays in which kernels write.
+
+    Attributes
+    ----------
+    power, last_power
+        (1,) ∫ d · v dt [J], and d · v at the last stage [W].
+    path
+        (1,) sum of d · Δx, with the mean d of each step [J].
+    work
+        (1,) sum of d · dt v̄, with the mean d of each step [J].
+    impulse, last_total
+        (3,) ∫ Σ d dt [N s], and Σ d at the last stage [N]; Σ is the sum over the nodes.
+    """
+
+    power: np.ndarray
+    last_power: np.ndarray
+    path: np.ndarray
+    work: np.ndarray
+    impulse: np.ndarray
+    last_total: np.ndarray
+
+    @classmethod
+    def zero(cls) -> Self:
+        """Sums over no step."""
+        return cls(
+            power=np.zeros(1),
+            last_power=np.zeros(1),
+            path=np.zeros(1),
+            work=np.zeros(1),
+            impulse=np.zeros(3),
+            last_total=np.zeros(3),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """The part d of a term's force that the ledger has in columns, at both ends of a step."""
+    """The part d of a term's force that the ledger has in columns, at both ends of a step.
 
-    # Of the term; whether it has a column of dissipation, and one of work.
+    Attributes
+    ----------
+    name
+        Name of the term.
+    dissipates, supplies
+        Whether the term has a column of dissipation, and one of work.
+    by_power
+        Whether its columns are integrals of power; otherwise of force along a displacement.
+    air
+        (3,) velocity u of the air [m/s], against which the term dissipates.
+    base
+        (n, 3) the force without d [N].
+    force, last
+        (n, 3) d now, and at the begin of the step [N].
+    sums
+        What the steps so far have added up.
+    """
+
     name: str
     dissipates: bool
     supplies: bool
-    # Whether its columns are integrals of power; otherwise of force along a displacement.
     by_power: bool
-    air: np.ndarray  # (3,) velocity of the air [m/s], against which it dissipates
-    # (n, 3) the force without d; d now; d at the begin of the step.
+    air: np.ndarray
     base: np.ndarray
     force: np.ndarray
     last: np.ndarray
-    # (10,): ∫ d · v; d · v at the last stage; the means of d · Δx and d · dt v̄; ∫ Σ d and Σ d
-    # at the last stage.
-    sums: np.ndarray
+    sums: Sums
 
     def at_force(self, f: np.ndarray, moves: Moves) -> Call:
-        """The call after the term has added its force."""
+        """The call after the term has added its force to f."""
         if not self.by_power:
             return subtract_from, (f, self.base, self.force)
-        arrays = moves.clock, moves.x, moves.old_x, moves.ahead
-        return add_power, (*arrays, f, self.base, self.last, self.sums)
+        arguments = (
+            moves.clock,
+            moves.x,
+            moves.old_x,
+            moves.ahead,
+            f,
+            self.base,
+            self.last,
+            self.sums,
+        )
+        return add_power, arguments
 
     def at_end(self, moves: Moves) -> Calls:
+        """The calls at the end of a step."""
         if self.by_power:
             return []
-        arrays = moves.clock, moves.x, moves.old_x, moves.v, moves.old_v
-        return [(add_work, (*arrays, self.force, self.last, self.sums))]
+        arguments = (
+            moves.clock,
+            moves.x,
+            moves.old_x,
+            moves.v,
+            moves.old_v,
+            self.force,
+            self.last,
+            self.sums,
+        )
+        return [(add_work, arguments)]
 
     def start(self) -> None:
         """Begin again, after the forces were evaluated at the begin of the first step."""
-        self.sums[[POWER, PATH, WORK, 4, 5, 6]] = 0.0
+        for total in (self.sums.power, self.sums.path, self.sums.work, self.sums.impulse):
+            total[:] = 0.0
         if not self.by_power:
             self.last[:] = self.force
 
     @property
     def dissipated(self) -> float:
         """∫ −d · (v − u) dt [J]."""
-        return float(self.sums[4:7] @ self.air - self.sums[POWER])
+        return float(self.sums.impulse @ self.air - self.sums.power[0])
 
     @property
     def work(self) -> float:
         """∫ d · u dt of the air, otherwise Σ d · dt v̄ [J]."""
-        return float(self.sums[4:7] @ self.air if self.by_power else self.sums[WORK])
+        if self.by_power:
+            return float(self.sums.impulse @ self.air)
+        return float(self.sums.work[0])
 
     @property
     def unrecorded(self) -> float:
-        """See `numerical_dissipation`: mean of d · (Δx − dt v), or of d · (Δx − dt v̄)."""
-        return float(self.sums[PATH] - self.sums[POWER if self.by_power else WORK])
+        """See `numerical_dissipation`: sum of d · (Δx − dt v), or of d · (Δx − dt v̄) [J]."""
+        recorded = self.sums.power if self.by_power else self.sums.work
+        return float(self.sums.path[0] - recorded[0])
 
 
 def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] | None:
@@ -88,14 +168,25 @@ def bind_columns(system: System, shape: tuple[int, int]) -> tuple[Column, ...] |
     columns = []
     for name, term in zip(system.names, system.bound, strict=True):
         by_power = has_power_column(term)
-        supplies = term.supplies
         if not (by_power or has_work_column(term)):
             continue
-        air = term.steady_air if by_power and supplies else np.zeros(3)
+        air = np.zeros(3)
+        if by_power and term.supplies:
+            air = term.steady_air
         if air is None:
             return None
-        arrays = *np.zeros((3, *shape)), np.zeros(10)
-        columns.append(Column(name, term.dissipative, supplies, by_power, air, *arrays))
+        column = Column(
+            name=name,
+            dissipates=term.dissipative,
+            supplies=term.supplies,
+            by_power=by_power,
+            air=air,
+            base=np.zeros(shape),
+            force=np.zeros(shape),
+            last=np.zeros(shape),
+            sums=Sums.zero(),
+        )
+        columns.append(column)
     return tuple(columns)
 
 
@@ -111,7 +202,7 @@ def subtract_from(f: Array, base: Array, difference: Array) -> None:
 
 @kernel
 def add_power(
-    clock: Array, x: Array, old: Array, v: Array, f: Array, base: Array, last: Array, sums: Array
+    clock: Array, x: Array, old: Array, v: Array, f: Array, base: Array, last: Array, sums: Sums
 ) -> None:
     """Add the power of d = f − base in a step to the sums; last = d."""
     half = 0.5 * clock[0]
@@ -121,7 +212,9 @@ def add_power(
     path1 = 0.0
     path2 = 0.0
     path3 = 0.0
-    d1, d2, d3 = 0.0, 0.0, 0.0
+    d1 = 0.0
+    d2 = 0.0
+    d3 = 0.0
     for i in range(len(f)):
         a, b, c = f[i, 0] - base[i, 0], f[i, 1] - base[i, 1], f[i, 2] - base[i, 2]
         power1 += a * v[i, 0]
@@ -137,84 +230,98 @@ def add_power(
         last[i, 1] = b
         last[i, 2] = c
     power = power1 + power2 + power3
-    sums[POWER] += half * (sums[LAST] + power)
-    sums[LAST] = power
-    sums[PATH] += 0.5 * (path1 + path2 + path3)
+    sums.power[0] += half * (sums.last_power[0] + power)
+    sums.last_power[0] = power
+    sums.path[0] += 0.5 * (path1 + path2 + path3)
     for k, total in enumerate((d1, d2, d3)):
-        sums[4 + k] += half * (sums[7 + k] + total)
-        sums[7 + k] = total
+        sums.impulse[k] += half * (sums.last_total[k] + total)
+        sums.last_total[k] = total
 
 
 @kernel
 def add_work(
-    clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Array
+    clock: Array, x: Array, old_x: Array, v: Array, old_v: Array, d: Array, last: Array, sums: Sums
 ) -> None:
     """Add the work of d in a step to the sums; last = d."""
     path = 0.0
     work = 0.0
     for i in range(len(d)):
         for k in range(3):
-            both = d[i, k] + last[i, k]
-            path += both * (x[i, k] - old_x[i, k])
-            work += both * (v[i, k] + old_v[i, k])
+            twice_mean = d[i, k] + last[i, k]
+            path += twice_mean * (x[i, k] - old_x[i, k])
+            work += twice_mean * (v[i, k] + old_v[i, k])
             last[i, k] = d[i, k]
-    sums[PATH] += 0.5 * path
-    sums[WORK] += 0.25 * clock[0] * work
+    sums.path[0] += 0.5 * path
+    sums.work[0] += 0.25 * clock[0] * work
 
 
 def force_calls(
     system: System, columns: tuple[Column, ...], moves: Moves, f: Array
 ) -> Calls | None:
-    """The calls that add all forces to f, and the calls that take out the columns' parts."""
+    """The calls that add all forces to f, with calls for the columns in between; None if not.
+
+    Before a term with a column adds its force, f and the term's elastic force are kept as the
+    column's `base`. So f − base is the part d afterwards.
+    """
     calls: list[AnyCall] = []
-    of_term = {column.name: column for column in columns}
+    columns_by_name = {column.name: column for column in columns}
     x = moves.x
     v = moves.ahead
     for name, term in zip(system.names, system.bound, strict=True):
-        own = compiled_force(term, x, v, f)
-        if own is None:
+        force = compiled_force(term, x, v, f)
+        if force is None:
             return None
-        column = of_term.get(name)
+        column = columns_by_name.get(name)
         if column is None:
-            calls += own
+            calls += force
             continue
+        calls.append((copy, (f, column.base)))
         if term.has_energy:
-            elastic = compiled_force(term, x, np.zeros_like(v), column.base)
-        else:
-            elastic = []
-        calls += [(copy, (f, column.base)), *(elastic or []), *own, column.at_force(f, moves)]
+            calls += compiled_force(term, x, np.zeros_like(v), column.base) or []
+        calls += [*force, column.at_force(f, moves)]
     return calls
 
 
 def compiled_force(term: Any, x: np.ndarray, v: np.ndarray, f: np.ndarray) -> Calls | None:
-    """Return the calls of a term's force, or None where it needs Python."""
-    # A class that overrides `add_force` alone has inherited the calls of another force.
-    kinds = type(term).__mro__
-    force = next(kind for kind in kinds if "add_force" in vars(kind))
-    calls = next((kind for kind in kinds if "force_calls" in vars(kind)), None)
-    if calls is None or not issubclass(calls, force):
+    """Return the calls of a term's force, or None where it needs Python.
+
+    A class that overrides `add_force` alone has inherited the calls of another force. Therefore
+    the class that defines `force_calls` must be the class that defines `add_force`, or derived
+    from it.
+    """
+    classes = type(term).__mro__
+    of_force = next(kind for kind in classes if "add_force" in vars(kind))
+    of_calls = next((kind for kind in classes if "force_calls" in vars(kind)), None)
+    if of_calls is None or not issubclass(of_calls, of_force):
         return None
-    found: Calls | None = term.force_calls(x, v, 0.0, f)
-    return found
+    calls: Calls | None = term.force_calls(x, v, 0.0, f)
+    return calls
 
 
 @dataclass(frozen=True, eq=False)
 class SharedForces:
-    """Forces for several threads, which wait for each other after each call."""
+    """Forces for several threads, which wait for each other after each call.
 
-    # Of each thread.
+    Attributes
+    ----------
+    calls
+        The calls of each thread, joined.
+    members
+        The threads.
+    """
+
     calls: tuple[JoinedCalls, ...]
     members: list[Member]
 
     @classmethod
     def divide(cls, calls: Calls, threads: int) -> Self:
         """Divide calls among threads; what cannot be divided is for the first thread."""
-        all_ = members(threads)
-        lists: list[list[Call]] = [[] for _ in all_]
-        for each in calls:
-            for own, member in zip(lists, all_, strict=True):
-                own += [*_calls_of(each, member.thread, threads), (wait, (member,))]
-        return cls(tuple(map(join, lists)), all_)
+        all_members = members(threads)
+        calls_of_threads: list[list[Call]] = [[] for _ in all_members]
+        for shared in calls:
+            for own, member in zip(calls_of_threads, all_members, strict=True):
+                own += [*_part_of_call(shared, member.thread, threads), (wait, (member,))]
+        return cls(tuple(map(join, calls_of_threads)), all_members)
 
     def start(self) -> None:
         """Let the threads meet for the first time again."""
@@ -223,17 +330,21 @@ class SharedForces:
             member.round_[0] = 1
 
 
-def _calls_of(each: AnyCall, p: int, threads: int) -> list[Call]:
-    if isinstance(each, SharedCall):
-        return each.of_thread(p)
-    function, arguments = each
+def _part_of_call(call: AnyCall, p: int, threads: int) -> list[Call]:
+    """The calls of thread p in place of one call."""
+    if isinstance(call, SharedCall):
+        return call.of_thread(p)
+    function, arguments = call
     if function in BY_ROWS or function in (copy, subtract_from):
-        own = (_rows_of(value, p, threads) for value in arguments)
-        return [(function, tuple(own))]
-    return [each] if p == 0 else []
+        rows = (_rows_of(value, p, threads) for value in arguments)
+        return [(function, tuple(rows))]
+    if p == 0:
+        return [call]
+    return []
 
 
 def _rows_of(value: object, p: int, threads: int) -> object:
+    """The rows of an array that thread p works on; what is no array stays as it is."""
     if not isinstance(value, np.ndarray):
         return value
     return value[len(value) * p // threads : len(value) * (p + 1) // threads]

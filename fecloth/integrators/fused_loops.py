@@ -13,56 +13,95 @@ from fecloth.compiled.threads import Member, part_of, wait
 
 
 class Fields(NamedTuple):
-    """The arrays over all nodes, which steps change in place."""
+    """The arrays over all nodes, which steps change in place.
 
-    # (n, 3) positions [m], velocities [m/s] and accelerations [m/s²].
+    Attributes
+    ----------
+    x, v, a
+        (n, 3) positions [m], velocities [m/s] and accelerations [m/s²].
+    ahead
+        (n, 3) the velocities v + dt a that the forces of a step see [m/s].
+    f
+        (n, 3) the forces [N].
+    mass
+        (n,) masses of the nodes [kg].
+    inverse_mass
+        (3n,) one over the mass of each component [1/kg].
+    """
+
     x: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    # (n, 3) the velocities v + dt a that the forces of a step see, and the forces [N].
     ahead: np.ndarray
     f: np.ndarray
-    # (n,) [kg] and (3n,) [1/kg].
     mass: np.ndarray
     inverse_mass: np.ndarray
 
 
 class Held(NamedTuple):
-    """The c nodes that pins and slides hold."""
+    """The c nodes that pins and slides hold.
 
-    # (c,) ascending nodes, and (c, 3, 3) projectors onto their free directions.
+    Attributes
+    ----------
+    at
+        (c,) the nodes, ascending.
+    P
+        (c, 3, 3) projectors onto their free directions.
+    path, speed
+        (s, c, 3) displacement over each step [m], and velocity at its end [m/s]; one row for
+        all steps where no pin moves.
+    old
+        (3, c, 3) x, v and a at the begin of a step.
+    target
+        (c, 3) positions at the end of a step [m].
+    work
+        (1,) work done on the cloth so far [J].
+    """
+
     at: np.ndarray
     P: np.ndarray
-    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s]; one row for all
-    # steps where no pin moves.
     path: np.ndarray
     speed: np.ndarray
-    # (3, c, 3) x, v and a at the begin of a step; (c, 3) positions at its end [m].
     old: np.ndarray
     target: np.ndarray
-    work: np.ndarray  # (1,) done on the cloth so far [J]
+    work: np.ndarray
 
     def over(self, steps: slice) -> Self:
-        """The same over some of the steps."""
+        """The held nodes over some of the steps."""
         if len(self.path) == 1:
             return self
         return self._replace(path=self.path[steps], speed=self.speed[steps])
 
 
 class Pauses(NamedTuple):
-    """What the first thread does between two steps."""
+    """What the first thread does between two steps.
 
-    # Addresses of calls before and after a step, and of one that fills `stretches`.
+    Attributes
+    ----------
+    before, after
+        Addresses of the calls before and after each step.
+    look
+        Address of the call that fills `stretches`.
+    phase, period
+        The first thread looks at the stretches after step s if (s + phase) % period =
+        period − 1.
+    least, largest
+        Stretches beyond which no further step is taken.
+    clock
+        (1,) size of the step [s].
+    stretches
+        (2,) the least and the largest stretch.
+    stop
+        (1,) 1 if no further step is to be taken, else 0.
+    """
+
     before: int
     after: int
     look: int
-    # After step s it looks if (s + phase) % period = period − 1.
     phase: int
     period: int
-    # Stretches beyond which no further step is taken.
     least: float
     largest: float
-    # (1,) size of the step [s]; (2,) least and largest stretch; (1,) whether to stop.
     clock: np.ndarray
     stretches: np.ndarray
     stop: np.ndarray
@@ -71,14 +110,15 @@ class Pauses(NamedTuple):
 @rounded_kernel
 def copy(a: Array, b: Array) -> None:
     """b (n, 3) = a."""
-    a, b = a.reshape(-1), b.reshape(-1)
+    a = a.reshape(-1)
+    b = b.reshape(-1)
     for i in range(len(a)):
         b[i] = a[i]
 
 
 @rounded_kernel
 def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> None:
-    """As `explicit.move` with a share of ½, in place; f = 0."""
+    """x += dt (v + dt/2 a), ahead = v + dt a, f = 0: as `explicit.move` with a share of ½."""
     x = x.reshape(-1)
     v = v.reshape(-1)
     a = a.reshape(-1)
@@ -94,7 +134,7 @@ def drift(x: Array, v: Array, a: Array, dt: float, ahead: Array, f: Array) -> No
 
 @rounded_kernel
 def turn(f: Array, inverse_mass: Array, dt: float, v: Array, a: Array) -> None:
-    """As `explicit`, in place: a = f/m, v += dt/2 (a + the old a)."""
+    """a = f/m, v += dt/2 (a + old a): `CentralDifference.close`, in place."""
     f = f.reshape(-1)
     v = v.reshape(-1)
     a = a.reshape(-1)
@@ -109,7 +149,9 @@ def set_rows(at: Array, P: Array, target: Array, y: Array) -> None:
     """As `Constraints.set_held`, with a row of `target` for each of the nodes `at`."""
     for n in range(len(at)):
         i = at[n]
-        d1, d2, d3 = y[i, 0] - target[n, 0], y[i, 1] - target[n, 1], y[i, 2] - target[n, 2]
+        d1 = y[i, 0] - target[n, 0]
+        d2 = y[i, 1] - target[n, 1]
+        d3 = y[i, 2] - target[n, 2]
         for k in range(3):
             y[i, k] = target[n, k] + (P[n, k, 0] * d1 + P[n, k, 1] * d2 + P[n, k, 2] * d3)
 
@@ -126,9 +168,10 @@ def pin_work(
             held_v = 0.0
             held_x = 0.0
             for j in range(3):
-                out = (1.0 if j == k else 0.0) - P[n, k, j]
-                held_v += out * (0.5 * (v[i, j] + old[1, n, j]))
-                held_x += out * (x[i, j] - old[0, n, j])
+                identity = 1.0 if j == k else 0.0
+                held = identity - P[n, k, j]
+                held_v += held * (0.5 * (v[i, j] + old[1, n, j]))
+                held_x += held * (x[i, j] - old[0, n, j])
             mean = 0.5 * (a[i, k] + old[2, n, k])
             total += mass[i] * ((v[i, k] - old[1, n, k]) * held_v - mean * held_x)
     return total
@@ -140,14 +183,24 @@ def take_steps(
 ) -> int:
     """Take the steps in place; return their number: fewer if a stretch is beyond its limits.
 
-    Each thread calls it with its own `forces`, and moves its own nodes. The first thread does
-    what needs all nodes.
+    Each thread calls it with the address of its own `forces`, and moves its own nodes. The first
+    thread does what needs all nodes: the held nodes, the ledger, and the look at stretches.
+    `sizes` (s,) are the sizes of the steps [s].
     """
-    x, v, a, ahead, f, mass, inverse_mass = fields
-    at, P, path, speed, old, target, work = held
+    x = fields.x
+    v = fields.v
+    a = fields.a
+    ahead = fields.ahead
+    f = fields.f
+    at = held.at
+    P = held.P
+    path = held.path
+    speed = held.speed
+    old = held.old
+    target = held.target
     begin, end = part_of(member, 0, len(x))
     own = slice(begin, end)
-    of_x = slice(3 * begin, 3 * end)
+    own_components = slice(3 * begin, 3 * end)
     is_first = member.thread == 0
     stretches = pauses.stretches
     stop = pauses.stop
@@ -175,14 +228,15 @@ def take_steps(
                 set_rows(at, P, speed[row], ahead)
             wait(member)
         call(forces)
-        turn(f[own], inverse_mass[of_x], dt, v[own], a[own])
+        turn(f[own], fields.inverse_mass[own_components], dt, v[own], a[own])
         wait(member)
         if is_first:
             set_rows(at, P, speed[row], v)
-            work[0] += pin_work(at, P, mass, dt, old, x, v, a)
+            held.work[0] += pin_work(at, P, fields.mass, dt, old, x, v, a)
             call(pauses.after)
             if (s + pauses.phase) % pauses.period == pauses.period - 1:
                 call(pauses.look)
-                if not (stretches[0] >= pauses.least and stretches[1] <= pauses.largest):
+                is_within = stretches[0] >= pauses.least and stretches[1] <= pauses.largest
+                if not is_within:  # also where a stretch is not a number
                     stop[0] = 1
     return len(sizes)

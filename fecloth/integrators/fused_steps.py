@@ -1,4 +1,4 @@
-"""Many steps of central differences without Python between them, for any terms that are compiled.
+"""Many steps of central differences without Python between them, for compiled terms.
 
 The steps are the steps of `CentralDifference.step`, to the last bit: the kernels of the terms
 add to one force in the same order, and the loops over the nodes round each operation by
@@ -13,11 +13,17 @@ from typing import Self
 
 import numpy as np
 
-from fecloth.compiled.calls import AnyCall, Calls, JoinedCalls, join
+from fecloth.compiled.calls import AnyCall, Call, Calls, JoinedCalls, join
 from fecloth.compiled.team import ALONE, Team
-from fecloth.compiled.threads import ONLY
+from fecloth.compiled.threads import ONLY, Member
 from fecloth.integrators.explicit import LastForce
-from fecloth.integrators.fused_forces import Column, Moves, SharedForces, bind_columns, force_calls
+from fecloth.integrators.fused_forces import (
+    Column,
+    Moves,
+    SharedForces,
+    bind_columns,
+    force_calls,
+)
 from fecloth.integrators.fused_loops import Fields, Held, Pauses, copy, take_steps
 from fecloth.integrators.step import Step
 from fecloth.linalg.reductions import dot
@@ -27,12 +33,23 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import fill_extreme_stretches
 
-NO_LOOK = 0, 2**62  # at stretches: after no step
+# The phase and the period of looks at stretches, for a look after no step: see `Pauses`.
+NO_LOOK = 0, 2**62
 
 
 @dataclass(frozen=True)
 class Flows:
-    """What the energy ledger adds up over steps [J]: see `Ledger`."""
+    """What the energy ledger adds up over steps [J]: see `Ledger`.
+
+    Attributes
+    ----------
+    dissipated, work
+        Dissipated energy, and work of the loads, by the names of the terms.
+    pins
+        Work of the pins.
+    numerical
+        Numerical dissipation.
+    """
 
     dissipated: Mapping[str, float]
     work: Mapping[str, float]
@@ -42,30 +59,60 @@ class Flows:
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """Steps that were taken."""
+    """Steps that were taken.
 
-    # Of the steps before the last one; where they end.
+    Attributes
+    ----------
+    number
+        Number of the steps before the last one.
+    state, memory
+        Where these steps end, and their memory.
+    step
+        The last step; None if a stretch was beyond its limits before.
+    flows
+        What all steps add to the ledger, the last one too.
+    """
+
     number: int
     state: State
     memory: LastForce
-    step: Step | None  # the last one; None if a stretch was beyond its limits before
-    flows: Flows  # of all of them
+    step: Step | None
+    flows: Flows
 
 
 @dataclass(frozen=True, eq=False)
 class FusedSteps:
-    """A system ready for `take`: its compiled force, and the arrays on which that works."""
+    """A system ready for `take`: its compiled force, and the arrays on which it works.
+
+    Attributes
+    ----------
+    system
+        What moves.
+    team
+        The threads that share the work.
+    fields, moves
+        The arrays that steps change, and those of them that the columns need.
+    stretches
+        (2,) the least and the largest stretch.
+    columns
+        The columns of the energy ledger.
+    calls
+        The calls that add the forces.
+    forces
+        The same calls, joined.
+    before, after
+        The calls at the begin and at the end of a step for the columns, joined.
+    look
+        The call that fills `stretches`.
+    """
 
     system: System
-    # The threads, and the arrays that steps change.
     team: Team
     fields: Fields
-    moves: Moves  # what the columns need of a step
+    moves: Moves
     stretches: np.ndarray
-    columns: tuple[Column, ...]  # of the ledger
-    calls: Calls  # the calls of `forces`
-    # Calls that add the forces, calls at the begin and the end of a step for the columns of the
-    # ledger, and one that fills `stretches` (2,): the least and the largest.
+    columns: tuple[Column, ...]
+    calls: Calls
     forces: JoinedCalls
     before: JoinedCalls
     after: JoinedCalls
@@ -75,33 +122,46 @@ class FusedSteps:
     def bind(cls, system: System, ledger: bool = True, team: Team | None = None) -> Self | None:
         """Return the fused steps of a system, or None where a term or a pin needs Python.
 
-        With `ledger` the columns of the energy ledger are added up; otherwise `flows` has none.
-        The threads are the threads of the system, unless a `team` is given.
+        With `ledger` the columns of the energy ledger are added up; otherwise the `Flows` have
+        none. The threads are the threads of the system, unless a `team` is given.
         """
         if system.mass_kind != "lumped" or not MotionRows.can_evaluate(system.constraints):
             return None
-        shape = (len(system.cloth.X), 3)
-        mass = system.nodal_mass
-        x, v, a, ahead, f, old_x, old_v = np.zeros((7, *shape))
-        x[:] = system.rest().x
-        moves = Moves(np.zeros(1), x, old_x, v, old_v, ahead)
-        stretches = np.zeros(2)
-        columns = bind_columns(system, shape) if ledger else ()
+        fields = _make_fields(system)
+        moves = Moves(
+            clock=np.zeros(1),
+            x=fields.x,
+            old_x=np.zeros_like(fields.x),
+            v=fields.v,
+            old_v=np.zeros_like(fields.v),
+            ahead=fields.ahead,
+        )
+        columns = bind_columns(system, fields.x.shape) if ledger else ()
         if columns is None:
-            forces = None
-        else:
-            forces = force_calls(system, columns, moves, f)
-        if columns is None or forces is None:
             return None
-        copies: list[AnyCall] = [(copy, (x, old_x))] if columns else []
-        ends: list[AnyCall] = [call for column in columns for call in column.at_end(moves)]
-        copies += [(copy, (v, old_v))] if ends else []
-        cloth = system.cloth
-        data = *cloth.shape, cloth.stencil, cloth.gradients, x, stretches
-        look = join([(fill_extreme_stretches, data)])
-        fields = Fields(x, v, a, ahead, f, mass, np.repeat(1.0 / mass, 3))
-        joined = join(forces), join(copies), join(ends), look
-        return cls(system, team or system.team, fields, moves, stretches, columns, forces, *joined)
+        forces = force_calls(system, columns, moves, fields.f)
+        if forces is None:
+            return None
+        after: list[AnyCall] = [call for column in columns for call in column.at_end(moves)]
+        before: list[AnyCall] = []
+        if columns:
+            before.append((copy, (moves.x, moves.old_x)))
+        if after:
+            before.append((copy, (moves.v, moves.old_v)))
+        stretches = np.zeros(2)
+        return cls(
+            system=system,
+            team=team or system.team,
+            fields=fields,
+            moves=moves,
+            stretches=stretches,
+            columns=columns,
+            calls=forces,
+            forces=join(forces),
+            before=join(before),
+            after=join(after),
+            look=join([_stretch_call(system, fields.x, stretches)]),
+        )
 
     def take(
         self,
@@ -115,45 +175,64 @@ class FusedSteps:
     ) -> Taken | None:
         """Take steps of the given sizes, the last one so that its `Step` is known.
 
-        `times` (s + 1,) are the begin and the ends of the steps [s], `sizes` (s,) are equal
-        but for round-off. With `look` = (phase, period) the stretches are looked at after step
-        s, from 0 on, if (s + phase) % period = period − 1, but not after the last one. Beyond
-        the stretches `least` and `largest` no further step is taken. The result is None if a
-        value is not finite: then nothing is known of these steps.
+        Parameters
+        ----------
+        state, memory
+            The begin of the first step, and the memory of the step before.
+        times
+            (s + 1,) the begin and the ends of the steps [s].
+        sizes
+            (s,) the sizes of the steps, which are equal but for round-off [s].
+        look
+            (phase, period): the stretches are looked at after step s, from 0 on, if
+            (s + phase) % period = period − 1, but not after the last step.
+        least, largest
+            Stretches beyond which no further step is taken.
+
+        Returns
+        -------
+        Taken or None
+            None if a value is not finite: then nothing is known of these steps.
         """
         rows = MotionRows.evaluate(self.system.constraints, times, sizes)
         held = self._held(rows)
         dt = float(sizes[0])
-        most = len(sizes) - 1
+        before_last = len(sizes) - 1
         self._begin_at(state, memory)
         start = self._energy_of_kicks(dt)
         pauses = self._pauses(look, least, largest)
-        number = self._go(sizes[:most], held.over(slice(0, most)), pauses)
-        before, left = self._left(rows, number)
+        number = self._go(sizes[:before_last], held.over(slice(0, before_last)), pauses)
+        end, end_memory = self._read_end(rows, number)
         step = None
         if not pauses.stop[0]:
-            never = self._pauses(NO_LOOK, least, largest)
-            self._go(sizes[most:], held.over(slice(most, None)), never)
-            new, last = self._left(rows, most + 1)
-            forces = (left.at, left.a), (last.at, last.a)
-            step = Step(new, last.at, last, Counts(), accelerations=forces)
+            no_pauses = self._pauses(NO_LOOK, least, largest)
+            self._go(sizes[before_last:], held.over(slice(before_last, None)), no_pauses)
+            new, new_memory = self._read_end(rows, len(sizes))
+            forces = (end_memory.at, end_memory.a), (new_memory.at, new_memory.a)
+            step = Step(
+                state=new,
+                balanced_at=new_memory.at,
+                memory=new_memory,
+                counts=Counts(),
+                accelerations=forces,
+            )
         if not self._is_finite:
             return None
-        numerical = start - self._energy_of_kicks(dt) - sum(c.unrecorded for c in self.columns)
+        unrecorded = sum(column.unrecorded for column in self.columns)
         flows = Flows(
-            {column.name: column.dissipated for column in self.columns if column.dissipates},
-            {column.name: column.work for column in self.columns if column.supplies},
-            float(held.work[0]),
-            numerical,
+            dissipated={c.name: c.dissipated for c in self.columns if c.dissipates},
+            work={c.name: c.work for c in self.columns if c.supplies},
+            pins=float(held.work[0]),
+            numerical=start - self._energy_of_kicks(dt) - unrecorded,
         )
-        return Taken(number, before, left, step, flows)
+        return Taken(number=number, state=end, memory=end_memory, step=step, flows=flows)
 
     @property
     def _is_finite(self) -> bool:
         return bool(np.isfinite(self.fields.x).all() and np.isfinite(self.fields.v).all())
 
     def _begin_at(self, state: State, memory: LastForce) -> None:
-        """Take over a state, and the forces of the columns at it."""
+        """Take over a state, and the forces of the columns there."""
         fields = self.fields
         fields.x[:] = state.x
         fields.v[:] = state.v
@@ -169,41 +248,59 @@ class FusedSteps:
 
     def _held(self, rows: MotionRows) -> Held:
         """The nodes that are held, over all of the steps."""
-        nodes = self.system.constraints.nodes
-        projectors = self.system.constraints.projectors
-        before = np.empty((4, len(nodes), 3))
-        fixed = nodes, np.ascontiguousarray(projectors), rows.path, rows.speed
-        return Held(*fixed, before[:3], before[3], np.zeros(1))
+        constraints = self.system.constraints
+        count = len(constraints.nodes)
+        return Held(
+            at=constraints.nodes,
+            P=np.ascontiguousarray(constraints.projectors),
+            path=rows.path,
+            speed=rows.speed,
+            old=np.empty((3, count, 3)),
+            target=np.empty((count, 3)),
+            work=np.zeros(1),
+        )
 
     def _pauses(self, look: tuple[int, int], least: float, largest: float) -> Pauses:
-        calls = self.before.address, self.after.address, self.look.address
-        arrays = self.moves.clock, self.stretches, np.zeros(1, np.int64)
-        return Pauses(*calls, *look, least, largest, *arrays)
+        phase, period = look
+        return Pauses(
+            before=self.before.address,
+            after=self.after.address,
+            look=self.look.address,
+            phase=phase,
+            period=period,
+            least=least,
+            largest=largest,
+            clock=self.moves.clock,
+            stretches=self.stretches,
+            stop=np.zeros(1, np.int64),
+        )
 
     def _go(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        """Take steps, with a team in portions of which it times each; return their number."""
+        """Take steps, in portions that the team times; return their number."""
         done = 0
         while done < len(sizes) and not pauses.stop[0]:
             end = done + self._team.portion("steps", len(sizes) - done)
-            there = held.over(slice(done, end)), pauses._replace(phase=pauses.phase + done)
-            done += self._go_on(sizes[done:end], *there)
+            held_then = held.over(slice(done, end))
+            pauses_then = pauses._replace(phase=pauses.phase + done)
+            done += self._take_portion(sizes[done:end], held_then, pauses_then)
         return done
 
-    def _go_on(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
-        data = (sizes, pauses, held, self.fields)
+    def _take_portion(self, sizes: np.ndarray, held: Held, pauses: Pauses) -> int:
+        """Take steps on one thread or on all, as the team decides; return their number."""
         team = self._team
 
+        def take(forces: int, member: Member) -> int:
+            return take_steps(forces, sizes, pauses, held, self.fields, member)
+
         def alone() -> int:
-            return take_steps(self.forces.address, *data, ONLY)
+            return take(self.forces.address, ONLY)
 
         def together() -> int:
             shared = self.shared_forces
             shared.start()
             addresses = [calls.address for calls in shared.calls]
             members = shared.members
-            return team.run(
-                lambda p: take_steps(addresses[p], *data, members[p]), members[0].meeting
-            )
+            return team.run(lambda p: take(addresses[p], members[p]), members[0].meeting)
 
         return team.do("steps", alone, together, float)
 
@@ -215,16 +312,45 @@ class FusedSteps:
 
     @cached_property
     def shared_forces(self) -> SharedForces:
+        """The forces, divided among the threads of the team."""
         return SharedForces.divide(self.calls, self.team.count)
 
-    def _left(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
-        x, v, a, ahead = (array.copy() for array in self.fields[:4])
-        at = State(float(rows.reached[number - 1]), x, ahead)
-        return State(float(rows.times[number]), x, v), LastForce(a, at)
+    def _read_end(self, rows: MotionRows, number: int) -> tuple[State, LastForce]:
+        """Copies of the state and the memory, after that number of steps."""
+        fields = self.fields
+        x = fields.x.copy()
+        at = State(float(rows.reached[number - 1]), x, fields.ahead.copy())
+        state = State(float(rows.times[number]), x, fields.v.copy())
+        return state, LastForce(fields.a.copy(), at)
 
     def _energy_of_kicks(self, dt: float) -> float:
-        """dt²/8 a·M a of the free directions: M Δv · (Δx/dt − v̄) is its decrease in a step."""
+        """dt²/8 a·M a of the free directions [J].
+
+        Its decrease in a step is M Δv · (Δx/dt − v̄), see `explicit_dissipation`.
+        """
         a = self.fields.a
         mass = self.fields.mass
         free = self.system.constraints.project(a.copy())
         return 0.125 * dt * dt * dot(a * mass[:, None], free)
+
+
+def _make_fields(system: System) -> Fields:
+    """Arrays for the steps of a system, with x at rest."""
+    x = np.zeros((len(system.cloth.X), 3))
+    x[:] = system.rest().x
+    mass = system.nodal_mass
+    return Fields(
+        x=x,
+        v=np.zeros_like(x),
+        a=np.zeros_like(x),
+        ahead=np.zeros_like(x),
+        f=np.zeros_like(x),
+        mass=mass,
+        inverse_mass=np.repeat(1.0 / mass, 3),
+    )
+
+
+def _stretch_call(system: System, x: np.ndarray, stretches: np.ndarray) -> Call:
+    """The call that writes the least and the largest stretch at x to `stretches` (2,)."""
+    cloth = system.cloth
+    return fill_extreme_stretches, (*cloth.shape, cloth.stencil, cloth.gradients, x, stretches)

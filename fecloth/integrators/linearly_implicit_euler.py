@@ -20,7 +20,16 @@ from fecloth.system.system import History, System
 class LinearOpening:
     """A step of `LinearlyImplicitEuler` that is open: its residual is linear in q.
 
-    q (n, 3) [m/s] is Δv of the free directions, and it has the fields of `Opening`.
+    The unknown q (n, 3) [m/s] is Δv of the free directions.
+
+    Attributes
+    ----------
+    system, over, begin, end, dt, guess, history
+        As in `Opening`.
+    held
+        (n, 3) Δv of the held directions that moves x to its prescribed end [m/s].
+    definite
+        Whether K and D are clamped, so that the tangent is positive definite.
     """
 
     system: System
@@ -30,19 +39,22 @@ class LinearOpening:
     dt: float
     guess: np.ndarray | None
     history: History | None
-    held: np.ndarray  # (n, 3) Δv of the held directions: what moves x to its prescribed end
-    definite: bool = False  # whether K and D are clamped
+    held: np.ndarray
+    definite: bool = False
 
     @property
     def inertial(self) -> np.ndarray:
-        """(n, 3) Δv of the held directions that their inertia has: what the pins prescribe."""
+        """(n, 3) Δv of the held directions in the inertial force: v₁ − v₀ of the pins [m/s]."""
         dv = np.zeros_like(self.begin.v)
         constraints = self.over.constraints
         dv[constraints.nodes] = constraints.held_part(self.end.v - self.begin.v)
         return dv
 
     def residual(self, q: np.ndarray) -> np.ndarray:
-        """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv of the free directions (n, 3) [N]."""
+        """R(q) = M Δv/dt − f(x₀, v₀) + dt K (v₀ + Δv) + D Δv along the free directions.
+
+        The result is (n, 3) [N].
+        """
         system = self.over
         begin = self.begin
         v = begin.v + (q + self.held)
@@ -60,19 +72,20 @@ class LinearOpening:
         """∂R/∂q = M/dt + D + dt K at the begin of the step, along the free directions."""
         system = self.over
         dt = self.dt
-        at = self.begin, dt, 1.0, 1.0 / dt
-        return system.project(system.assemble(J, *at, definite=self.definite))
+        system.assemble(J, self.begin, wx=dt, wv=1.0, wa=1.0 / dt, definite=self.definite)
+        return system.project(J)
 
 
 @dataclass(frozen=True)
 class LinearlyImplicitEuler(OpensSteps):
     """(M + dt D + dt² K) Δv = dt f(x₀, v₀) − dt² K v₀, x₁ = x₀ + dt (v₀ + Δv).
 
-    One linear solve a step: the first Newton iterate of backward Euler. First order; on linear
-    problems it is backward Euler, A-stable and L-stable, and damps like it. Keeps linear
-    momentum, loses angular momentum, and energy unless it fails: at large steps on a stiff
-    cloth in compression the linearisation does, without notice. Source: Baraff and Witkin
-    (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
+    One linear solve a step: the first Newton iterate of backward Euler. First order. On linear
+    problems it is backward Euler: A-stable and L-stable, with the same damping. Keeps linear
+    momentum, loses angular momentum, and loses energy unless the linearisation fails. At large
+    steps on a stiff cloth in compression it fails without notice.
+
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eq. 6 (their ∂f/∂x is −K).
     """
 
     traits = replace(
@@ -84,16 +97,25 @@ class LinearlyImplicitEuler(OpensSteps):
     )
 
     def _open(self, begin: Begin, solver: object) -> LinearOpening:
-        """Its unknown q is Δv of the free directions."""
+        """Open a step, whose unknown q is Δv of the free directions."""
         system, state, dt, memory, history = begin
         end = begin.end
         constraints = system.constraints
         held = np.zeros_like(state.v)
         held[constraints.nodes] = constraints.held_part((end.x - state.x) / dt - state.v)
-        return LinearOpening(system, begin.over, state, end, dt, memory, history, held)
+        return LinearOpening(
+            system=system,
+            over=begin.over,
+            begin=state,
+            end=end,
+            dt=dt,
+            guess=memory,
+            history=history,
+            held=held,
+        )
 
     def close(self, opening: LinearOpening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
-        """The step to the change q (n, 3) of the velocity: v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
+        """Close the step with the velocity change q (n, 3): v₁ = v₀ + q, x₁ = x₀ + dt v₁."""
         begin = opening.begin
         dt = opening.dt
         dv = q + opening.held
@@ -133,10 +155,11 @@ def _velocity_change(opening: LinearOpening, solver: SolverContext) -> tuple[np.
     solver.begin(dt, 1.0 / dt, begin.x)
     linear.prepare(J)
     project = system.constraints.project
-    rtol = solver.options.residual
-    start = None if opening.guess is None else project(opening.guess.copy())
+    guess = opening.guess
+    if guess is not None:
+        guess = project(guess.copy())
     updates = [(dt * c, project(u)) for c, u in system.dense(begin)]
-    free, infos = solve_updated(linear, updates, b, rtol, start)
+    free, infos = solve_updated(linear, updates, b, rtol=solver.options.residual, guess=guess)
     seconds["factor"] = infos[0].seconds_factor
     seconds["solve"] = sum(info.seconds_solve for info in infos)
     iterations = sum(info.iterations for info in infos)

@@ -19,18 +19,19 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-AT_ONCE = 2**14  # steps whose times and motion of pins are kept as arrays
+# Steps whose times, and the motion of the pins in them, are kept as arrays at once.
+AT_ONCE = 2**14
 
 
 @checks_arguments
 def many_steps(
     system: System, state: State, dt: Annotated[float, TIME], steps: int, threads: int = 1
 ) -> State:
-    """Take many steps of `CentralDifference`; return the last state, equal to round-off.
+    """Take many steps of `CentralDifference` in one call of Python; return the last state.
 
-    No energies are added up, no stretches are looked at, and Python makes one call for all
-    steps. The end has v and x of the same time, so the next call goes on as if there had been
-    no end.
+    It is equal to the state of single steps, to round-off. No energies are added up, and no
+    stretches are looked at. The end has v and x of the same time, so the next call continues
+    the motion.
 
     Source: as for `CentralDifference`.
 
@@ -41,9 +42,9 @@ def many_steps(
     dt, steps
         Step [s], the same for all, and their number.
     threads
-        Of the processor that share the work; the result is the same to the last bit. Cores
-        that other processes keep busy take longer than one, as the threads wait for each other
-        in each step.
+        Number of threads that share the work; the result is the same to the last bit. Where
+        other processes keep the cores busy, more threads take longer than one, as they wait for
+        each other in each step.
 
     Raises
     ------
@@ -62,9 +63,9 @@ def many_steps(
     with turns, np.errstate(over="ignore", invalid="ignore"):
         end = _take_all(fused, state, float(dt), steps)
     if end is None:
+        taken = f"{amount(steps, 'step')} of dt = {dt:g} s from t = {state.t:g} s"
         raise StepFailed(
-            f"{amount(steps, 'step')} of dt = {dt:g} s from t = {state.t:g} s end at values that "
-            "are not finite. Take a dt below that of critical_dt.",
+            f"{taken} end at values that are not finite. Take a dt below that of critical_dt.",
             state=state,
         )
     return end
@@ -90,20 +91,23 @@ def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
     """The fused steps of a system, and who may use them."""
     if threads not in (1, system.threads):
         system = replace(system, threads=threads)
-    fused = FusedSteps.bind(system, ledger=False, team=ALONE if threads == 1 else None)
+    team = ALONE if threads == 1 else None
+    fused = FusedSteps.bind(system, ledger=False, team=team)
     if fused is None:
         raise _refused(system)
     return fused, Lock()
 
 
 def _refused(system: System) -> InputError:
+    """The error for a system that needs Python in each step: it says what needs it."""
     remedy = "Use march with CentralDifference()."
     if system.mass_kind != "lumped":
-        return InputError(f"mass = {system.mass_kind!r}", "must be 'lumped'", "many_steps", remedy)
+        what = f"mass = {system.mass_kind!r}"
+        return InputError(what, "must be 'lumped'", "many_steps", remedy)
     x, v, f = np.zeros((3, len(system.cloth.X), 3))
     for name, term in zip(system.names, system.bound, strict=True):
         if compiled_force(term, x, v, f) is None:
             allowed = "must be compiled, and not change with time"
             return InputError(f"term {name}", allowed, "many_steps", remedy)
-    turned = [name for name, (pin, _) in system.constraints.groups.items() if pin.rotate]
-    return InputError(f"pin {turned[0]!r}", "must not rotate", "many_steps", remedy)
+    rotating = [name for name, (pin, _) in system.constraints.groups.items() if pin.rotate]
+    return InputError(f"pin {rotating[0]!r}", "must not rotate", "many_steps", remedy)

@@ -1,4 +1,4 @@
-"""Implicit methods with a memory: the base of all, and the family of Newmark with generalised α."""
+"""Implicit methods with a memory: their base class, Newmark's family and generalised α."""
 
 import math
 from dataclasses import dataclass
@@ -31,48 +31,64 @@ class WithMemory(OpensSteps):
     traits: MethodTraits
 
     def numerical(self, system: System, old: State, step: Step) -> float:
+        """Numerical dissipation [J] of a step from `old`, see `memory_dissipation`."""
         return memory_dissipation(system, old, step)
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Acceleration:
-    """a (n, 3) [m/s²] at the end of the last step, as the method has it."""
+    """The memory of Newmark's family: a (n, 3) [m/s²] at the end of the last step."""
 
     a: np.ndarray
 
 
 class AccelerationMethod(WithMemory):
-    """M a_m = f(x_f, v_f, t_f) between old (0) and new (1), y_f = α_f y₀ + (1 − α_f) y₁, and
+    """Base of methods that solve for the acceleration q = a₁ at the end of a step.
 
-    x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁),  v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁);  unknown q = a₁.
+    With index 0 for the old and 1 for the new state, y_f = α_f y₀ + (1 − α_f) y₁ and
+    a_m = α_m a₀ + (1 − α_m) a₁:
+
+        M a_m = f(x_f, v_f, t_f)
+        x₁ = x₀ + dt v₀ + dt² ((½ − β) a₀ + β a₁)
+        v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁)
     """
 
     @property
     def share(self) -> float | None:
+        """The field `share` of the method's `Step`."""
         return None
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:
-        """(α_m, α_f, β, γ)."""
+        """The parameters (α_m, α_f, β, γ)."""
         raise NotImplementedError
 
     def stage(self, state: State, dt: float, a: np.ndarray) -> Stage:
         """The stage of a step from `state`, where the acceleration is a."""
         alpha_m, alpha_f, beta, gamma = self.parameters
         x = state.x + dt * state.v + (0.5 - beta) * dt**2 * a
-        at = blend(state, State(state.t + dt, x, state.v + (1 - gamma) * dt * a), 1 - alpha_f)
-        weights = (1 - alpha_f) * beta * dt**2, (1 - alpha_f) * gamma * dt, 1 - alpha_m
-        return Stage(at.t, at.x, at.v, alpha_m * a, *weights, x, beta * dt**2)
+        v = state.v + (1 - gamma) * dt * a
+        at = blend(state, State(state.t + dt, x, v), 1 - alpha_f)
+        return Stage(
+            t=at.t,
+            x=at.x,
+            v=at.v,
+            a=alpha_m * a,
+            wx=(1 - alpha_f) * beta * dt**2,
+            wv=(1 - alpha_f) * gamma * dt,
+            wa=1 - alpha_m,
+            x_end=x,
+            w_end=beta * dt**2,
+        )
 
     def _open(
         self, begin: Begin, solver: SolverContext | None, over: System | None = None
     ) -> Opening:
-        """Open a step after the one that left this memory; q = a₁.
+        """Open a step after the step that left this memory; q = a₁.
 
         Without a memory the first acceleration is solved for, by the `solver` or a direct one.
-        `over` is the system over the step, if the rates over it are not the rates of this
-        method.
+        `over` is the system over the step, if its rates are the rates of another method.
         """
         system, state, dt, memory, history = begin
         alpha_m, alpha_f = self.parameters[:2]
@@ -82,14 +98,25 @@ class AccelerationMethod(WithMemory):
         stage = self.stage(state, dt, memory.a)
         if over is None:
             over = system.over_step(stage.difference(state, dt), history, rates=False)
-        moved = self._moved(state, end, dt, memory.a)
+        a_held = self._acceleration_of_held(state, end, dt, memory.a)
         at = blend(state, end, 1 - alpha_f)
-        a_m = alpha_m * memory.a + (1 - alpha_m) * moved
+        a_m = alpha_m * memory.a + (1 - alpha_m) * a_held
         stage = hold_stage(system, stage, at, a_m)
-        return Opening(self, before, over, stage, state, end, dt, memory, memory.a, history)
+        return Opening(
+            method=self,
+            system=before,
+            over=over,
+            stage=stage,
+            begin=state,
+            end=end,
+            dt=dt,
+            memory=memory,
+            guess=memory.a,
+            history=history,
+        )
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
-        """The step to the acceleration q (n, 3) at its end."""
+        """Close the step with the acceleration q (n, 3) at its end."""
         stage = opening.stage
         begin = opening.begin
         end = opening.end
@@ -98,30 +125,44 @@ class AccelerationMethod(WithMemory):
         a = opening.memory.a
         v = begin.v + dt * ((1 - gamma) * a) + dt * gamma * q
         new, ending = arrive(opening, end.t, stage.x_end + stage.w_end * q, v)
-        a_new = opening.system.constraints.hold(q, self._moved(begin, end, dt, a))
-        x, v, a_stage = stage.at(q)
-        a_mean = a_stage if self.share is None else (new.v - begin.v) / dt
-        own = {"ends": (opening.system, begin), "a": a_mean, "share": self.share}
-        forces = ending | own
-        return Step(new, State(stage.t, x, v), Acceleration(a_new), counts, **forces)
+        a_held = self._acceleration_of_held(begin, end, dt, a)
+        a_new = opening.system.constraints.hold(q, a_held)
+        x, v, a_mean = stage.at(q)
+        if self.share is not None:
+            a_mean = (new.v - begin.v) / dt
+        return Step(
+            state=new,
+            balanced_at=State(stage.t, x, v),
+            memory=Acceleration(a_new),
+            counts=counts,
+            ends=(opening.system, begin),
+            a=a_mean,
+            share=self.share,
+            **ending,
+        )
 
-    def _moved(self, begin: State, end: State, dt: float, a: np.ndarray) -> np.ndarray:
-        """a₁ (n, 3) of what the pins hold."""
+    def _acceleration_of_held(
+        self, begin: State, end: State, dt: float, a: np.ndarray
+    ) -> np.ndarray:
+        """a₁ (n, 3) [m/s²] of the held directions: v₁ = v₀ + dt ((1 − γ) a₀ + γ a₁) for a₁."""
         gamma = self.parameters[3]
-        moved: np.ndarray = ((end.v - begin.v) / dt - (1 - gamma) * a) / gamma
-        return moved
+        a_held: np.ndarray = ((end.v - begin.v) / dt - (1 - gamma) * a) / gamma
+        return a_held
 
 
 @dataclass(frozen=True)
 class Newmark(AccelerationMethod):
     """M a₁ = f(x₁, v₁), x₁ and v₁ by β and γ from a₀ and a₁.
 
-    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½; with less β stable for
-    ω dt < 1/√(γ/2 − β) without damping (`critical_dt`). β = ¼, γ = ½ is the trapezoidal
-    rule: no damping of linear modes of any frequency, and the energy of a linear problem is kept;
-    on nonlinear ones it can grow at steps that do not resolve the fast modes. γ > ½ takes the part
-    (γ − ½)(ω dt)²/2 of a slow mode's amplitude a step; with β = (γ + ½)²/4 the fastest ones keep
-    |γ − 3/2|/(γ + ½). Keeps linear momentum, not angular.
+    Second order for γ = ½, else first. A-stable for 2β ≥ γ ≥ ½. With a smaller β it is stable
+    for ω dt < 1/√(γ/2 − β) without damping (`critical_dt`).
+
+    β = ¼, γ = ½ is the trapezoidal rule: it does not damp linear modes of any frequency, and
+    keeps the energy of a linear problem. On nonlinear problems the energy can grow at steps that
+    do not resolve the fast modes. With γ > ½ a slow mode loses the part (γ − ½)(ω dt)²/2 of its
+    amplitude in each step; with β = (γ + ½)²/4 the fastest modes keep |γ − 3/2|/(γ + ½).
+
+    Keeps linear momentum, not angular momentum.
 
     Source: Newmark (1959), A Method of Computation for Structural Dynamics, J. Eng. Mech. Div.
     85.
@@ -149,20 +190,23 @@ class Newmark(AccelerationMethod):
         flag("beyond_limit", self.beyond_limit, "Newmark")
 
     @cached_property
-    def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
-        """Of second order for γ = ½, where damping does not widen the limit as it does for γ > ½.
+    def traits(self) -> MethodTraits:  # type: ignore[override]  # a constant of the base class
+        """The constants of the method, of second order for γ = ½.
 
         The error constant is |β − 1/6|, but no less than 1/12, the error of the trapezoidal rule
-        in v. For γ > ½ the error in v is of first order, and there is no estimate of it.
+        in v. For γ > ½ the error in v is of first order, and there is no estimate of it. Damping
+        widens the limit of stability for γ > ½ only.
         """
-        second = self.gamma == 0.5
-        if second:
+        order = 1
+        error_constant = None
+        drift = (1, 0.5 * (self.gamma - 0.5))
+        if self.gamma == 0.5:
+            order = 2
+            error_constant = max(abs(self.beta - 1 / 6), 1 / 12)
             drift = (2, 0.5 * abs(self.beta - 1 / 12))
-        else:
-            drift = (1, 0.5 * (self.gamma - 0.5))
         return MethodTraits(
-            order=2 if second else 1,
-            error_constant=max(abs(self.beta - 1 / 6), 1 / 12) if second else None,
+            order=order,
+            error_constant=error_constant,
             drift=drift,
             stability=(max(0.5 * self.gamma - self.beta, 0.0), 0.5 - self.gamma),
             beyond_limit=self.beyond_limit,
@@ -192,7 +236,11 @@ class Newmark(AccelerationMethod):
 def starting_acceleration(
     system: System, state: State, end: State, dt: float, solver: SolverContext | None
 ) -> np.ndarray:
-    """a (n, 3) with M a = f along the free directions, and the first step's mean at the pins."""
+    """The acceleration (n, 3) [m/s²] of the first step, where no step has left one.
+
+    Along the free directions M a = f. Along the held directions it is the mean acceleration of
+    the first step, (v₁ − v₀)/dt.
+    """
     project = system.constraints.project
     hold = system.constraints.hold
     a = hold(np.zeros_like(state.v), (end.v - state.v) / dt)
@@ -210,10 +258,12 @@ def starting_acceleration(
 class GeneralizedAlpha(AccelerationMethod):
     """M a_m = f(x_f, v_f): α_m = (2ρ − 1)/(ρ + 1), α_f = ρ/(ρ + 1), with ρ = ρ∞.
 
-    Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. A mode keeps ρ∞
-    of its amplitude a step as ω dt → ∞; with ρ∞ = ½ it loses 1e-2 at ω dt = 1 and 1.4e-4 at 0.3,
-    with ρ∞ = 1 nothing at any. Keeps linear momentum, not angular, nor energy: on nonlinear
-    problems it can grow at steps that do not resolve the fast modes, the more the larger ρ∞ is.
+    Second order by γ = ½ − α_m + α_f, and A-stable with β = (1 − α_m + α_f)²/4. As ω dt → ∞ a
+    mode keeps the part ρ∞ of its amplitude in each step. With ρ∞ = ½ it loses 1e-2 at ω dt = 1
+    and 1.4e-4 at 0.3; with ρ∞ = 1 it loses nothing at any ω dt. Keeps linear momentum, but
+    neither angular momentum nor energy: on nonlinear problems the energy can grow at steps that
+    do not resolve the fast modes, the more the larger ρ∞ is.
+
     Source: Chung and Hulbert (1993), A Time Integration Algorithm for Structural Dynamics With
     Improved Numerical Dissipation: The Generalized-α Method, J. Appl. Mech. 60.
 
@@ -238,8 +288,12 @@ class GeneralizedAlpha(AccelerationMethod):
         return alpha_m, alpha_f, 0.25 * (1 + lag) ** 2, 0.5 + lag
 
     @cached_property
-    def traits(self) -> MethodTraits:  # type: ignore[override]  # constant in the base, here computed
-        """Error constant β − ½ (α_f − α_m) − 1/6: a belongs to a time (α_f − α_m) dt before."""
+    def traits(self) -> MethodTraits:  # type: ignore[override]  # a constant of the base class
+        """The constants of the method.
+
+        The error constant is β − ½ (α_f − α_m) − 1/6: the acceleration belongs to a time
+        (α_f − α_m) dt before the end of the step.
+        """
         alpha_m, alpha_f, beta, _ = self.parameters
         lag = alpha_f - alpha_m
         return MethodTraits(

@@ -14,17 +14,17 @@ from fecloth.terms.protocol import BoundTerm
 def explicit_dissipation(system: System, old: State, step: Step, theta: float) -> float:
     """Numerical dissipation [J] of a step of an explicit method; negative for a gain.
 
-    With v̄ the mean of the old and new velocity, ° the free directions, and the mean over the
-    stages of the step,
-
         M Δv · (Δx/dt − v̄)° + (θ − ½) Δx·K Δx − mean of d·(Δx − dt v)
 
-    where M Δv/dt is the mean force of the stages, whose elastic part is the elastic force at
-    old + θ (new − old), and d are the forces whose power at the stages' (x, v) the ledger
-    takes as dissipated, or as work of the air; for the other loads without an energy v is v̄.
-    Exact for energies quadratic in x and linear damping; on others the ledger's remainder
-    shows the rest. It need not grow in every step. Where pins are moved it holds what the
-    damping does between dt v and Δx.
+    v̄ is the mean of the old and the new velocity, ° means the free directions, and the mean is
+    over the stages of the step. M Δv/dt is the mean force of the stages, whose elastic part is
+    the elastic force at old + θ (new − old). d are the forces whose power at the (x, v) of the
+    stages is, in the ledger, dissipation or work of the air. For the other loads without an
+    energy v is v̄.
+
+    It is exact for energies quadratic in x and linear damping. For others the remainder of the
+    ledger shows the rest. It may be negative in single steps. Where pins are moved it contains
+    the work of the damping along Δx − dt v.
     """
     energy = _between_velocities(system, old, step)
     if theta != 0.5:
@@ -35,44 +35,47 @@ def explicit_dissipation(system: System, old: State, step: Step, theta: float) -
 def memory_dissipation(system: System, old: State, step: Step) -> float:
     """Numerical dissipation [J] of a method that satisfies M a = f at one stage.
 
-    With f̄ the mean of the old and new force, and d, v̄ and ° as in `explicit_dissipation`,
-
         M Δv · (Δx/dt − v̄)° + (M a − M Δv/dt + f̄ − f(stage)) · Δx° − mean of d·(Δx − dt v)
 
-    The work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
-    stays in the ledger's remainder. Added is `work_beyond_dissipation`.
+    f̄ is the mean of the old and the new force; d, v̄ and ° are as in `explicit_dissipation`. The
+    work of linear forces over the step is f̄ · Δx. The residual M a − f(stage) of the solve
+    remains in the remainder of the ledger. `work_beyond_dissipation` and `barrier_dissipation`
+    are added.
     """
     dt = step.state.t - old.t
     dx = step.state.x - old.x
     dv = step.state.v - old.v
-    beyond = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
-    unbalanced = system.sums.dot(beyond, system.constraints.project(dx))
-    energy = _between_velocities(system, old, step) + unbalanced
+    unbalanced = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
+    work = system.sums.dot(unbalanced, system.constraints.project(dx))
+    energy = _between_velocities(system, old, step) + work
     energy += work_beyond_dissipation(system, old, step) + barrier_dissipation(system, old, step)
     return energy - _unrecorded_work(system, old, step, explicit=False)
 
 
 def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
-    """Work −f̄ · Δx [J] against the terms that dissipate over the step, less what they dissipate.
+    """The work −f̄ · Δx [J] against the damping over the step, beyond what it dissipates.
 
-    f̄ is their part of the force that moved the cloth. The work differs from the dissipated
-    energy as far as the cloth turns, and its rates change, in one step.
+    f̄ is the part of the force that moved the cloth which comes from the terms that dissipate
+    over the step, without their conservative force. Its work differs from the dissipated energy
+    where the cloth turns, and its rates change, within one step.
     """
-    acting = (step.over or system).bound
-    which = [i for i, over in enumerate(acting) if over.dissipates_over_step]
+    over = step.over or system
+    which = [i for i, term in enumerate(over.bound) if term.dissipates_over_step]
     if not which:
         return 0.0
-    before, after, over = (
-        each.with_bound(each.bound[i] for i in which)
-        for each in (*step.around(system), step.over or system)
-    )
+
+    def with_dissipating(whole: System) -> System:
+        return whole.with_bound(whole.bound[i] for i in which)
+
+    before, after = map(with_dissipating, step.around(system))
+    over = with_dissipating(over)
     ends = (before, old) if step.ends else None
     f = replace(step, over=over, ends=ends).mean_force(before)
     if any(term.has_energy for term in before.bound):  # as contact has, beside its friction
         places = [(after, step.balanced_at)]
         if step.ends:
             places = [(before, old), (after, step.state)]
-        f -= sum(conservative(only, at) for only, at in places) / len(places)
+        f -= sum(conservative(part, at) for part, at in places) / len(places)
     dissipated: float = sum(term.dissipation(step.state.x) for term in over.bound)
     return -system.sums.dot(f, step.state.x - old.x) - dissipated
 
@@ -80,23 +83,24 @@ def work_beyond_dissipation(system: System, old: State, step: Step) -> float:
 def barrier_dissipation(system: System, old: State, step: Step) -> float:
     """Numerical dissipation [J] of some energies, beyond the part of quadratic energies.
 
-    −½ (f₀ + f₁) · Δx − ΔU, plus the work of obstacles and of normals of clamps that move: a
-    barrier of contact, and a term whose history yields, are far from quadratic over the way of a
-    step. Without these it is 0.
+    −½ (f₀ + f₁) · Δx − ΔU, plus the work of moving obstacles and of moving normals of clamps. It
+    counts for a barrier of contact, and for a term whose history yields: both are far from
+    quadratic over the displacement of a step. Without such terms it is 0.
     """
     new = step.state
+    start = (old.x, old.t)
+    end = (new.x, new.t)
+    still = np.zeros_like(old.v)
     total = 0.0
     records = step.history or (None,) * len(system.bound)
     systems = step.over or system, *step.around(system)
-    terms = zip(*(each.bound for each in systems), records, strict=True)
+    terms = zip(*(at_time.bound for at_time in systems), records, strict=True)
     for over, before, after, record in terms:
         if before.needs_end or (record is not None and before.has_energy):
             f = np.zeros_like(old.x)
-            still = np.zeros_like(old.v)
-            for one, at in ((before, old), (after, new)):
-                one.add_force(at.x, still, at.t, f)
-                ends = (old.x, old.t), (new.x, new.t)
-                total += 0.5 * one.work_of_clamps(*ends, [(at.x, at.t)])
+            for term, at in ((before, old), (after, new)):
+                term.add_force(at.x, still, at.t, f)
+                total += 0.5 * term.work_of_clamps(start, end, [(at.x, at.t)])
             total -= 0.5 * system.sums.dot(f, new.x - old.x)
             total -= after.energy(new.x, new.t) - before.energy(old.x, old.t)
             if over.works_over_step:
@@ -105,7 +109,7 @@ def barrier_dissipation(system: System, old: State, step: Step) -> float:
 
 
 def _between_velocities(system: System, old: State, step: Step) -> float:
-    """M Δv · (Δx/dt − v̄) of the free directions."""
+    """M Δv · (Δx/dt − v̄) of the free directions [J]."""
     dt = step.state.t - old.t
     dx = step.state.x - old.x
     dv = step.state.v - old.v
@@ -114,16 +118,17 @@ def _between_velocities(system: System, old: State, step: Step) -> float:
 
 
 def _unrecorded_work(system: System, old: State, step: Step, explicit: bool) -> float:
-    """Work that the ledger's columns do not contain: mean of d·(Δx − dt v)."""
-    acting = step.over or system  # what dissipates over the step is not booked by its power
+    """Work that the ledger's columns do not contain: mean of d·(Δx − dt v) [J]."""
+    acting = step.over or system  # damping over the step has no column of power
     dt = step.state.t - old.t
     dx = step.state.x - old.x
+    dot = system.sums.dot
     works = [0.0]
     if any(map(has_power_column, acting.bound)):
-        works = [system.sums.dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
+        works = [dot(column_forces(acting, at), dx - dt * at.v) for at in step.stages]
     if explicit and any(map(has_work_column, acting.bound)):
         lag = dx - load_displacement(old, step.state, explicit)
-        works += [system.sums.dot(load_forces(acting, at), lag) for at in step.stages]
+        works += [dot(load_forces(acting, at), lag) for at in step.stages]
     return sum(works) / len(step.stages)
 
 
@@ -141,8 +146,10 @@ def load_displacement(old: State, new: State, explicit: bool) -> np.ndarray:
 
 def stiffness_product(system: System, old: State, step: Step) -> float:
     """Δx·K Δx [J] as the change of the conservative force along Δx."""
-    (before, after), new = step.around(system), step.state
-    return system.sums.dot(conservative(before, old) - conservative(after, new), new.x - old.x)
+    before, after = step.around(system)
+    new = step.state
+    change = conservative(before, old) - conservative(after, new)
+    return system.sums.dot(change, new.x - old.x)
 
 
 def has_power_column(term: BoundTerm) -> bool:
@@ -180,6 +187,7 @@ def conservative(system: System, state: State) -> np.ndarray:
 
 
 def _sum(terms: Iterable[BoundTerm], at: State, v: np.ndarray) -> np.ndarray:
+    """(n, 3) force [N] of the terms at the positions of a state and at velocities v."""
     f = np.zeros_like(at.x)
     for term in terms:
         term.add_force(at.x, v, at.t, f)

@@ -31,7 +31,7 @@ class StageMethod(OpensSteps):
     traits: MethodTraits
 
     def stage(self, state: State, dt: float) -> Stage:
-        """The stage of a step from `state` over `dt` [s], and the end of the step, linear in q."""
+        """The `Stage` of a step from `state` over `dt` [s]: all of it is linear in q."""
         raise NotImplementedError
 
     def difference(self, state: State, dt: float) -> StepDifference:
@@ -48,23 +48,35 @@ class StageMethod(OpensSteps):
         return system.over_step(self.difference(state, dt), history, rates)
 
     def _open(self, begin: Begin, solver: object) -> Opening:
-        """Its unknown q is the unknown of `stage`."""
+        """Open a step, whose unknown q is the unknown of `stage`."""
         system, state, dt, memory, history = begin
         end = begin.end
         stage = prescribed(system, self.stage(state, dt), state, dt, end)
-        records = () if history is None else (history,)  # which an older class may not take
+        # A method written for an older version may have an `over_step` without a history.
+        records = () if history is None else (history,)
         over = self.over_step(system, state, dt, *records)
-        return Opening(self, system, over, stage, state, end, dt, memory, memory, history)
+        return Opening(
+            method=self,
+            system=system,
+            over=over,
+            stage=stage,
+            begin=state,
+            end=end,
+            dt=dt,
+            memory=memory,
+            guess=memory,
+            history=history,
+        )
 
     def close(self, opening: Opening, q: np.ndarray, counts: Counts = UNCOUNTED) -> Step:
-        """The step to the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + dt a."""
+        """Close the step with the unknown q (n, 3): x₁ = x_end + w_end q, v₁ = v₀ + dt a."""
         stage = opening.stage
         begin = opening.begin
         dt = opening.dt
         x, v, a = stage.at(q)
-        at = begin.t + dt, stage.x_end + stage.w_end * q, begin.v + dt * a
-        new, ending = arrive(opening, *at)
-        return Step(new, State(stage.t, x, v), q, counts, **ending)
+        x_end = stage.x_end + stage.w_end * q
+        new, ending = arrive(opening, t=begin.t + dt, x=x_end, v=begin.v + dt * a)
+        return Step(new, State(stage.t, x, v), memory=q, counts=counts, **ending)
 
     def numerical(self, system: System, old: State, step: Step) -> float:
         """Numerical dissipation [J] of a step: (θ − ½)(Δv·M Δv + Δx·K Δx).
@@ -105,8 +117,17 @@ class BackwardEuler(StageMethod):
 
     def stage(self, state: State, dt: float) -> Stage:
         x = state.x + dt * state.v
-        zero = np.zeros_like(state.v)
-        return Stage(state.t + dt, x, state.v, zero, dt, 1.0, 1.0 / dt, x, dt)
+        return Stage(
+            t=state.t + dt,
+            x=x,
+            v=state.v,
+            a=np.zeros_like(state.v),
+            wx=dt,
+            wv=1.0,
+            wa=1.0 / dt,
+            x_end=x,
+            w_end=dt,
+        )
 
     def difference(self, state: State, dt: float) -> StepDifference:
         """The method's rate of y(x): (y(x₁) − y(x₀))/dt."""
@@ -128,7 +149,14 @@ class ImplicitMidpoint(StageMethod):
     )
 
     def stage(self, state: State, dt: float) -> Stage:
-        x = state.x + 0.5 * dt * state.v
-        zero = np.zeros_like(state.v)
-        end = state.x + dt * state.v
-        return Stage(state.t + 0.5 * dt, x, state.v, zero, 0.25 * dt, 0.5, 1.0 / dt, end, 0.5 * dt)
+        return Stage(
+            t=state.t + 0.5 * dt,
+            x=state.x + 0.5 * dt * state.v,
+            v=state.v,
+            a=np.zeros_like(state.v),
+            wx=0.25 * dt,
+            wv=0.5,
+            wa=1.0 / dt,
+            x_end=state.x + dt * state.v,
+            w_end=0.5 * dt,
+        )

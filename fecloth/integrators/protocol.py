@@ -112,7 +112,7 @@ class MethodTraits:
 
 
 def drift_of(traits: MethodTraits) -> tuple[int, float] | None:
-    """Return (q, κ) of a method; without a `drift` (q, κ) of the error of its steps, if known."""
+    """The `drift` (q, κ) of a method, else (order, error constant) of its steps, if known."""
     if traits.drift is not None:
         return traits.drift
     if traits.error_constant is None:
@@ -176,14 +176,14 @@ class Integrator(Protocol):
         """
 
     def numerical(self, system: System, old: State, step: Step) -> float:
-        """Energy [J] that the method itself dissipated in a step from `old`; below 0 for a gain."""
+        """Energy [J] that the method itself dissipated in a step from `old`; < 0 for a gain."""
 
 
 class ExplicitIntegrator(Integrator, Protocol):
     """A method that needs forces only: `Integrator`, and a check of the mass."""
 
     def check(self, system: System) -> None:
-        """Raise `InputError` for a system that the method cannot step, as one without lumped mass.
+        """Raise `InputError` for a system that the method cannot step, as without lumped mass.
 
         It is called before the first step.
         """
@@ -219,7 +219,7 @@ class StepChoice(Integrator, Protocol):
         """The step [s] if it is fixed, else None."""
 
     def end_times(self, t: float, t_end: float | None, stops: Sequence[float] = ()) -> np.ndarray:
-        """Times [s] at which a step must end, in order: `t_end` is the last, `t` not among them."""
+        """Times after t at which a step must end [s], in order; the last one is `t_end`."""
 
     def check(self, system: System) -> None:
         """Raise `InputError` for a system that the method cannot step, as by its mass."""
@@ -232,7 +232,7 @@ class StepChoice(Integrator, Protocol):
 
 
 def check_method(method: object, where: str = "march") -> None:
-    """Raise `InputError` for an object that is not a method, or that does not state its traits."""
+    """Raise `InputError` for an object that is not a method, or has no `traits`."""
     if not takes_steps(method):
         allowed = "must be a method such as BackwardEuler() or Auto()"
         if isinstance(method, State):
@@ -264,7 +264,9 @@ def takes_steps(value: object) -> bool:
 
 def is_method(value: object) -> bool:
     """Whether a value is a method with traits that does not choose its steps."""
-    traits = None if isinstance(value, type) else getattr(value, "traits", None)
+    if isinstance(value, type):
+        return False
+    traits = getattr(value, "traits", None)
     return isinstance(traits, MethodTraits) and not traits.chooses_dt
 
 
@@ -273,7 +275,8 @@ def check_offers(method: object, names: tuple[str, ...], where: str) -> None:
     if missing := [name for name in names if not hasattr(method, name)]:
         remedy = "StageMethod and WithMemory are base classes that have them."
         if "end_times" in missing:
-            remedy = "ChosenSteps, of fecloth.simulation.step_times, is a base class that has them."
+            base = "ChosenSteps, of fecloth.simulation.step_times,"
+            remedy = f"{base} is a base class that has them."
         if missing == ["traits"]:
             remedy = "Add traits = MethodTraits(order=...), from fecloth.integrators.protocol."
         what = f"method {type(method).__name__}"
@@ -298,10 +301,13 @@ def take_step(
     memory: Any = None,
     history: History | None = None,
 ) -> Step:
-    """One step of a method; raises `NewtonFailed` where the cloth has passed through something."""
-    records = () if history is None else (history,)
+    """Take one step of a method.
+
+    Raises `NewtonFailed` if the cloth has passed through something in the step.
+    """
+    records = () if history is None else (history,)  # a method may take no history
     step: Step = method.step(system, state, dt, solver, memory, *records)
-    # A choice of steps has taken them by this function; `check_step` refuses what is no `Step`.
+    # A choice of steps calls this function itself; `check_step` refuses what is no `Step`.
     if is_method(method) and isinstance(step, Step):
         refuse_crossed(system, step.state, state)
     return step
@@ -310,8 +316,8 @@ def take_step(
 def refuse_crossed(system: System, state: State, old: State | None = None) -> None:
     """Raise `NewtonFailed` for a state that a contact does not allow; it names the contact.
 
-    With the state `old` at the begin of the step also where the way through an obstacle is
-    shorter.
+    With the state `old` at the begin of the step, it is also raised where the cloth is on the
+    other side of an obstacle.
     """
     for name, term in zip(system.names, system.bound, strict=True):
         reason = ""
@@ -328,12 +334,12 @@ def check_history(system: System, method: Any, history: History | None) -> None:
     if history is None:
         return
     chosen = method_of(method)
-    for each, name in ((method, "step"), (chosen, "step"), (chosen, "over_step")):
-        function = getattr(each, name, None)
+    for owner, name in ((method, "step"), (chosen, "step"), (chosen, "over_step")):
+        function = getattr(owner, name, None)
         if function is not None and "history" not in signature(function).parameters:
             pairs = zip(system.names, history, strict=True)
             names = ", ".join(name for name, record in pairs if record is not None)
-            what = f"{type(each).__name__}.{name}(...)"
+            what = f"{type(owner).__name__}.{name}(...)"
             allowed = f"must take an argument `history`: {names} remembers earlier steps"
             remedy = "help(fecloth.integrators.protocol.Integrator.step) says what it is."
             raise InputError(what, allowed, "march", remedy)
@@ -342,8 +348,8 @@ def check_history(system: System, method: Any, history: History | None) -> None:
 def check_terms(system: System, method: Integrator | ChoosesMethod, where: str) -> None:
     """Raise `InputError` for a term that needs a difference over the step, if `method` has none.
 
-    Terms of contact need that and, besides, the forces at the end of the step. `Auto` chooses a
-    method for them.
+    Terms of contact need this difference, and also the forces at the end of the step. `Auto`
+    chooses a method for them.
     """
     if method.traits.has_difference:
         return

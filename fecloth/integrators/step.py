@@ -26,12 +26,21 @@ from fecloth.terms.step_difference import StepDifference
 
 
 class Solution(NamedTuple):
-    """How a step was opened, and its unknown: ``method.close(opening, q)`` is the `Step`."""
+    """How a step was opened, and its unknown: ``method.close(opening, q)`` is the `Step`.
+
+    Attributes
+    ----------
+    method, opening
+        The method, and what its ``open`` returned.
+    memory
+        The memory with which the step was opened.
+    q
+        (n, 3) the unknown that solves the step; of an explicit step the acceleration.
+    """
 
     method: Any
-    opening: Any  # of `method.open`
-    memory: Any  # the memory with which the step was opened
-    # (n, 3) the unknown that solves it; of an explicit step the acceleration
+    opening: Any
+    memory: Any
     q: np.ndarray
 
 
@@ -41,32 +50,54 @@ class Step:
 
     The optional fields say which forces moved the cloth; the energy ledger and the reactions of
     the pins need them. Without any, it was the force at `balanced_at`.
+
+    Attributes
+    ----------
+    state
+        The new state.
+    balanced_at
+        Time, position and velocity at which the method balanced the forces.
+    memory
+        Input of the next step: a first guess, or a `remembered` record.
+    counts
+        Newton and linear iterations, residual and seconds.
+    over
+        The system over the step, where terms act over it: then its force moved the cloth.
+    accelerations
+        ((state, M⁻¹ f there (n, 3) [m/s²]), …): the mean of these forces moved the cloth.
+    ends
+        (system, old state): the ledger takes the mean of the forces at both ends of the step,
+        and power at the mean of both states. They are evaluated once, and only when needed.
+    a
+        (n, 3) [m/s²], with `ends`: along free directions the method solved
+        M a = f(balanced_at).
+    share
+        With `ends`: M a is instead the mean of the forces at both ends, with this weight of the
+        new one.
+    history, earlier
+        The records that terms keep, after and before the step (`System.start_history`).
+    size
+        The size that a choice of steps asked of the method, if `march` asked for another [s].
+    first_force
+        (n, 3) the force at the begin [N], of a step whose pins do the work of the mean of both
+        ends.
+    solution
+        What was opened and solved, of methods that have `open` and `close`.
     """
 
     state: State
-    balanced_at: State  # time, position and velocity at which the method balanced the forces
-    memory: object  # input of the next step: a first guess, or a `remembered` record
-    counts: Counts  # Newton and linear iterations, residual, seconds
-    # the system over the step, where terms act over it: its force moved the cloth
+    balanced_at: State
+    memory: object
+    counts: Counts
     over: System | None = None
-    # ((state, M⁻¹ f there (n, 3) [m/s²]), …): the step was by the mean of these forces
     accelerations: tuple[tuple[State, np.ndarray], ...] = ()
-    # (system, old state): the ledger takes the mean of the forces at both ends of the step, and
-    # power at the mean of both states. They are evaluated once, and only when needed.
     ends: tuple[System, State] | None = None
-    # (n, 3) [m/s²] with `ends`: along free directions the method solved M a = f(balanced_at)
     a: np.ndarray | None = None
-    # with `ends`: M a is instead the mean of both ends' forces, with this weight of the new one
     share: float | None = None
-    # the records that terms keep, after and before the step (`System.start_history`)
     history: History | None = None
     earlier: History | None = None
-    # the size [s] that a choice of steps asked of the method, if it was another than in `march`
     size: float | None = None
-    # (n, 3) [N] the force at the begin, of a step whose pins do the work of the mean of both
-    # ends
     first_force: np.ndarray | None = None
-    # what was opened and solved, of methods that have `open` and `close`
     solution: Solution | None = None
 
     def around(self, system: System) -> tuple[System, System]:
@@ -101,23 +132,28 @@ class Step:
     def force_on_pins(self, system: System) -> np.ndarray:
         """(n, 3) force [N] against which the pins do their work over the step."""
         force = self.mean_force(system)
-        return force if self.first_force is None else 0.5 * (self.first_force + force)
+        if self.first_force is not None:
+            force = 0.5 * (self.first_force + force)
+        return force
 
     @cached_property
     def solved_force(self) -> np.ndarray:
-        """(n, 3) the force [N] that equals M a along the free directions, of a step with `ends`."""
+        """(n, 3) force [N] that equals M a along the free directions; only with `ends`."""
         if self.share is None:
             return (self.over or self._both_ends()[0]).force(self.balanced_at)
-        return (1 - self.share) * self.end_forces[0] + self.share * self.end_forces[1]
+        old, new = self.end_forces
+        force: np.ndarray = (1 - self.share) * old + self.share * new
+        return force
 
     def _both_ends(self) -> tuple[System, State]:
+        """The field `ends`, which this step must have."""
         if self.ends is None:
             raise InputError("Step.ends = None", "must be (system, old state) here", "Step")
         return self.ends
 
 
 def blend(old: State, new: State, theta: float) -> State:
-    """old + θ (new − old)."""
+    """The state old + θ (new − old)."""
     dt = new.t - old.t
     dx = new.x - old.x
     dv = new.v - old.v
@@ -136,7 +172,8 @@ def set_prescribed(system: System, state: State, end: State) -> State:
     return State(state.t, hold(state.x, end.x), hold(state.v, end.v))
 
 
-UNCOUNTED = Counts()  # of a step that is closed at a q which it did not solve for
+# The counts of a step that is closed with a given q: nothing was solved.
+UNCOUNTED = Counts()
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,22 +181,38 @@ class Opening:
     """An implicit step that is open: ``method.open(system, state, dt, memory, history)``.
 
     The unknown q (n, 3) gives x = x̃ + wx q, v = ṽ + wv q and a = ã + wa q at the `stage`. The
-    step is solved where `residual` vanishes, and ``method.close(opening, q)`` is the `Step` to
-    any q.
+    step is solved where `residual` vanishes. For any q, ``method.close(opening, q)`` is the
+    `Step` with it.
+
+    Attributes
+    ----------
+    method
+        The method of the step. The first step of BDF2 is a step of another method.
+    system, over
+        The system, and the system over the step.
+    stage
+        The affine maps of q, with what the pins prescribe.
+    begin, end
+        The state at the begin, and at the end the state of the held directions.
+    dt
+        Size of the step [s].
+    memory
+        What the method remembers of the step before; None in the first step.
+    guess
+        (n, 3) a first guess of q; None for zero.
+    history
+        The records that terms keep, at the begin of the step; None without any.
     """
 
-    method: Any  # whose step it is; the first step of BDF2 is a step of another method
-    # The system, and the system over the step.
+    method: Any
     system: System
     over: System
-    stage: Stage  # the affine maps of q, with what the pins prescribe
-    # The state at the begin, and at the end the state of the held directions.
+    stage: Stage
     begin: State
     end: State
-    dt: float  # size of the step [s]
-    memory: Any = None  # what the method remembers of the step before; None in the first step
-    guess: np.ndarray | None = None  # a first guess of q; None for zero
-    # The records that terms keep, at the begin of the step; None without any.
+    dt: float
+    memory: Any = None
+    guess: np.ndarray | None = None
     history: History | None = None
 
     @cached_property
@@ -172,10 +225,10 @@ class Opening:
         return self.equation.residual(q, 1.0)[0]
 
     def tangent(self, q: np.ndarray, J: BlockMatrix) -> BlockMatrix:
-        """∂R/∂q = wa M + wv D + wx K along the free directions, in place of what J held.
+        """Write ∂R/∂q = wa M + wv D + wx K along the free directions to J, and return it.
 
-        What terms couple outside the pattern of J is in a matrix of its own, which is returned
-        then. Without what `System.dense` gives.
+        Where terms couple nodes outside the pattern of J, a new matrix is returned. The parts of
+        low rank, `System.dense`, are not included.
         """
         exact = Remedy(0.0, False)
         self.equation.assemble(q, exact, J)
@@ -183,28 +236,41 @@ class Opening:
 
 
 def arrive(opening: Any, t: float, x: np.ndarray, v: np.ndarray) -> tuple[State, dict[str, Any]]:
-    """The state at the end of a step, held where pins prescribe, and the `ending` of the step."""
+    """The state at the end of a step, with its held directions as prescribed, and its `ending`."""
     new = set_prescribed(opening.system, State(t, x, v), opening.end)
     return new, ending(opening, new)
 
 
 def ending(opening: Any, new: State) -> dict[str, Any]:
-    """The fields that the `Step` to the state `new` has of its opening, of any kind."""
+    """The fields of the `Step` to the state `new` that follow from its opening."""
     history = opening.over.commit(new, opening.history)
     return {"over": opening.over, "history": history, "earlier": opening.history}
 
 
 class Begin(NamedTuple):
-    """What a step begins with."""
+    """The arguments of a step.
+
+    Attributes
+    ----------
+    system, state
+        What moves, and the state at the begin.
+    dt
+        Size of the step [s].
+    memory
+        What the method remembers of the step before; None in the first step.
+    history
+        The records that terms keep; None without any.
+    """
 
     system: System
     state: State
-    dt: float  # size of the step [s]
-    memory: Any = None  # what the method remembers of the step before; None in the first step
-    history: History | None = None  # the records that terms keep; None without any
+    dt: float
+    memory: Any = None
+    history: History | None = None
 
     @property
     def end(self) -> State:
+        """The state of the held directions at the end of the step."""
         return prescribed_end(self.system, self.state, self.dt)
 
     @property
@@ -215,10 +281,14 @@ class Begin(NamedTuple):
 
 
 class OpensSteps:
-    """Base of methods whose step is opened, solved and closed; a subclass has the first two."""
+    """Base of methods whose step is opened, solved and closed.
 
-    _open: Any  # of a `Begin` and the solver: the step, open
-    close: Any  # of that and the unknown: the `Step`
+    A subclass supplies ``_open(begin, solver)``, which returns an opening, and
+    ``close(opening, q)``, which returns the `Step` with the unknown q.
+    """
+
+    _open: Any
+    close: Any
 
     def open(
         self,
@@ -229,7 +299,7 @@ class OpensSteps:
         history: History | None = None,
         solver: SolverContext | None = None,
     ) -> Any:
-        """Open a step from `state` over `dt` [s] after the step that left this memory."""
+        """Open a step from `state` over `dt` [s], after the step that left this memory."""
         return self._open(Begin(system, state, dt, memory, history), solver)
 
     def step(
@@ -247,6 +317,8 @@ class OpensSteps:
     def _take(self, begin: Begin, solver: SolverContext) -> Step:
         """Open a step, solve it by Newton's iteration, and close it."""
         opening = self.open(*begin, solver)
-        q, counts = newton.solve(opening.over, opening.stage, solver, opening.guess, begin.dt)
+        q, counts = newton.solve(
+            opening.over, opening.stage, solver, guess=opening.guess, dt=begin.dt
+        )
         step: Step = self.close(opening, q, counts)
         return replace(step, solution=Solution(self, opening, begin.memory, q))

@@ -13,14 +13,23 @@ import scipy.sparse as sparse
 from fecloth.compiled.jit import Array, kernel
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 
-DEPENDENT = 1e-10  # of a motion's size: where orthogonalisation leaves less, nothing is left
-DAMPING = 0.6  # of the Jacobi step that smooths a prolongator: about 4/3 over eigenvalues of 2.3
-FULL = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # (3, 3) of a block's entries 11, 22, 33, 23, 13, 12
+# A motion depends on the motions before it if orthogonalisation leaves less than this share of
+# its size. This is far above round-off, which is about 1e-16.
+DEPENDENT_SHARE = 1e-10
+# Damping of the Jacobi step that smooths a prolongator: 4/3 over the largest eigenvalue of D⁻¹ A
+# (Vaněk et al.), which is about 2.3.
+JACOBI_DAMPING = 0.6
+# Place of each entry of a symmetric 3×3 block among the entries 11, 22, 33, 23, 13, 12.
+ENTRIES_OF_BLOCK = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
 
 
 @kernel
 def aggregate(indptr: Array, indices: Array) -> Array:
-    """(n,) int32 number of each node's aggregate: a node and its neighbours in a pattern."""
+    """(n,) int32 number of the aggregate of each node of a pattern.
+
+    An aggregate is a node with all its neighbours. A node that is left over joins the aggregate
+    of a neighbour.
+    """
     n = len(indptr) - 1
     count = 0
     of_node = np.full(n, -1, np.int32)
@@ -38,7 +47,7 @@ def aggregate(indptr: Array, indices: Array) -> Array:
         if of_node[i] < 0:
             for j in indices[indptr[i] : indptr[i + 1]]:
                 if 0 <= of_node[j] < first:
-                    of_node[i] = of_node[j] + n  # marked: it takes no others with it
+                    of_node[i] = of_node[j] + n  # marked by n: no other node joins through it
                     break
     for i in range(n):
         if of_node[i] >= n:
@@ -47,35 +56,41 @@ def aggregate(indptr: Array, indices: Array) -> Array:
 
 
 def coarse_pattern(pattern: BlockPattern, of_node: np.ndarray) -> BlockPattern:
-    """The pattern of Pᵀ A P."""
+    """The pattern of Pᵀ A P, with two "nodes" for each aggregate."""
     n = len(pattern)
     A = sparse.csr_matrix((np.ones_like(pattern.indices), pattern.indices, pattern.indptr))
-    P = A @ sparse.csr_matrix((np.ones(n, np.int32), of_node, np.arange(n + 1)))
+    T = sparse.csr_matrix((np.ones(n, np.int32), of_node, np.arange(n + 1)))
+    P = A @ T
     pairs = sparse.kron(P.T @ (A @ P), np.ones((2, 2)), format="csr")
     pairs.sort_indices()
     return BlockPattern(pairs.indptr, pairs.indices)
 
 
 def rigid_motions(x: np.ndarray) -> np.ndarray:
-    """(6, n, 3) displacements of nodes at x (n, 3): three translations, three rotations."""
-    # The rotations are e × (x − centre) about the axes e through the mean position.
+    """(6, n, 3) displacements of nodes at x (n, 3): three translations, three rotations.
+
+    The rotations are e × (x − centre) about the axes e through the mean position.
+    """
     arm = x - x.mean(axis=0)
     axes = np.eye(3)[:, None]
-    return np.concatenate([np.broadcast_to(axes, (3, *x.shape)), np.cross(axes, arm)])
+    translations = np.broadcast_to(axes, (3, *x.shape))
+    rotations = np.cross(axes, arm)
+    return np.concatenate([translations, rotations])
 
 
 def is_coupled(A: BlockMatrix) -> np.ndarray:
-    """(n, 3) whether a component of a node is coupled to another node; by a pin it is not."""
-    filled = A.values.any(axis=2)
-    blocks: np.ndarray = np.add.reduceat(filled, A.pattern.indptr[:-1], dtype=np.int32)
+    """(n, 3) whether a component of a node is coupled to another node; if pinned it is not."""
+    is_filled = A.values.any(axis=2)
+    blocks: np.ndarray = np.add.reduceat(is_filled, A.pattern.indptr[:-1], dtype=np.int32)
     return blocks > 1  # the block on the diagonal is always filled
 
 
 def orthonormalise(of_node: np.ndarray, motions: np.ndarray) -> np.ndarray:
-    """(6, 2m, 3) R of the motions of each aggregate, B = Q R, by Gram and Schmidt's method, twice.
+    """Make the motions orthonormal on each of the m aggregates: B = Q R; return R (6, 2m, 3).
 
-    The `motions` (6, n, 3) are B, overwritten with Q. A motion that depends on motions before it
-    leaves zeros. The columns of R are the motions of the coarse nodes.
+    The `motions` (6, n, 3) are B, overwritten with Q. A motion that depends on the motions
+    before it becomes zero. The columns of R are the motions of the coarse nodes. Gram and
+    Schmidt's method is applied twice, as once leaves round-off.
     """
     m = of_node.max() + 1
     R = np.zeros((6, m, 6))
@@ -85,12 +100,14 @@ def orthonormalise(of_node: np.ndarray, motions: np.ndarray) -> np.ndarray:
 
     for k, motion in enumerate(motions):
         before = dot(motion, motion)
-        for j in 2 * [*range(k)]:
-            overlap = dot(motions[j], motion)
-            R[k, :, j] += overlap
-            motion -= overlap[of_node, None] * motions[j]
+        for _ in range(2):
+            for j in range(k):
+                overlap = dot(motions[j], motion)
+                R[k, :, j] += overlap
+                motion -= overlap[of_node, None] * motions[j]
         after = dot(motion, motion)
-        size = np.sqrt(np.where(after > DEPENDENT**2 * before, after, 0.0))
+        is_independent = after > DEPENDENT_SHARE**2 * before
+        size = np.sqrt(np.where(is_independent, after, 0.0))
         R[k, :, k] = size
         motion *= np.divide(1.0, size, where=size > 0.0, out=np.zeros(m))[of_node, None]
     return R.reshape(6, 2 * m, 3)
@@ -99,14 +116,18 @@ def orthonormalise(of_node: np.ndarray, motions: np.ndarray) -> np.ndarray:
 def prolongator(
     A: BlockMatrix, inverse: np.ndarray, of_node: np.ndarray, motions: np.ndarray
 ) -> sparse.bsr_matrix:
-    """P (3n, 6m) = (I − DAMPING D⁻¹ A) T."""
-    # `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`, and `motions` (6, n, 3) are T.
+    """The smoothed prolongator P (3n, 6m) = (I − ω D⁻¹ A) T, with ω = `JACOBI_DAMPING`.
+
+    `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`. `motions` (6, n, 3) are the columns of T
+    for each aggregate.
+    """
     n = len(of_node)
     starts = np.arange(n + 1)
     T = sparse.bsr_matrix((motions.transpose(1, 2, 0), of_node, starts))
-    D = sparse.bsr_matrix((inverse[:, FULL], starts[:-1], starts))
-    P = -DAMPING * D @ (A.shared @ T)
-    P.data[P.indices == np.repeat(of_node, np.diff(P.indptr))] += T.data
+    inverse_D = sparse.bsr_matrix((inverse[:, ENTRIES_OF_BLOCK], starts[:-1], starts))
+    P = -JACOBI_DAMPING * inverse_D @ (A.shared @ T)
+    is_own_aggregate = P.indices == np.repeat(of_node, np.diff(P.indptr))
+    P.data[is_own_aggregate] += T.data
     return P
 
 

@@ -12,46 +12,64 @@ from fecloth.compiled.jit import Array, inner, kernel
 from fecloth.compiled.team import ALONE, Team
 from fecloth.errors import InputError
 
-FindSlots = Callable[[np.ndarray], np.ndarray]  # as `BlockPattern.slots`
+FindSlots = Callable[[np.ndarray], np.ndarray]
+"""A function as `BlockPattern.slots`."""
 
 
 @dataclass(frozen=True)
 class BlockPattern:
-    """The pairs of coupled nodes, as compressed rows of 3×3 blocks."""
+    """The pairs of coupled nodes, as compressed rows of 3×3 blocks.
 
-    # (n + 1,) int32. Row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    The pattern always contains the diagonal.
+
+    Attributes
+    ----------
+    indptr
+        (n + 1,) int32: row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    indices
+        (b,) int32 column of each block, ascending within a row.
+    """
+
     indptr: np.ndarray
-    # (b,) int32 column of each block, ascending within a row. The pattern always contains the
-    # diagonal.
     indices: np.ndarray
 
     @classmethod
     def union(cls, n: int, stencils: Sequence[np.ndarray]) -> "BlockPattern":
         """Pattern over `n` nodes that couples all nodes of each row of each stencil (m, k)."""
         distinct = {id(stencil): stencil for stencil in stencils}  # terms may share an array
-        rows = [np.arange(n, dtype=np.int32)[:, None], *distinct.values()]
-        nodes = np.concatenate([stencil.ravel() for stencil in rows]).astype(np.int32, copy=False)
-        widths = [np.full(len(stencil), stencil.shape[1]) for stencil in rows]
+        diagonal = np.arange(n, dtype=np.int32)[:, None]
+        coupled = [diagonal, *distinct.values()]
+        nodes = np.concatenate([stencil.ravel() for stencil in coupled])
+        nodes = nodes.astype(np.int32, copy=False)
+        widths = [np.full(len(stencil), stencil.shape[1]) for stencil in coupled]
         start = np.concatenate([[0], np.cumsum(np.concatenate(widths))])
         E = sparse.csr_array((np.ones(len(nodes), bool), nodes, start), (len(start) - 1, n))
         product = (E.T @ E).tocsr()
         product.sort_indices()
-        indptr = product.indptr
-        indices = product.indices
-        return cls(indptr.astype(np.int32, copy=False), indices.astype(np.int32, copy=False))
+        return cls(
+            product.indptr.astype(np.int32, copy=False),
+            product.indices.astype(np.int32, copy=False),
+        )
 
     def __len__(self) -> int:
         return len(self.indptr) - 1
 
     def same_as(self, other: "BlockPattern | None") -> bool:
-        """Whether the blocks are the same. Contact often repeats the pattern of a matrix before."""
+        """Whether the blocks are the same.
+
+        Arrays are compared, because contact often repeats an earlier pattern in a new object.
+        """
         if other is None or other is self:
             return other is self
-        pairs = (self.indptr, other.indptr), (self.indices, other.indices)
-        return all(np.array_equal(a, b) for a, b in pairs)
+        return np.array_equal(self.indptr, other.indptr) and np.array_equal(
+            self.indices, other.indices
+        )
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 block of each pair (stencil[e, a], stencil[e, b])."""
+        """(m, k, k) int32 number of the block of each pair (stencil[e, a], stencil[e, b]).
+
+        Raises `InputError` for a pair that the pattern does not contain.
+        """
         m, k = stencil.shape
         slots = np.empty((m, k, k), np.int32)
         missing = _find_slots(self.indptr, self.indices, stencil, slots)
@@ -63,7 +81,7 @@ class BlockPattern:
 
     @cached_property
     def diagonal(self) -> np.ndarray:
-        """(n,) int32 blocks on the diagonal."""
+        """(n,) int32 numbers of the blocks on the diagonal."""
         return self.slots(np.arange(len(self), dtype=np.int32)[:, None]).ravel()
 
     @cached_property
@@ -73,7 +91,10 @@ class BlockPattern:
 
 
 def find_entries(matrix: sparse.csr_matrix, find_slots: FindSlots) -> np.ndarray:
-    """(entries,) blocks of the entries of an (n, n) matrix that acts on each component alike."""
+    """(e,) number of the block of each entry of an (n, n) matrix.
+
+    The matrix acts on each component alike, as the mass does.
+    """
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     pairs = np.column_stack([rows, matrix.indices]).astype(np.int32)
     return np.ascontiguousarray(find_slots(pairs)[:, 0, 1])
@@ -81,7 +102,17 @@ def find_entries(matrix: sparse.csr_matrix, find_slots: FindSlots) -> np.ndarray
 
 @dataclass(frozen=True)
 class BlockMatrix:
-    """A sparse matrix: a pattern and its values (b, 3, 3), to which terms add in place."""
+    """A sparse matrix of 3×3 blocks.
+
+    Attributes
+    ----------
+    pattern
+        The pairs of coupled nodes.
+    values
+        (b, 3, 3) the blocks, to which terms add in place.
+    team
+        The threads that share the work with the matrix.
+    """
 
     pattern: BlockPattern
     values: np.ndarray
@@ -89,7 +120,7 @@ class BlockMatrix:
 
     @classmethod
     def zeros(cls, pattern: BlockPattern, team: Team = ALONE) -> "BlockMatrix":
-        """The matrix of this pattern whose values are all zero; `team` shares the work with it."""
+        """The matrix of a pattern with values that are all zero."""
         return cls(pattern, np.zeros((len(pattern.indices), 3, 3)), team)
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
@@ -99,17 +130,20 @@ class BlockMatrix:
 
     @property
     def shared(self) -> sparse.bsr_matrix:
-        """A SciPy matrix with the arrays of this one."""
+        """A SciPy matrix with the arrays of this matrix, which are not copied."""
         n = 3 * len(self.pattern)
         arrays = self.values, self.pattern.indices, self.pattern.indptr
         return sparse.bsr_matrix(arrays, shape=(n, n))
 
     def plus(self, other: sparse.spmatrix) -> "BlockMatrix":
-        """The sum with a SciPy matrix (3n, 3n), whose pattern is a new object."""
+        """The sum with a SciPy matrix (3n, 3n); its pattern is a new object."""
         total = self.shared + other.tobsr((3, 3))
         total.sort_indices()
-        starts, columns = (a.astype(np.int32, copy=False) for a in (total.indptr, total.indices))
-        return BlockMatrix(BlockPattern(starts, columns), total.data, self.team)
+        pattern = BlockPattern(
+            total.indptr.astype(np.int32, copy=False),
+            total.indices.astype(np.int32, copy=False),
+        )
+        return BlockMatrix(pattern, total.data, self.team)
 
     def to_scipy(self) -> sparse.bsr_matrix:
         """Copy the matrix to a SciPy matrix, 3n × 3n."""
@@ -158,11 +192,18 @@ def add_mass(slots: Array, mass: Array, scale: float, values: Array) -> None:
 class MatrixLayout:
     """The pattern of a matrix and the blocks of its stencils, found when they are first needed.
 
-    Explicit methods form no matrix, and pay for none.
+    So they cost nothing in a run of an explicit method, which forms no matrix.
+
+    Attributes
+    ----------
+    n
+        Number of nodes.
+    stencils
+        (m, k) nodes that each term couples, an array for each term.
     """
 
-    n: int  # number of nodes
-    stencils: Sequence[np.ndarray]  # (m, k) nodes that the terms couple, one array for each term
+    n: int
+    stencils: Sequence[np.ndarray]
     _shared: WeakValueDictionary[int, np.ndarray] = field(
         default_factory=WeakValueDictionary, init=False, repr=False
     )
@@ -173,11 +214,16 @@ class MatrixLayout:
         return BlockPattern.union(self.n, self.stencils)
 
     def slots(self, stencil: np.ndarray) -> np.ndarray:
-        """(m, k, k) int32 block of each pair of nodes of a stencil; see `BlockPattern.slots`."""
-        # Terms with one stencil share one array, as long as one of them holds it.
-        shared = [number for number, each in enumerate(self.stencils) if each is stencil]
-        if not shared:
+        """(m, k, k) int32 block of each pair of nodes of a stencil; see `BlockPattern.slots`.
+
+        Terms with the same stencil share one array, as long as one of them keeps it.
+        """
+        numbers = [number for number, own in enumerate(self.stencils) if own is stencil]
+        if not numbers:
             return self.pattern.slots(stencil)
-        if (slots := self._shared.get(shared[0])) is None:
-            self._shared[shared[0]] = slots = self.pattern.slots(stencil)
+        first = numbers[0]
+        slots = self._shared.get(first)
+        if slots is None:
+            slots = self.pattern.slots(stencil)
+            self._shared[first] = slots
         return slots

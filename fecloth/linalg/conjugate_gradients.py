@@ -1,36 +1,79 @@
 """The compiled loop of conjugate gradients, which threads share to the same bits.
 
+The names are those of Saad: r is the residual, z = M⁻¹ r, p the search direction, q = A p,
+α = rᵀz / pᵀq and β = (new rᵀz) / (old rᵀz).
+
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, algorithm 9.1
-(PCG) and section 4.1.1 (block Jacobi). Matrices are given as the block rows of a
-`BlockMatrix`.
+(PCG) and section 4.1.1 (block Jacobi).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel
 from fecloth.compiled.threads import Member, part_of, wait
+from fecloth.linalg.protocol import BlockRows
 from fecloth.linalg.reductions import BLOCK, nodes_of, total
 
 CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS = range(4)
 
 
+class Vectors(NamedTuple):
+    """The vectors (n, 3) of conjugate gradients besides x, which iterations overwrite.
+
+    Attributes
+    ----------
+    r
+        The residual b − A x.
+    z
+        M⁻¹ r.
+    p
+        The search direction.
+    q
+        A p.
+    """
+
+    r: np.ndarray
+    z: np.ndarray
+    p: np.ndarray
+    q: np.ndarray
+
+
 @kernel
 def conjugate_gradients(
-    indptr: Array, indices: Array, values: Array, inverse: Array, x: Array, r: Array, z: Array,
-    p: Array, q: Array, sums: Array, carry: Array, threshold: float, limit: int, member: Member,
+    A: BlockRows, inverse: Array, x: Array, vectors: Vectors, sums: Array, carry: Array,
+    threshold: float, limit: int, member: Member,
 ) -> tuple[int, int]:  # fmt: skip
     """Iterate until ‖r‖² <= threshold, with r from its recurrence, or for `limit` iterations.
 
-    Each thread calls it with its number, and does the rows of its blocks of nodes. `inverse`
-    (n, 6) is M⁻¹, see `invert_blocks`; x and r (n, 3) are the initial x and its residual b − A
-    x, both overwritten; z, p and q (n, 3) are work arrays for M⁻¹ r, the search direction p,
-    and A p; `sums` (3, blocks) for pᵀ q, rᵀ z and rᵀ r of each block. `carry` (3,) has rᵀ z,
-    rᵀ r and β where an earlier call ended at its limit; or rᵀ z < 0.
+    Each thread calls it as its `member`, and does the rows of its blocks of nodes.
 
-    Returns the number of iterations and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
+    Parameters
+    ----------
+    A
+        The matrix.
+    inverse
+        (n, 6) M⁻¹, see `invert_blocks`.
+    x
+        (n, 3) the initial x, which is overwritten; ``vectors.r`` is its residual b − A x.
+    vectors
+        The other vectors.
+    sums
+        (3, blocks) work array for pᵀq, rᵀz and rᵀr of each block of nodes.
+    carry
+        (3,) rᵀz, rᵀr and β where an earlier call ended at its limit; rᵀz < 0 for a start.
+    threshold, limit
+        ‖r‖² at the end, and the largest number of iterations.
+    member
+        The thread.
+
+    Returns
+    -------
+    tuple
+        The number of iterations, and CONVERGED, NOT_FINITE, INDEFINITE or OUT_OF_ITERATIONS.
     """
+    r, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])
     rz = carry[0]
     rr = carry[1]
@@ -46,7 +89,7 @@ def conjugate_gradients(
     status = CONVERGED if rr <= threshold else OUT_OF_ITERATIONS
     j = 0
     while j < limit and status == OUT_OF_ITERATIONS:
-        pq = _search(begin, end, indptr, indices, values, z, beta, p, q, sums, member)
+        pq = _search(begin, end, A, z, beta, p, q, sums, member)
         status = _check(pq, rz)
         if status == OUT_OF_ITERATIONS:
             old = rz
@@ -72,23 +115,24 @@ def conjugate_gradients(
 
 @kernel
 def step(
-    indptr: Array, indices: Array, values: Array, x: Array, r: Array, z: Array, p: Array, q: Array,
-    sums: Array, old: float, threshold: float, member: Member,
+    A: BlockRows, x: Array, vectors: Vectors, sums: Array, old: float, threshold: float,
+    member: Member,
 ) -> tuple[float, int]:  # fmt: skip
     """One iteration for z = M⁻¹ r with any M, on all threads.
 
-    Parameters are as in `conjugate_gradients`; `old` is rᵀ z of the iteration before, or −1.
-    Returns rᵀ z and one of CONVERGED, NOT_FINITE, INDEFINITE, OUT_OF_ITERATIONS.
+    The parameters are as in `conjugate_gradients`; ``vectors.z`` is M⁻¹ r, and `old` is rᵀz of
+    the iteration before, or −1. Returns rᵀz and CONVERGED, NOT_FINITE, INDEFINITE or
+    OUT_OF_ITERATIONS.
     """
+    r, z, p, q = vectors
     begin, end = part_of(member, 0, sums.shape[1])
     for block in range(begin, end):
         first, last = nodes_of(block, len(x))
         sums[1, block] = _dot(first, last, r, z)
     wait(member)
     rz = total(sums[1])
-    pq = _search(
-        begin, end, indptr, indices, values, z, rz / old if old > 0.0 else 0.0, p, q, sums, member
-    )
+    beta = rz / old if old > 0.0 else 0.0
+    pq = _search(begin, end, A, z, beta, p, q, sums, member)
     status = _check(pq, rz)
     if status == OUT_OF_ITERATIONS:
         for block in range(begin, end):
@@ -102,21 +146,22 @@ def step(
 
 @inner
 def _search(
-    begin: int, end: int, indptr: Array, indices: Array, values: Array, z: Array, beta: float,
-    p: Array, q: Array, sums: Array, member: Member,
+    begin: int, end: int, A: BlockRows, z: Array, beta: float, p: Array, q: Array, sums: Array,
+    member: Member,
 ) -> float:  # fmt: skip
-    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀ q of all threads."""
+    """p = z + β p and q = A p in blocks begin … end − 1; returns pᵀq of all threads."""
     _turn(begin * BLOCK, nodes_of(end - 1, len(p))[1], z, beta, p)
     wait(member)
     for block in range(begin, end):
         first, last = nodes_of(block, len(p))
-        sums[0, block] = _multiply(first, last, indptr, indices, values, p, q)
+        sums[0, block] = _multiply(first, last, A, p, q)
     wait(member)
     return total(sums[0])
 
 
 @inner
 def _check(pq: float, rz: float) -> int:
+    """NOT_FINITE or INDEFINITE if pᵀq or rᵀz shows it, else OUT_OF_ITERATIONS."""
     if not np.isfinite(pq) or not np.isfinite(rz):
         return NOT_FINITE
     if pq <= 0.0 or rz <= 0.0:
@@ -144,10 +189,11 @@ def _turn(begin: int, end: int, z: Array, beta: float, p: Array) -> None:
 
 
 @inner
-def _multiply(
-    begin: int, end: int, indptr: Array, indices: Array, values: Array, p: Array, q: Array
-) -> float:
-    """q = A p of rows begin … end − 1; returns their part of pᵀ q."""
+def _multiply(begin: int, end: int, A: BlockRows, p: Array, q: Array) -> float:
+    """q = A p of rows begin … end − 1; returns their part of pᵀq."""
+    indptr = A.indptr
+    indices = A.indices
+    values = A.values
     pq = 0.0
     for node in range(begin, end):
         i = np.uintp(node)

@@ -11,17 +11,20 @@ from scipy.sparse.linalg import splu
 from fecloth.errors import IndefiniteMatrix, SolveFailed
 from fecloth.linalg import mkl_pardiso
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
+from fecloth.linalg.mkl_pardiso import Phase
 from fecloth.linalg.protocol import SolveInfo, check_arguments, relative_residual
 
 EPS = np.finfo(float).eps
-REFINEMENTS = 2  # of a solution, at the most
+# Refinements of a solution: if two do not reduce the residual, it is at round-off, or A is
+# nearly singular.
+MOST_REFINEMENTS = 2
 
 
 class Direct:
-    """Base of direct solvers: the solution with a factor of the matrix that was prepared last.
+    """Base of direct solvers, which solve with a factor of the matrix that was prepared last.
 
-    A subclass has `name`, `prepare`, which sets `_A` and `_seconds`, and `_apply`, which is
-    A⁻¹ b.
+    A subclass supplies `name`; `prepare`, which sets ``_A`` and ``_seconds``; and ``_apply(b)``,
+    which returns A⁻¹ b.
     """
 
     name: str
@@ -42,32 +45,35 @@ class Direct:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """x (n, 3) and its `SolveInfo` for b (n, 3); `guess` is not used.
+        """Solve A x = b (n, 3): x (n, 3) and its `SolveInfo`; `guess` is not used.
 
         x is refined, x += A⁻¹ (b − A x), until the residual is at most `rtol`. No method
         reduces the residual below the round-off of its own evaluation (Oettli and Prager
         1964). Therefore a residual of this size, up to 1e-6, is accepted in place of `rtol`.
+        Raises `SolveFailed` if A is singular or nearly singular.
         """
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
         x = np.zeros_like(b)
         r = b.copy()
-        step = 0
+        solves = 0
         reached = float(bb > 0.0)
-        while not reached <= rtol and step <= REFINEMENTS:
+        while not reached <= rtol and solves <= MOST_REFINEMENTS:
             x += self._apply(r)
             reached = relative_residual(A, b, bb, x, r)
-            step += 1
+            solves += 1
         if not reached <= rtol:
             terms = abs(b.ravel()) + abs(A.to_scipy()) @ abs(x.ravel())
             roundoff = 32 * EPS * np.linalg.norm(terms) / np.sqrt(bb)
             if not reached <= min(roundoff, 1e-6):
-                raise SolveFailed(f"{self.name}: A is singular or nearly singular", reached, rtol)
-        refinements = max(step - 1, 0)
+                reason = f"{self.name}: A is singular or nearly singular"
+                raise SolveFailed(reason, reached, rtol)
+        refinements = max(solves - 1, 0)
         seconds = time.perf_counter() - begin
         return x, SolveInfo(self.name, refinements, reached, self._seconds, seconds)
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
+        """A⁻¹ b (n, 3) by the factor."""
         raise NotImplementedError
 
 
@@ -94,46 +100,57 @@ class Pardiso(Direct):
         if not A.pattern.same_as(self._pattern):
             self._analyse(A.pattern)
         self._rows.refill(A)
-        self._call(22, self._nothing, self._nothing)
-        self._A, self._seconds = A, time.perf_counter() - begin
+        self._call(Phase.FACTORISE, self._nothing, self._nothing)
+        self._A = A
+        self._seconds = time.perf_counter() - begin
 
     def _analyse(self, pattern: BlockPattern) -> None:
+        """Release the old factor, and analyse a new pattern."""
         self._pattern = None
         if self._release is not None:
             self._release()
-        self._rows = ScalarRows(pattern, self.symmetric)
+        self._rows = ScalarRows(pattern, upper=self.symmetric)
         self._mtype = 2 if self.symmetric else 11
         self._handle = np.zeros(64, np.int64)
         self._iparm = mkl_pardiso.parameters()
         self._nothing = np.zeros(0)
         # The finalizer refers to the arrays and not to self, which it would keep alive.
-        kept = self._mtype, self._handle, self._rows.arrays, self._iparm
         self._release = weakref.finalize(
-            self, mkl_pardiso.pardiso, -1, *kept, self._nothing, self._nothing
+            self,
+            mkl_pardiso.pardiso,
+            phase=Phase.RELEASE,
+            mtype=self._mtype,
+            handle=self._handle,
+            rows=self._rows.arrays,
+            iparm=self._iparm,
+            b=self._nothing,
+            x=self._nothing,
         )
-        self._call(11, self._nothing, self._nothing)
+        self._call(Phase.ANALYSE, self._nothing, self._nothing)
         self._pattern = pattern
 
     def _apply(self, b: np.ndarray) -> np.ndarray:
         x = np.empty_like(b)
-        self._call(33, b, x)
+        self._call(Phase.SOLVE, b, x)
         return x
 
-    def _call(self, phase: int, b: np.ndarray, x: np.ndarray) -> None:
+    def _call(self, phase: Phase, b: np.ndarray, x: np.ndarray) -> None:
+        """Call PARDISO; raise `IndefiniteMatrix` or `SolveFailed` if it returns an error."""
         rows = self._rows.arrays
         error = mkl_pardiso.pardiso(phase, self._mtype, self._handle, rows, self._iparm, b, x)
         if error == -4 and self.symmetric:
             raise IndefiniteMatrix("pardiso found a pivot <= 0: A is not positive definite")
         if error:
             reason = mkl_pardiso.ERRORS.get(error, "see the documentation of the MKL")
-            raise SolveFailed(f"pardiso returned error {error} in phase {phase}: {reason}")
+            raise SolveFailed(f"pardiso returned error {error} in phase {phase:d}: {reason}")
 
 
 class SuperLU(Direct):
     """SciPy's SuperLU, for machines without PARDISO. Each ``prepare`` repeats the analysis.
 
-    If `symmetric`, the pivots are on the diagonal in minimum-degree order, otherwise partial.
-    Then the factor is copied to check their signs: twice the memory, and a third more time.
+    If `symmetric`, the pivots are on the diagonal, in minimum-degree order. The factor is copied
+    to check their signs: this takes twice the memory, and a third more time. Otherwise SuperLU
+    chooses the pivots (partial pivoting).
     """
 
     name = "superlu"
@@ -143,6 +160,7 @@ class SuperLU(Direct):
         self._rows: ScalarRows | None = None
 
     def prepare(self, A: BlockMatrix) -> None:
+        """Factorise A."""
         begin = time.perf_counter()
         self._A = None
         self.prepared += 1
@@ -152,9 +170,11 @@ class SuperLU(Direct):
         n = 3 * len(A.pattern)
         # The row arrays of A, used as column arrays, give Aᵀ.
         self._lu = self._factor(sparse.csc_matrix(self._rows.arrays, shape=(n, n)))
-        self._A, self._seconds = A, time.perf_counter() - begin
+        self._A = A
+        self._seconds = time.perf_counter() - begin
 
     def _factor(self, transposed: sparse.csc_matrix) -> SuperLUFactor:
+        """The factor of a matrix; if `symmetric` it must be positive definite."""
         failure = IndefiniteMatrix if self.symmetric else SolveFailed
         try:
             if not self.symmetric:
@@ -179,11 +199,22 @@ class SuperLU(Direct):
 
 
 class ScalarRows:
-    """A block matrix as compressed rows of numbers: the full matrix or its upper triangle."""
+    """A block matrix as compressed rows of numbers: the full matrix or its upper triangle.
+
+    Attributes
+    ----------
+    pattern
+        The pattern of the block matrix.
+    places
+        Place of each number among the values of the block matrix.
+    arrays
+        The numbers, their columns, and the first number of each row.
+    """
 
     def __init__(self, pattern: BlockPattern, upper: bool):
-        self.pattern, n = pattern, 3 * len(pattern)
-        places = np.arange(9 * len(pattern.indices)).reshape(-1, 3, 3)  # in the values
+        self.pattern = pattern
+        n = 3 * len(pattern)
+        places = np.arange(9 * len(pattern.indices)).reshape(-1, 3, 3)
         blocks = sparse.bsr_matrix((places, pattern.indices, pattern.indptr), shape=(n, n))
         rows = blocks.tocsr()
         if upper:

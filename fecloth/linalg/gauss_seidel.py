@@ -22,17 +22,28 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 class SweepOrder:
     """The nodes of a pattern by colours, and its blocks in the same order.
 
-    For place q of the order, blocks indptr[q] … indptr[q + 1] − 1 are in columns of earlier
-    colours, and blocks indptr[n + q] … indptr[n + q + 1] − 1 in columns of later colours: L
-    and U are apart in memory. Blocks on the diagonal are left out.
+    The node at place q has the blocks indptr[q] … indptr[q + 1] − 1 in columns of earlier
+    colours, and the blocks indptr[n + q] … indptr[n + q + 1] − 1 in columns of later colours. So
+    L and U are apart in memory. Blocks on the diagonal are left out.
+
+    Attributes
+    ----------
+    nodes, places
+        (n,) int32 node at each place, and place of each node.
+    starts
+        (colours + 1,) int32 first place of each colour, and n.
+    indptr
+        (2n + 1,) int32 first block of each row of L, and then of U.
+    indices
+        (b − n,) int32 place of the column of each block.
+    slots
+        (b − n,) int32 number of each block in the pattern.
     """
 
-    # (n,) int32 node at each place, and place of each node.
     nodes: np.ndarray
     places: np.ndarray
-    starts: np.ndarray  # (colours + 1,) int32 first place of each colour, and n
-    indptr: np.ndarray  # (2n + 1,) int32
-    # (b − n,) int32 place of the column of these blocks, and their numbers in the pattern.
+    starts: np.ndarray
+    indptr: np.ndarray
     indices: np.ndarray
     slots: np.ndarray
 
@@ -47,21 +58,23 @@ class SweepOrder:
         starts = np.searchsorted(colours[nodes], np.arange(colours.max() + 2)).astype(np.int32)
         row = places[pattern.rows]
         later = colours[pattern.indices] - colours[pattern.rows]
-        beside = np.flatnonzero(later)  # all blocks but the diagonal ones
-        row = row[beside] + n * (later[beside] > 0)
-        slots = beside[np.argsort(row, kind="stable")].astype(np.int32)
+        off_diagonal = np.flatnonzero(later)
+        row = row[off_diagonal] + n * (later[off_diagonal] > 0)  # of L, or n + row of U
+        slots = off_diagonal[np.argsort(row, kind="stable")].astype(np.int32)
         indptr = np.append(0, np.cumsum(np.bincount(row, minlength=2 * n))).astype(np.int32)
-        return cls(nodes, places, starts, indptr, places[pattern.indices[slots]], slots)
+        return cls(
+            nodes=nodes,
+            places=places,
+            starts=starts,
+            indptr=indptr,
+            indices=places[pattern.indices[slots]],
+            slots=slots,
+        )
 
     def gather(self, A: BlockMatrix, values: np.ndarray) -> None:
         """Write the blocks of A in this order to `values` (b − n, 3, 3)."""
         n = len(self.slots)
         A.team.each(n, lambda at: (_gather, (self.slots[at], A.values, values[at])), n)
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """nodes, starts, indptr and indices: for `sweep_forward` and the others."""
-        return self.nodes, self.starts, self.indptr, self.indices
 
 
 @kernel
@@ -82,6 +95,7 @@ def _colour(indptr: Array, indices: Array) -> Array:
 
 @kernel
 def _gather(at: Array, blocks: Array, gathered: Array) -> None:
+    """gathered[t] = blocks[at[t]] of (3, 3)."""
     for t in range(len(at)):
         for c in range(3):
             for d in range(3):
@@ -112,13 +126,13 @@ def permute_back(at: Array, permuted: Array, rows: Array, member: Member) -> Non
 
 @inner
 def sweep_forward(
-    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
-    member: Member,
+    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array,
+    x: Array, member: Member,
 ) -> None:  # fmt: skip
-    """x = (D + L)⁻¹ b: a sweep from x = 0; A = L + D + U in the order of colours of a `SweepOrder`.
+    """x = (D + L)⁻¹ b: a sweep from x = 0, with A = L + D + U in the order of the colours.
 
     `values` are the blocks from `gather`, `inverse` (n, 6) is D⁻¹, see `pcg.invert_blocks`,
-    and b and x are (n, 3), all in this order.
+    and b and x are (n, 3), all in the order of a `SweepOrder`.
     """
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])
@@ -130,10 +144,13 @@ def sweep_forward(
 
 @inner
 def sweep_residual(
-    starts: Array, indptr: Array, indices: Array, values: Array, x: Array, r: Array, member: Member
-) -> None:
-    """r = b − A x = −U x for the x of `sweep_forward`."""
-    # Each colour is divided, as early ones have most of U.
+    starts: Array, indptr: Array, indices: Array, values: Array, x: Array, r: Array,
+    member: Member,
+) -> None:  # fmt: skip
+    """r = b − A x = −U x for the x of `sweep_forward`.
+
+    The threads divide each colour, because the early colours have most of U.
+    """
     n = len(x)
     for colour in range(len(starts) - 1):
         begin, end = part_of(member, starts[colour], starts[colour + 1])
@@ -146,13 +163,12 @@ def sweep_residual(
 
 @inner
 def sweep_backward(
-    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array, x: Array,
-    member: Member,
+    starts: Array, indptr: Array, indices: Array, values: Array, inverse: Array, b: Array,
+    x: Array, member: Member,
 ) -> None:  # fmt: skip
-    """x ← (D + U)⁻¹ (b − L x), in place.
+    """x ← (D + U)⁻¹ (b − L x), in place, from the last colour to the first.
 
-    The colours come from the last one. Ascending places in a colour are four times as fast as
-    descending ones.
+    Within a colour the places ascend: this is four times as fast as descending places.
     """
     n = len(x)
     for colour in range(len(starts) - 2, -1, -1):
@@ -166,8 +182,9 @@ def sweep_backward(
 
 @inner
 def _subtract(
-    indices: Array, values: Array, first: int, end: int, y1: float, y2: float, y3: float, x: Array
-) -> tuple[float, float, float]:
+    indices: Array, values: Array, first: int, end: int, y1: float, y2: float, y3: float,
+    x: Array,
+) -> tuple[float, float, float]:  # fmt: skip
     """y − Σ A_s x_j over the blocks from `first` to before `end`."""
     for s in range(first, end):
         j = indices[s]

@@ -9,30 +9,42 @@ from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import LinearSolver, SolveInfo
 
 Updates = list[tuple[float, np.ndarray]]
+"""(c, u) of each update c u uᵀ, with u (n, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LowRankUpdate:
-    """What turns A⁻¹ b into (A + Σ c u uᵀ)⁻¹ b, for any b.
+    """The update of A⁻¹ b to (A + Σ c u uᵀ)⁻¹ b, for any b.
 
-    Sherman–Morrison–Woodbury formula: with y = A⁻¹ b and Z = A⁻¹ U, x = y − Z (1/c + Uᵀ Z)⁻¹
-    Uᵀ y. Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
+    Sherman–Morrison–Woodbury formula, with y = A⁻¹ b and Z = A⁻¹ U:
+
+        x = y − Z (1/c + Uᵀ Z)⁻¹ Uᵀ y
+
+    Source: Hager (1989), Updating the Inverse of a Matrix, eq. 2.
+
+    Attributes
+    ----------
+    U, Z
+        (3n, k) the vectors u, and the solutions of A z = u.
+    small
+        (k, k) the matrix 1/c + Uᵀ Z.
+    infos
+        The `SolveInfo` of each solve for Z.
     """
 
-    # (3n, k) the vectors u, and the solutions of A z = u.
     U: np.ndarray
     Z: np.ndarray
-    small: np.ndarray  # (k, k) the matrix 1/c + Uᵀ Z
-    infos: tuple[SolveInfo, ...]  # the `SolveInfo` of each of these solves
+    small: np.ndarray
+    infos: tuple[SolveInfo, ...]
 
     @classmethod
     def prepare(cls, solver: LinearSolver, updates: Updates, rtol: float) -> Self:
         """Solve for Z with the matrix A that `solver` has prepared; `updates` are not empty."""
-        columns = [solver.solve(u, rtol=rtol) for _, u in updates]
-        Z = np.stack([z.ravel() for z, _ in columns], axis=1)
+        solutions = [solver.solve(u, rtol=rtol) for _, u in updates]
+        Z = np.stack([z.ravel() for z, _ in solutions], axis=1)
         U = np.stack([u.ravel() for _, u in updates], axis=1)
         small = np.diag([1 / c for c, _ in updates]) + U.T @ Z
-        return cls(U, Z, small, tuple(info for _, info in columns))
+        return cls(U, Z, small, infos=tuple(info for _, info in solutions))
 
     def apply(self, y: np.ndarray) -> np.ndarray:
         """Return x (n, 3) for y = A⁻¹ b (n, 3)."""
@@ -42,12 +54,13 @@ class LowRankUpdate:
     def require_definite(self, updates: Updates) -> None:
         """Raise `IndefiniteMatrix` if A + Σ c u uᵀ is not positive definite, where A is.
 
-        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix, so
-        that the sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c. Source:
-        Haynsworth (1968), Determination of the inertia of a partitioned Hermitian matrix.
+        1/c + Uᵀ Z and the sum are, up to signs, the two Schur complements of one matrix. So the
+        sum is definite if 1/c + Uᵀ Z has as many negative eigenvalues as 1/c. Source: Haynsworth
+        (1968), Determination of the inertia of a partitioned Hermitian matrix.
         """
         negative = sum(c < 0 for c, _ in updates)
-        if (np.linalg.eigvalsh(0.5 * (self.small + self.small.T)) <= 0).sum() != negative:
+        eigenvalues = np.linalg.eigvalsh(0.5 * (self.small + self.small.T))
+        if (eigenvalues <= 0).sum() != negative:
             raise IndefiniteMatrix("a part of low rank makes A indefinite")
 
 
@@ -60,9 +73,23 @@ def solve_updated(
 ) -> tuple[np.ndarray, list[SolveInfo]]:
     """Solve (A + Σ c u uᵀ) x = b, where A is the matrix that `solver` has prepared.
 
-    `updates` has (c, u) with u (n, 3) of each update, `rtol` is the relative residual of each
-    solve with A, and `guess` (n, 3) an initial y = A⁻¹ b. The result is x (n, 3), and the
-    `SolveInfo` of each solve with A.
+    Parameters
+    ----------
+    solver
+        The solver with A.
+    updates
+        (c, u) of each update, with u (n, 3).
+    b
+        (n, 3) the right side.
+    rtol
+        Relative residual of each solve with A.
+    guess
+        (n, 3) an initial y = A⁻¹ b.
+
+    Returns
+    -------
+    tuple
+        x (n, 3), and the `SolveInfo` of each solve with A.
     """
     y, info = solver.solve(b, rtol=rtol, guess=guess)
     if not updates:

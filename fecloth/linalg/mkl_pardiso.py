@@ -4,13 +4,22 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable
+from enum import IntEnum
 from functools import cache
 from glob import glob
 from typing import Any
 
 import numpy as np
 
-CBWR_AUTO = 2  # MKL_CBWR_AUTO of mkl_service.h: the best instructions, the same in each call
+
+class Phase(IntEnum):
+    """What a call of PARDISO does, as the documentation of the MKL numbers its phases."""
+
+    ANALYSE = 11
+    FACTORISE = 22
+    SOLVE = 33
+    RELEASE = -1
+
 
 ERRORS = {
     -2: "not enough memory for the factor",
@@ -25,7 +34,7 @@ def parameters() -> np.ndarray:
     iparm = np.zeros(65, np.int32)
     iparm[1] = 1  # use these values instead of the defaults
     iparm[2] = 2  # nested dissection (METIS): 0.75 of the factor time of minimum degree
-    iparm[8] = 0  # no refinement by PARDISO; the default takes two steps and three times the time
+    iparm[8] = 0  # no refinement; the default takes two steps and three times the time
     iparm[10] = 13  # a pivot below 1e-13 of the largest entry is replaced (general matrices)
     # No scaling or matching (11, 13). Both make the analysis depend on the values of the first
     # matrix. Then a run continued from a restart file would differ from an uninterrupted run.
@@ -34,7 +43,7 @@ def parameters() -> np.ndarray:
 
 
 def pardiso(
-    phase: int,
+    phase: Phase,
     mtype: int,
     handle: np.ndarray,
     rows: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -42,7 +51,23 @@ def pardiso(
     b: np.ndarray,
     x: np.ndarray,
 ) -> int:
-    """Call the MKL's ``pardiso`` and return its error code."""
+    """Call the MKL's ``pardiso`` and return its error code.
+
+    Parameters
+    ----------
+    phase
+        What to do.
+    mtype
+        The matrix type: 2 for a positive definite matrix, 11 for a general one.
+    handle
+        (64,) int64, in which PARDISO keeps the addresses of its factor.
+    rows
+        The numbers of the matrix, their columns, and the first number of each row.
+    iparm
+        The `parameters`.
+    b, x
+        (n, 3) the right side, and the solution that is written.
+    """
 
     def number(value: int) -> Any:
         return ctypes.byref(ctypes.c_int32(value))
@@ -52,11 +77,22 @@ def pardiso(
 
     data, columns, starts = rows
     error = ctypes.c_int32(0)
-    real = ctypes.c_double
     routine()(
-        *(array(handle, ctypes.c_int64), number(1), number(1), number(mtype), number(phase)),
-        *(number(len(starts) - 1), array(data, real), array(starts), array(columns)),
-        *(None, number(1), array(iparm), number(0), array(b, real), array(x, real)),
+        array(handle, ctypes.c_int64),
+        number(1),  # maxfct: factors in memory
+        number(1),  # mnum: number of the factor
+        number(mtype),
+        number(phase),
+        number(len(starts) - 1),
+        array(data, ctypes.c_double),
+        array(starts),
+        array(columns),
+        None,  # perm: PARDISO chooses the order
+        number(1),  # nrhs: right sides
+        array(iparm),
+        number(0),  # msglvl: print nothing
+        array(b, ctypes.c_double),
+        array(x, ctypes.c_double),
         ctypes.byref(error),
     )
     return error.value
@@ -65,17 +101,17 @@ def pardiso(
 @cache
 def routine() -> Callable[..., None]:
     """The C function ``pardiso``; the first call loads the MKL (0.1 s)."""
-    for library in glob(f"{sys.prefix}/lib/libmkl_rt.so*"):  # else pypardiso searches it all: 0.3 s
+    # Without this name pypardiso searches all folders below the prefix, which takes 0.3 s.
+    for library in glob(f"{sys.prefix}/lib/libmkl_rt.so*"):
         os.environ.setdefault("PYPARDISO_MKL_RT", library)
-    import pypardiso
-
-    solver = pypardiso.ps  # of the module: a new one would search again
     # Equal calls with equal numbers of threads are to give equal bits. In the default mode
     # sums depend on the addresses of arrays (oneMKL Developer Guide, Obtaining Numerically
-    # Reproducible Results). The mode stays if another package has used the MKL, which then
-    # rejects the call.
-    if "MKL_CBWR" not in os.environ:
-        solver.libmkl.MKL_CBWR_Set(ctypes.c_int(CBWR_AUTO))
+    # Reproducible Results). The MKL reads this mode once: nothing changes where another package
+    # has used the MKL before.
+    os.environ.setdefault("MKL_CBWR", "AUTO")
+    import pypardiso
+
+    solver = pypardiso.ps  # the solver of the module: a new one would search again
     solver.libmkl.MKL_Set_Dynamic(ctypes.c_int(0))  # threads do not depend on the load
     call: Callable[..., None] = solver._mkl_pardiso
     return call

@@ -6,15 +6,15 @@ backward:
     M⁻¹ = (D + U)⁻¹ D (D + L)⁻¹ + (I − (D + U)⁻¹ A) P C Pᵀ (I − A (D + L)⁻¹)
 
 with A = L + D + U. The correction C consists of two cycles of the next level (a W-cycle),
-since these cost little and save a third of the iterations; of small levels it is one. M⁻¹ is
-symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
+since these cost little and save a third of the iterations; on the coarsest level it is one. M⁻¹
+is symmetric for every symmetric A, and positive definite where C and D are. This needs no bound
 of eigenvalues, as Chebyshev smoothing does, and it remains true if the coarse levels belong to
 another matrix. C is definite because the eigenvalues of M⁻¹ Pᵀ A P are between 0 and 1 on all
 levels that belong together.
 
 All threads call the functions of a cycle. The nodes of a colour, the rows and the aggregates
-are divided among them, and each number is computed by one thread as by any other. The small
-levels are left to the first thread.
+are divided among them. Each number is computed by one thread, and it does not matter by which.
+The small levels are left to the first thread.
 
 Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, section 13.4.
 """
@@ -22,13 +22,14 @@ Source: Saad (2003), Iterative Methods for Sparse Linear Systems, 2nd edition, s
 import math
 import time
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.compiled.jit import Array, kernel
-from fecloth.compiled.team import SMALL
+from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.compiled.threads import ONLY, Member, part_of, wait
 from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
@@ -42,53 +43,147 @@ from fecloth.linalg.gauss_seidel import (
     sweep_residual,
 )
 from fecloth.linalg.pcg import PCG, invert_diagonal
-from fecloth.linalg.protocol import SolveInfo, block_rows, subtract_product
+from fecloth.linalg.protocol import BlockRows, SolveInfo, block_rows, subtract_product
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What a level owes to the pattern of its matrix alone."""
+    """The part of a level that depends on the pattern of its matrix alone.
+
+    Attributes
+    ----------
+    pattern
+        The pattern.
+    order
+        Its nodes by colours.
+    of_node
+        (n,) int32 aggregate of each node.
+    """
 
     pattern: BlockPattern
     order: SweepOrder
-    of_node: np.ndarray  # (n,) int32 aggregate of each node
+    of_node: np.ndarray
+
+
+class Sweeps(NamedTuple):
+    """The arrays of a level in the order of its colours, for kernels: see `SweepOrder`.
+
+    Attributes
+    ----------
+    nodes, starts, indptr, indices
+        As in `SweepOrder`.
+    values
+        (b − n, 3, 3) blocks beside the diagonal.
+    inverse
+        (n, 6) inverses of the diagonal blocks.
+    """
+
+    nodes: np.ndarray
+    starts: np.ndarray
+    indptr: np.ndarray
+    indices: np.ndarray
+    values: np.ndarray
+    inverse: np.ndarray
+
+
+class Work(NamedTuple):
+    """Vectors (n, 3) of a level that its cycles overwrite.
+
+    Attributes
+    ----------
+    x, r, b
+        The unknown, the residual and the right side of a cycle, by colours. At the end of a
+        cycle r holds the result, by nodes.
+    load
+        The right side by nodes, from the finer level.
+    first
+        The result of the first of two cycles.
+    """
+
+    x: np.ndarray
+    r: np.ndarray
+    b: np.ndarray
+    load: np.ndarray
+    first: np.ndarray
+
+    @property
+    def result(self) -> np.ndarray:
+        """The result of a cycle, by nodes."""
+        return self.r
 
 
 @dataclass(frozen=True)
 class Level:
-    """A matrix and what a cycle needs of it."""
+    """A matrix, and all that a cycle needs for it.
+
+    The blocks of the finest level are in single precision, as are P and Pᵀ: reading them from
+    memory takes most of the time.
+
+    Attributes
+    ----------
+    grid
+        The order and the aggregates of its nodes.
+    A
+        The matrix.
+    values
+        (b − n, 3, 3) its blocks beside the diagonal, by colours.
+    inverse
+        (n, 6) inverses of its diagonal blocks, by colours.
+    P, transposed
+        The prolongator and its transpose, with the nodes of this level by colours. On the
+        coarsest level P has no columns.
+    work
+        Vectors that cycles overwrite.
+    """
 
     grid: Grid
-    A: BlockMatrix  # the matrix
-    # (b − n, 3, 3) its blocks beside the diagonal, by colours. The blocks of the finest level
-    # are in single precision, as are P and Pᵀ: reading them from memory takes most of the
-    # time.
+    A: BlockMatrix
     values: np.ndarray
-    inverse: np.ndarray  # (n, 6) inverses of the diagonal blocks, by colours
-    # The prolongator and its transpose: nodes of this level by colours. The coarsest has 0
-    # columns.
+    inverse: np.ndarray
     P: sparse.bsr_matrix
     transposed: sparse.bsr_matrix
-    work: np.ndarray  # (5, n, 3) work arrays
+    work: Work
 
     @classmethod
     def allocate(
         cls, grid: Grid, A: BlockMatrix, inverse: np.ndarray, transposed: sparse.bsr_matrix
     ) -> Self:
-        """The level of a matrix; its blocks have the precision of Pᵀ, whose columns are nodes."""
+        """The level of a matrix, from the inverses (n, 6) of its diagonal blocks.
+
+        `transposed` is Pᵀ, whose columns are nodes. The blocks get its precision.
+        """
         n = len(A.pattern)
-        b = len(grid.order.slots)
         transposed.indices = grid.order.places[transposed.indices]
-        values = np.empty((b, 3, 3), transposed.dtype)
-        work = np.zeros((5, n, 3))
-        level = cls(grid, A, values, np.empty((n, 6)), transposed.T, transposed, work)
+        x, r, b, load, first = np.zeros((5, n, 3))
+        level = cls(
+            grid=grid,
+            A=A,
+            values=np.empty((len(grid.order.slots), 3, 3), transposed.dtype),
+            inverse=np.empty((n, 6)),
+            P=transposed.T,
+            transposed=transposed,
+            work=Work(x=x, r=r, b=b, load=load, first=first),
+        )
         level.refill(A, inverse)
         return level
 
     def refill(self, A: BlockMatrix, inverse: np.ndarray) -> None:
-        """Take the blocks of a matrix of this pattern, and the inverses (n, 6) of its diagonal."""
+        """Copy the blocks of a matrix of this pattern, and the inverses (n, 6) of its diagonal."""
         self.grid.order.gather(A, self.values)
         np.take(inverse, self.grid.order.nodes, axis=0, out=self.inverse)
+
+    @cached_property
+    def sweeps(self) -> Sweeps:
+        """The arrays by colours."""
+        order = self.grid.order
+        return Sweeps(
+            nodes=order.nodes,
+            starts=order.starts,
+            indptr=order.indptr,
+            indices=order.indices,
+            values=self.values,
+            inverse=self.inverse,
+        )
 
 
 def make_grids(pattern: BlockPattern) -> list[Grid]:
@@ -105,9 +200,18 @@ def make_levels(
 ) -> list[Level]:
     """Compute the prolongators and the coarse matrices of A.
 
-    `inverse` (n, 6) are the inverses of the diagonal blocks of A, `motions` (6, n, 3) the
-    motions with little energy that all levels can represent, which are overwritten, and `kind`
-    is the precision of the finest level.
+    Parameters
+    ----------
+    grids
+        A grid for each level, from `make_grids`.
+    A
+        The matrix of the finest level.
+    inverse
+        (n, 6) the inverses of its diagonal blocks.
+    motions
+        (6, n, 3) the motions with little energy, which all levels represent; overwritten.
+    kind
+        The precision of the finest level.
     """
     grid, *coarser = grids
     if not coarser:
@@ -118,22 +222,23 @@ def make_levels(
     P = aggregation.prolongator(A, inverse, grid.of_node, motions)
     coarse = aggregation.coarse_matrix(A, P, coarser[0].pattern)
     level = Level.allocate(grid, A, inverse, P.T.astype(kind).tobsr((3, 3)))
-    del P  # what comes needs memory, too
+    del P  # the coarser levels need its memory
     coarse_inverse = np.empty((len(coarse.pattern), 6))
     invert_diagonal(coarse, coarse_inverse, "multigrid, coarse matrix")
     return [level, *make_levels(coarser, coarse, coarse_inverse, coarse_motions, np.float64)]
 
 
-NEW = 16  # iterations that cost as much as new coarse matrices
+# Iterations that take as long as new coarse matrices.
+ITERATIONS_PER_REBUILD = 16
 
 
 class Multigrid(PCG):
     """Conjugate gradients preconditioned by a cycle of multigrid.
 
     The aggregates are made once for each pattern. The coarse matrices are kept, also for other
-    matrices, until the additional iterations have cost as much as new ones: then at most twice
-    the best cost is paid. The text above says why the cycle remains definite. A solve fails
-    after `max_iterations`.
+    matrices, until the additional iterations have cost as much as new coarse matrices. So at
+    most twice the least cost is paid. The text of this module says why the cycle remains
+    definite. A solve fails after `max_iterations`.
     """
 
     name = "multigrid"
@@ -148,13 +253,17 @@ class Multigrid(PCG):
     def drop(self) -> None:
         """Forget the coarse matrices and the positions."""
         self._levels: list[Level] = []
-        self._rate = 0.0  # iterations of the first solve with these coarse matrices, by ln(1/rtol)
-        self._extra = 0.0  # iterations that later solves took beyond that
+        # Iterations over ln(1/rtol) of the first solve with these coarse matrices, and the
+        # iterations that later solves took beyond this rate.
+        self._rate = 0.0
+        self._extra = 0.0
         self._x: np.ndarray | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Note the positions x (n, 3), about which the next coarse matrices represent rotations."""
-        # Without a call they represent translations only.
+        """Note the positions x (n, 3): the next coarse matrices represent rotations about them.
+
+        Without a call they represent translations only.
+        """
         self._x = x
 
     def prepare(self, A: BlockMatrix) -> None:
@@ -163,14 +272,17 @@ class Multigrid(PCG):
         begin = time.perf_counter()
         self._A = None
         if not self._grids or not A.pattern.same_as(self._grids[0].pattern):
-            self._levels, self._grids = [], make_grids(A.pattern)
-        if self._levels and self._extra < NEW:
+            self._levels = []
+            self._grids = make_grids(A.pattern)
+        if self._levels and self._extra < ITERATIONS_PER_REBUILD:
             self._levels[0].refill(A, self._inverse)
         else:
-            self._levels = []
+            self._levels = []  # its memory is needed
             self._rate = 0.0
             self._extra = 0.0
-            x = np.zeros((len(A.pattern), 3)) if self._x is None else self._x
+            x = self._x
+            if x is None:
+                x = np.zeros((len(A.pattern), 3))
             motions = aggregation.rigid_motions(x)
             self._levels = make_levels(self._grids, A, self._inverse, motions, np.float32)
         self._A = A
@@ -189,98 +301,94 @@ class Multigrid(PCG):
     def _loop(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
-        r, _, p, q = self._work
+        """Iterate as one of the threads; return the number of iterations and the status."""
+        rows = block_rows(A)
         rz = self._carry[0]
         status = OUT_OF_ITERATIONS
         j = 0
         while j < limit and status == OUT_OF_ITERATIONS:
-            z = cycle(self._levels, r, member)
-            rz, status = step(*block_rows(A), x, r, z, p, q, self._sums, rz, threshold, member)
+            z = cycle(self._levels, self._vectors.r, member)
+            vectors = self._vectors._replace(z=z)
+            rz, status = step(rows, x, vectors, self._sums, rz, threshold, member)
             j += status in (CONVERGED, OUT_OF_ITERATIONS)
         if member.thread == 0:
             self._carry[0] = rz
         return j, status
 
 
-NOTHING = np.zeros((0, 3))  # below the coarsest level
-FEW = 60  # nodes: below, a second cycle of a level saves no iteration
+# The load and the correction of a level that does not exist: below the coarsest one.
+NOTHING = np.zeros((0, 3))
 
 
 def cycle(levels: list[Level], b: np.ndarray, member: Member = ONLY) -> np.ndarray:
-    """One cycle for A x = b, from 0: x (n, 3), valid until the next call."""
+    """One cycle for A x = b, from x = 0; the result x (n, 3) is valid until the next call."""
     level, *coarser = levels
-    result: np.ndarray = level.work[1]
-    own = level.grid.order.arrays, level.values, level.inverse
-    coarse: np.ndarray = coarser[0].work[3] if coarser else NOTHING
-    fine = level.work[0], result, level.work[2]
-    descend(*own, b, *fine, *_rows(level.transposed), coarse, member)
-    correction = correct(coarser, coarse, member) if coarser else coarse
-    ascend(*own, *fine, *_rows(level.P), correction, member)
-    return result
+    load = coarser[0].work.load if coarser else NOTHING
+    descend(level.sweeps, level.work, b, _rows_of(level.transposed), load, member)
+    correction = correct(coarser, load, member) if coarser else load
+    ascend(level.sweeps, level.work, _rows_of(level.P), correction, member)
+    return level.work.result
 
 
-def _rows(matrix: sparse.bsr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return matrix.indptr, matrix.indices, matrix.data
+def _rows_of(matrix: sparse.bsr_matrix) -> BlockRows:
+    """The arrays of a SciPy matrix of 3×3 blocks."""
+    return BlockRows(matrix.indptr, matrix.indices, matrix.data)
 
 
 def correct(levels: list[Level], b: np.ndarray, member: Member) -> np.ndarray:
-    """The correction C b; b is overwritten."""
+    """The correction C b by two cycles, on the coarsest level by one; b is overwritten.
+
+    All threads share a large level. A small one is left to the first thread.
+    """
     level = levels[0]
-    once = len(levels) == 1 or len(b) < FEW
-    x: np.ndarray = level.work[1 if once else 4]
-    if member.threads > 1 and len(b) < SMALL:
+    is_coarsest = len(levels) == 1
+    x = level.work.result if is_coarsest else level.work.first
+    if member.threads > 1 and len(b) < SMALLEST_SHARED_LOOP:
         if member.thread == 0:
             correct(levels, b, ONLY)
         wait(member)
-    elif once:
+    elif is_coarsest:
         cycle(levels, b, member)
     else:
-        subtract(*block_rows(level.A), b, cycle(levels, b, member), x, member)
+        first = cycle(levels, b, member)
+        subtract(block_rows(level.A), b, first, x, member)
         add(cycle(levels, b, member), x, member)
     return x
 
 
 @kernel
 def descend(
-    order: tuple[Array, Array, Array, Array], values: Array, inverse: Array, b: Array, x: Array,
-    r: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, transposed: Array, coarse: Array,
-    member: Member,
-) -> None:  # fmt: skip
-    """Sweep forward from x = 0, and write −Pᵀ (b − A x) to `coarse` (2m, 3)."""
-    nodes, starts, indptr, indices = order
-    permute(nodes, b, sorted_b, member)
-    wait(member)
-    sweep_forward(starts, indptr, indices, values, inverse, sorted_b, x, member)
-    sweep_residual(starts, indptr, indices, values, x, r, member)
-    begin, end = part_of(member, 0, len(coarse))
-    coarse[begin:end] = 0.0
-    subtract_product(begin, end, p_indptr, p_indices, transposed, coarse, r, coarse)
-    wait(member)
-
-
-@kernel
-def ascend(
-    order: tuple[Array, Array, Array, Array], values: Array, inverse: Array, x: Array,
-    result: Array, sorted_b: Array, p_indptr: Array, p_indices: Array, P: Array, correction: Array,
-    member: Member,
-) -> None:  # fmt: skip
-    """Take P times the correction (2m, 3) from x, sweep backward, write x by nodes to `result`."""
-    nodes, starts, indptr, indices = order
-    begin, end = part_of(member, 0, len(x))
-    subtract_product(begin, end, p_indptr, p_indices, P, x, correction, x)
-    wait(member)
-    sweep_backward(starts, indptr, indices, values, inverse, sorted_b, x, member)
-    permute_back(nodes, x, result, member)
-    wait(member)
-
-
-@kernel
-def subtract(
-    indptr: Array, indices: Array, values: Array, b: Array, y: Array, x: Array, member: Member
+    sweeps: Sweeps, work: Work, b: Array, transposed: BlockRows, load: Array, member: Member
 ) -> None:
+    """Sweep forward from x = 0, and write −Pᵀ (b − A x) to `load` (2m, 3)."""
+    nodes, starts, indptr, indices, values, inverse = sweeps
+    permute(nodes, b, work.b, member)
+    wait(member)
+    sweep_forward(starts, indptr, indices, values, inverse, work.b, work.x, member)
+    sweep_residual(starts, indptr, indices, values, work.x, work.r, member)
+    begin, end = part_of(member, 0, len(load))
+    load[begin:end] = 0.0
+    subtract_product(begin, end, transposed, load, work.r, load)
+    wait(member)
+
+
+@kernel
+def ascend(sweeps: Sweeps, work: Work, P: BlockRows, correction: Array, member: Member) -> None:
+    """x −= P times the correction (2m, 3), sweep backward, and write x by nodes to `work.r`."""
+    nodes, starts, indptr, indices, values, inverse = sweeps
+    begin, end = part_of(member, 0, len(work.x))
+    subtract_product(begin, end, P, work.x, correction, work.x)
+    wait(member)
+    sweep_backward(starts, indptr, indices, values, inverse, work.b, work.x, member)
+    permute_back(nodes, work.x, work.r, member)
+    wait(member)
+
+
+@kernel
+def subtract(A: BlockRows, b: Array, y: Array, x: Array, member: Member) -> None:
     """b −= A y; x = y."""
     begin, end = part_of(member, 0, len(x))
-    subtract_product(begin, end, indptr, indices, values, b, y, b)
+    subtract_product(begin, end, A, b, y, b)
     for i in range(begin, end):
         x[i, 0] = y[i, 0]
         x[i, 1] = y[i, 1]

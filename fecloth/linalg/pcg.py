@@ -13,6 +13,7 @@ from fecloth.linalg.conjugate_gradients import (
     INDEFINITE,
     NOT_FINITE,
     OUT_OF_ITERATIONS,
+    Vectors,
     conjugate_gradients,
 )
 from fecloth.linalg.protocol import SolveInfo, block_rows, check_arguments, relative_residual
@@ -20,7 +21,11 @@ from fecloth.linalg.reductions import BLOCK
 
 
 def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
-    """Write the inverses of the diagonal blocks (n, 6); `name` begins the message of an error."""
+    """Write the inverses of the diagonal blocks of A to `inverse` (n, 6), see `invert_blocks`.
+
+    Raises `SolveFailed` if a block is not finite, and `IndefiniteMatrix` if it is not positive
+    definite; the message begins with `name`.
+    """
     node = invert_blocks(A.pattern.diagonal, A.values, inverse)
     if node < 0:
         return
@@ -28,8 +33,9 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
     where = f"the diagonal block of node {node}"
     if not np.isfinite(block).all():
         raise SolveFailed(f"{name}: A is not finite: {where} is {block.tolist()}")
+    eigenvalues = np.linalg.eigvalsh(block)
     raise IndefiniteMatrix(
-        f"{name}: {where} is not positive definite, its eigenvalues are {np.linalg.eigvalsh(block)}"
+        f"{name}: {where} is not positive definite, its eigenvalues are {eigenvalues}"
     )
 
 
@@ -37,9 +43,9 @@ def invert_diagonal(A: BlockMatrix, inverse: np.ndarray, name: str) -> None:
 def invert_blocks(diagonal: Array, values: Array, inverse: Array) -> int:
     """Invert the symmetric diagonal blocks by their cofactors.
 
-    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3), `inverse` (n, 6) gets
-    the entries 11, 22, 33, 23, 13, 12. The result is the first node whose block is not
-    positive definite (Sylvester's criterion), or −1.
+    `diagonal` (n,) are the numbers of the blocks in `values` (b, 3, 3). The entries 11, 22, 33,
+    23, 13, 12 of their inverses are written to `inverse` (n, 6). The result is the first node
+    whose block is not positive definite (Sylvester's criterion), or −1.
     """
     for i in range(len(diagonal)):
         a = values[diagonal[i]]
@@ -82,10 +88,14 @@ class PCG:
         self.prepared += 1
         n = len(A.pattern)
         if len(self._inverse) != n:
-            self._inverse, self._work = np.empty((n, 6)), np.zeros((4, n, 3))
-            self._sums, self._carry = np.empty((3, -(-n // BLOCK))), np.empty(3)
+            self._inverse = np.empty((n, 6))
+            r, z, p, q = np.zeros((4, n, 3))
+            self._vectors = Vectors(r, z, p, q)
+            self._sums = np.empty((3, -(-n // BLOCK)))
+            self._carry = np.empty(3)
         invert_diagonal(A, self._inverse, self.name)
-        self._A, self._seconds = A, time.perf_counter() - begin
+        self._A = A
+        self._seconds = time.perf_counter() - begin
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
@@ -94,7 +104,8 @@ class PCG:
         begin = time.perf_counter()
         A, b, bb = check_arguments(self._A, b, rtol)
         x = np.zeros_like(b)
-        r = self._work[0]
+        r = self._vectors.r
+        threshold = rtol * rtol * bb
         iterations = 0
         if guess is None or bb == 0.0:
             r[:] = b
@@ -103,7 +114,8 @@ class PCG:
             x[:] = guess
             reached = relative_residual(A, b, bb, x, r)
         while not reached <= rtol:
-            count, status = self._iterate(A, x, rtol * rtol * bb, self.max_iterations - iterations)
+            left = self.max_iterations - iterations
+            count, status = self._iterate(A, x, threshold, limit=left)
             iterations += count
             # Round-off makes the recurrence of r drift away from the true residual. Restart from
             # the true residual as long as this reduces it.
@@ -126,7 +138,7 @@ class PCG:
     def _iterate(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
-        """Iterate in portions, of which the team times each; also returns the status."""
+        """Iterate in portions, which the team times; return the number and the status."""
         team = A.team if A.team.shares(len(x)) else ALONE
         self._carry[0] = -1.0
         done = 0
@@ -140,43 +152,48 @@ class PCG:
     def _share(
         self, team: Team, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int
     ) -> tuple[int, int]:
+        """Iterate on one thread or on all, as the team decides."""
+
         def loop(member: Member) -> tuple[int, int]:
             return self._loop(A, x, threshold, limit, member)
 
         def together() -> tuple[int, int]:
-            all_ = members(team.count)
-            return team.run(lambda p: loop(all_[p]), all_[0].meeting)
+            sharing = members(team.count)
+            return team.run(lambda p: loop(sharing[p]), sharing[0].meeting)
 
-        return team.do(self.name, lambda: loop(ONLY), together, lambda result: result[0])
+        return team.do(self.name, lambda: loop(ONLY), together, count=lambda result: result[0])
 
     def _loop(
         self, A: BlockMatrix, x: np.ndarray, threshold: float, limit: int, member: Member
     ) -> tuple[int, int]:
-        """What a thread does: the number of iterations and the status."""
-        data = *block_rows(A), self._inverse, x, *self._work, self._sums, self._carry
-        return conjugate_gradients(*data, threshold, limit, member)
+        """Iterate as one of the threads; return the number of iterations and the status."""
+        return conjugate_gradients(
+            block_rows(A),
+            self._inverse,
+            x,
+            self._vectors,
+            self._sums,
+            self._carry,
+            threshold,
+            limit,
+            member,
+        )
 
     def _check(
         self, status: int, iterations: int, before: float, reached: float, rtol: float
     ) -> None:
+        """Raise the error of a status, or of a residual that a restart no longer halves."""
         name = self.name
+        done = amount(iterations, "iteration")
         if status == NOT_FINITE:
-            raise SolveFailed(
-                f"{name} found a number that is not finite in {amount(iterations, 'iteration')}"
-            )
+            raise SolveFailed(f"{name} found a number that is not finite in {done}")
         if status == INDEFINITE:
-            raise IndefiniteMatrix(
-                f"{name} found pᵀAp <= 0 in iteration {iterations + 1}: A is not positive definite",
-                *(reached, rtol),
-            )
+            where = f"pᵀAp <= 0 in iteration {iterations + 1}"
+            reason = f"{name} found {where}: A is not positive definite"
+            raise IndefiniteMatrix(reason, reached, rtol)
         if status == OUT_OF_ITERATIONS:
-            raise SolveFailed(
-                f"{name} spent max_iterations = {self.max_iterations}; use a direct solver",
-                *(reached, rtol),
-            )
+            reason = f"{name} spent max_iterations = {self.max_iterations}; use a direct solver"
+            raise SolveFailed(reason, reached, rtol)
         if reached > max(rtol, 0.5 * before):
-            raise SolveFailed(
-                f"{name} stands still at round-off after {amount(iterations, 'iteration')}; "
-                "use a direct solver",
-                *(reached, rtol),
-            )
+            reason = f"{name} stands still at round-off after {done}; use a direct solver"
+            raise SolveFailed(reason, reached, rtol)

@@ -1,7 +1,7 @@
 """What a linear solver offers, what a solve reports, and the checks that all solvers share."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,24 +14,46 @@ from fecloth.linalg.reductions import BLOCK, nodes_of, squared_norm
 
 @dataclass(frozen=True)
 class SolveInfo:
-    """Cost and accuracy of a solve."""
+    """Cost and accuracy of a solve.
+
+    Attributes
+    ----------
+    name
+        Name of the solver.
+    iterations
+        Iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0).
+    residual
+        ‖b − A x‖ / ‖b‖, computed with A and the returned x.
+    seconds_factor
+        Duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis
+        if the pattern was new.
+    seconds_solve
+        Duration of this ``solve`` [s].
+    """
 
     name: str
-    # iterations of conjugate gradients, or steps of refinement of a direct solver (mostly 0)
     iterations: int
-    residual: float  # ‖b − A x‖ / ‖b‖, computed with A and the returned x
-    # duration of the last ``prepare`` [s]: factorisation or preconditioner, and the analysis if
-    # the pattern was new
+    residual: float
     seconds_factor: float
-    seconds_solve: float  # duration of this ``solve`` [s]
+    seconds_solve: float
 
 
 class LinearSolver(Protocol):
-    """A solver of A x = b for a `BlockMatrix`."""
+    """A solver of A x = b for a `BlockMatrix`.
 
-    symmetric: bool  # whether it takes symmetric matrices only
-    prepared: int  # number of calls of `prepare` so far: it identifies the prepared matrix
-    keeps_state: bool  # whether a solve may depend on more than the prepared matrix
+    Attributes
+    ----------
+    symmetric
+        Whether it takes symmetric matrices only.
+    prepared
+        Number of calls of `prepare` so far: it identifies the prepared matrix.
+    keeps_state
+        Whether a solve may depend on more than the prepared matrix.
+    """
+
+    symmetric: bool
+    prepared: int
+    keeps_state: bool
 
     @property
     def name(self) -> str:
@@ -54,7 +76,10 @@ class LinearSolver(Protocol):
         """
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Note that a step begins near x (n, 3) with J = wa M + wv D + wx K, before `prepare`."""
+        """Note that a step begins near x (n, 3), with matrices J = wa M + wv D + wx K.
+
+        It is called before `prepare`.
+        """
 
     def drop(self) -> None:
         """Forget the steps before, so that later steps do not depend on them."""
@@ -63,7 +88,10 @@ class LinearSolver(Protocol):
 def check_arguments(
     A: BlockMatrix | None, b: np.ndarray, rtol: float
 ) -> tuple[BlockMatrix, np.ndarray, float]:
-    """Validate the arguments of a solve: A, b as a contiguous array of floats (n, 3), and ‖b‖²."""
+    """Check the arguments of a solve; return A, b (n, 3) as contiguous floats, and ‖b‖².
+
+    Raises `InputError` for wrong ones, and `SolveFailed` if b is not finite.
+    """
     if A is None:
         raise InputError("no matrix", "call prepare(A) without error before solve", "solve")
     if not 0 < rtol < 1:
@@ -78,9 +106,27 @@ def check_arguments(
     return A, b, bb
 
 
-def block_rows(A: BlockMatrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The arrays indptr, indices and values of a matrix."""
-    return A.pattern.indptr, A.pattern.indices, A.values
+class BlockRows(NamedTuple):
+    """The arrays of a matrix of 3×3 blocks, for kernels: see `BlockPattern`.
+
+    Attributes
+    ----------
+    indptr
+        (n + 1,) row i has the blocks indptr[i] … indptr[i + 1] − 1.
+    indices
+        (b,) column of each block.
+    values
+        (b, 3, 3) the blocks.
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    values: np.ndarray
+
+
+def block_rows(A: BlockMatrix) -> BlockRows:
+    """The arrays of a matrix."""
+    return BlockRows(A.pattern.indptr, A.pattern.indices, A.values)
 
 
 def relative_residual(
@@ -91,28 +137,26 @@ def relative_residual(
     sums = np.empty(-(-n // BLOCK))
 
     def call(part: slice) -> Call:
-        return residual, (*block_rows(A), b, x, r, sums, part.start, part.stop)
+        return residual, (block_rows(A), b, x, r, sums, part.start, part.stop)
 
     A.team.each(n, call, unit=BLOCK)
     return float(np.sqrt(sums.sum() / bb))
 
 
 @kernel
-def residual(
-    indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array, sums: Array,
-    begin: int, end: int,
-) -> None:  # fmt: skip
-    """r = b − A x in rows begin … end − 1; writes ‖r‖² of each block of them to `sums`."""
+def residual(A: BlockRows, b: Array, x: Array, r: Array, sums: Array, begin: int, end: int) -> None:
+    """r = b − A x in rows begin … end − 1; writes ‖r‖² of each block of rows to `sums`."""
     for block in range(begin // BLOCK, -(-end // BLOCK)):
         first, last = nodes_of(block, end)
-        sums[block] = subtract_product(first, last, indptr, indices, values, b, x, r)
+        sums[block] = subtract_product(first, last, A, b, x, r)
 
 
 @inner
-def subtract_product(
-    begin: int, end: int, indptr: Array, indices: Array, values: Array, b: Array, x: Array, r: Array
-) -> float:
-    """r = b − A x in rows begin … end − 1; returns ‖r‖² of these."""
+def subtract_product(begin: int, end: int, A: BlockRows, b: Array, x: Array, r: Array) -> float:
+    """r = b − A x in rows begin … end − 1; returns ‖r‖² of these rows."""
+    indptr = A.indptr
+    indices = A.indices
+    values = A.values
     rr = 0.0
     for i in range(begin, end):
         r1, r2, r3 = b[i, 0], b[i, 1], b[i, 2]

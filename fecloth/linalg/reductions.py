@@ -10,7 +10,9 @@ import numpy as np
 
 from fecloth.compiled.jit import Array, inner, kernel, rounded_kernel
 
-BLOCK = 256  # nodes whose sums are added up first, for the same bits on any number of threads
+# Nodes in a block: sums over all nodes are sums of the sums of blocks, so that their bits do not
+# depend on the number of threads. Another number gives other bits, to round-off.
+BLOCK = 256
 
 
 def size(a: np.ndarray) -> float:
@@ -18,9 +20,9 @@ def size(a: np.ndarray) -> float:
     return math.sqrt(squared_norm(a))
 
 
-def longest(way: np.ndarray) -> float:
+def longest(vectors: np.ndarray) -> float:
     """The length of the longest of vectors (n, 3)."""
-    return math.sqrt(float(np.einsum("ni,ni->n", way, way).max()))
+    return math.sqrt(float(np.einsum("ni,ni->n", vectors, vectors).max()))
 
 
 def mean(weights: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -68,9 +70,9 @@ def weighted_dot(w: Array, a: Array, b: Array) -> float:
 
 @inner
 def nodes_of(block: int, n: int) -> tuple[int, int]:
-    """The first of n nodes that belongs to a block, and the end."""
-    end = block * BLOCK + BLOCK
-    return block * BLOCK, end if end < n else n
+    """The first node of a block of n nodes, and the end: one more than its last node."""
+    begin = block * BLOCK
+    return begin, min(begin + BLOCK, n)
 
 
 @inner
@@ -85,15 +87,15 @@ def total(sums: Array) -> float:
 class NodeSums:
     """The sums over a whole cloth; arrays a, b, y are (n, 3) and weights (n,).
 
-    This class is for one process that holds the whole cloth. Where several processes hold a part
-    of it each, an object with the same functions that adds up their sums takes its place.
+    This class is for one process that holds the whole cloth. Where each of several processes
+    holds a part of it, an object with the same functions takes its place, which adds up the sums
+    of all processes.
     """
 
     def total(self, part: float) -> float:
         """The sum over the cloth of a number that a process has summed over its part."""
         return part
 
-    # On one process these are the functions above.
     dot = staticmethod(dot)
     norm = staticmethod(size)
     rms = staticmethod(rms)

@@ -1,19 +1,19 @@
 """Selection of a solver of A x = b for a `BlockMatrix`, by name or by the work of each.
 
-`linalg.protocol.LinearSolver` says what they offer. The residual of every x that is returned has
-been computed with A and found small enough.
+`linalg.protocol.LinearSolver` says what they offer. For every x that is returned, the residual
+was computed with A and is small enough.
 
 The solver "auto" is conjugate gradients, multigrid or a factorisation: each matrix goes to the
 solver whose solves have taken the least work on average. Conjugate gradients begin. All
 averages begin with guesses. The averages of the solvers that are not in use fall slowly, so
-that each is tried again at times: the dearer it was, the later. An iteration that takes
-several times the guess of the cheapest other solver is given up; this counts as its average,
-and the other one continues at once. If the step size changes by more than a factor of 2, all
-begins anew. Where the pattern of the matrices changes, as with contact, what its analysis
-costs is added, in proportion to how often it changed lately.
+that each solver is tried again at times; the more work it took, the later. If a solve takes
+twice the guess of the cheapest other solver, it is given up. Then this work counts as the
+average of the first solver, and the other one continues at once. If the step size changes by
+more than a factor of 2, all averages begin anew. Where the pattern of the matrices changes, as
+with contact, the work of its analysis is added, in proportion to how often it changed lately.
 
 Work is counted in iterations of `PCG` and not in seconds, so that a run repeats bit for bit.
-`studies.benchmarks.auto_solver` compares whole runs with the best solver's.
+`studies.benchmarks.auto_solver` compares whole runs with those of the best solver.
 """
 
 import math
@@ -29,24 +29,41 @@ from fecloth.linalg.pcg import PCG
 from fecloth.linalg.protocol import SolveInfo, check_arguments
 from fecloth.validation import known
 
-ASSEMBLY = 2.0  # work of a tangent, for each block in a row
-CYCLE, AGE = 10.0, 4  # work of an iteration of multigrid; iterations for its coarse matrices
-MULTIGRID = 150.0  # work of a solve with it, as a guess
-REUSE = 0.8  # new factors for each solve with one, as a guess
-SUPERLU = 8.0  # work of SuperLU over the work of PARDISO
-PATTERN = {"pcg": 0.0, "direct": 320.0, "multigrid": 100.0}  # work of a new pattern
-LOADING = 1e7  # iterations times nodes that take as long as loading the MKL, 0.4 s
-LARGE = 2_000  # nodes from which on multigrid is considered
-WEIGHT = 1 / 12  # of a new solve in the average, after 1/2, 1/3, … for the first ones
-MEMORY = 0.998  # factor on the averages of the other solvers
-GAIN = 0.85  # largest ratio of averages, another solver over the current one, for a change
-PATIENCE = 1.5, 3.0  # guesses of another solver that an iteration may take, at first and later
+# All works are in iterations of `PCG` on the same matrix.
+# Work of a tangent, for each block in a row.
+TANGENT_WORK = 2.0
+# Work of an iteration of multigrid.
+CYCLE_WORK = 10.0
+# Iterations of multigrid that take as long as a solve's share of the coarse matrices.
+COARSE_ITERATIONS = 4
+# Work of a solve with multigrid, as a first guess.
+MULTIGRID_GUESS = 150.0
+# Work of SuperLU over the work of PARDISO.
+SUPERLU_RATIO = 8.0
+# Work of the analysis of a new pattern.
+PATTERN = {"pcg": 0.0, "direct": 320.0, "multigrid": 100.0}
+# Work times nodes that takes as long as loading the MKL, 0.4 s.
+LOADING_WORK = 1e7
+# Nodes from which on multigrid is considered.
+FEWEST_MULTIGRID_NODES = 2_000
+# Weight of a new solve in the average, after 1/2, 1/3, … for the first solves.
+WEIGHT = 1 / 12
+# Factor on the averages of the other solvers for each solve: they fall by half in 350 solves.
+DECAY = 0.998
+# Another solver is taken if its average is less than this share of the average in use.
+RATIO_FOR_CHANGE = 0.85
+# A solve is given up if it takes more than this factor times the guess of another solver.
+PATIENCE = 2.0
 
 
 class AutoSolver:
-    """`PCG`, `Multigrid` or what `direct` makes, for a symmetric matrix; `name` says which."""
+    """The solver "auto" for symmetric matrices: `PCG`, `Multigrid` or a direct solver.
 
-    symmetric = keeps_state = True
+    `direct` makes the direct solver. The `name` is the name of the solver in use.
+    """
+
+    symmetric = True
+    keeps_state = True
     _A: BlockMatrix | None
 
     def __init__(self, pattern: BlockPattern, direct: Callable[[], Pardiso | SuperLU]):
@@ -54,9 +71,9 @@ class AutoSolver:
         self.prepared = 0
         self._make: dict[str, Callable[[], PCG | Pardiso | SuperLU]]
         self._make = {"pcg": PCG, "direct": direct}
-        if self._nodes >= LARGE:
+        if self._nodes >= FEWEST_MULTIGRID_NODES:
             self._make["multigrid"] = Multigrid
-        self._row = len(pattern.indices) / self._nodes
+        self._blocks_in_row = len(pattern.indices) / self._nodes
         self.drop()
 
     def drop(self) -> None:
@@ -66,22 +83,26 @@ class AutoSolver:
         self._restart()
 
     def _restart(self) -> None:
+        """Begin anew with conjugate gradients and guesses; keep the solvers."""
         self._size: float | None = None  # wx/wa of the first step
         self._pattern: BlockPattern | None = None  # of the last matrix
         self._share = 0.0  # of recent matrices whose pattern was new
         self._work = 0.0  # since the last solve
         guesses = {mode: self.guess(mode) for mode in self._make if mode != "pcg"}
         self._average = {"pcg": min(guesses.values()), **guesses}
-        self._average["direct"] += 0.0 if "direct" in self._solvers else LOADING / self._nodes
+        if "direct" not in self._solvers:
+            self._average["direct"] += LOADING_WORK / self._nodes
         self._solves = dict.fromkeys(self._make, 1)  # with each solver; the guess is one
         self._use("pcg")
 
     def _use(self, mode: str) -> None:
+        """Take the solver of a mode; make it if necessary."""
         if mode not in self._solvers:
             self._solvers[mode] = self._make[mode]()
             if mode != "pcg":
                 self._average[mode] = min(self._average[mode], self.guess(mode))
-        self._mode, self._solver = mode, self._solvers[mode]
+        self._mode = mode
+        self._solver = self._solvers[mode]
         self.prepared = self.prepared + 1
         self._A = None
         if self._begun:
@@ -89,35 +110,39 @@ class AutoSolver:
 
     @property
     def name(self) -> str:
+        """Name of the solver in use."""
         return self._solver.name
 
     def guess(self, mode: str) -> float:
-        """The work for a matrix and a solve with a direct solver or multigrid."""
+        """The work for a matrix and a solve with "direct" or "multigrid", as a guess."""
         if mode == "multigrid":
-            return MULTIGRID + ASSEMBLY * self._row
-        return REUSE * self._preparation(mode) + self._solution(mode, 0)
+            return MULTIGRID_GUESS + TANGENT_WORK * self._blocks_in_row
+        return self._preparation(mode) + self._solution(mode, 0)
 
     def _price(self, mode: str) -> float:
         """The average work of a solve, with its share of the work of a new pattern."""
         return self._average[mode] + self._share * PATTERN[mode]
 
     def _preparation(self, mode: str) -> float:
-        """The work of a tangent and of the factor that it takes."""
+        """The work of a tangent, and of its factor."""
+        tangent = TANGENT_WORK * self._blocks_in_row
         if mode == "direct":
-            factor = 1.1 * self._row * self._solution(mode, 0)
-        else:
-            factor = 0.0
-        return ASSEMBLY * self._row + factor
+            return tangent + 1.1 * self._blocks_in_row * self._solution(mode, 0)
+        return tangent
 
     def _solution(self, mode: str, iterations: int) -> float:
+        """The work of a solve, with refinements or iterations."""
         if mode == "direct":
-            slow = mode in self._solvers and self._solvers[mode].name == "superlu"
-            return (1 + iterations) * math.cbrt(self._nodes) * (SUPERLU if slow else 1.0)
+            work = (1 + iterations) * math.cbrt(self._nodes)
+            if mode in self._solvers and self._solvers[mode].name == "superlu":
+                work *= SUPERLU_RATIO
+            return work
         if mode == "multigrid":
-            return CYCLE * (iterations + AGE)
+            return CYCLE_WORK * (iterations + COARSE_ITERATIONS)
         return float(iterations)
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
+        """Note that a step begins; if wx/wa has changed by more than 4, begin anew."""
         self._begun = (wx, wa, x)
         size = wx / wa
         if self._size and not 0.25 <= size / self._size <= 4:
@@ -128,13 +153,15 @@ class AutoSolver:
     def prepare(self, A: BlockMatrix) -> None:
         """Select a solver and let it prepare A."""
         is_new = self._pattern is not None and not A.pattern.same_as(self._pattern)
-        self._pattern, self._share = A.pattern, self._share + WEIGHT * (is_new - self._share)
+        self._pattern = A.pattern
+        self._share += WEIGHT * (is_new - self._share)
         cheapest = min(self._make, key=self._price)
-        if self._price(cheapest) < GAIN * self._price(self._mode):
+        if self._price(cheapest) < RATIO_FOR_CHANGE * self._price(self._mode):
             self._use(cheapest)
         self._prepare(A)
 
     def _prepare(self, A: BlockMatrix) -> None:
+        """Let the solver in use prepare A."""
         self.prepared = self.prepared + 1
         self._A = None
         self._work += self._preparation(self._mode)
@@ -144,14 +171,14 @@ class AutoSolver:
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
-        """Solve A x = b: x (n, 3) and `SolveInfo`, by another solver if this takes too long."""
+        """Solve A x = b: x (n, 3) and `SolveInfo`, by another solver if it takes long."""
         A, _, _ = check_arguments(self._A, b, rtol)
         others = [mode for mode in self._make if mode not in ("pcg", self._mode)] or ["direct"]
         price, other = min((self.guess(m) + self._share * PATTERN[m], m) for m in others)
-        limit = PATIENCE[self._solves[self._mode] > 1] * price
+        limit = PATIENCE * price
         if isinstance(self._solver, PCG):
-            cost = CYCLE if self._mode == "multigrid" else 1.0
-            self._solver.max_iterations = max(10, int(limit / cost))
+            work = CYCLE_WORK if self._mode == "multigrid" else 1.0
+            self._solver.max_iterations = max(10, int(limit / work))
         try:
             x, info = self._solver.solve(b, rtol, guess)
         except SolveFailed as failure:
@@ -162,16 +189,21 @@ class AutoSolver:
             self._prepare(A)
             return self.solve(b, rtol, guess)
         self._work += self._solution(self._mode, info.iterations)
-        old = self._average[self._mode]
-        self._average = {mode: MEMORY * work for mode, work in self._average.items()}
-        self._solves[self._mode] += 1
-        weight = max(WEIGHT, 1 / self._solves[self._mode])
-        self._average[self._mode] = old + weight * (self._work - old)
+        self._take_note_of(self._work)
         self._work = 0.0
         return x, info
 
+    def _take_note_of(self, work: float) -> None:
+        """Put the work of a solve into the average of the solver in use; let the others fall."""
+        old = self._average[self._mode]
+        self._average = {mode: DECAY * average for mode, average in self._average.items()}
+        self._solves[self._mode] += 1
+        weight = max(WEIGHT, 1 / self._solves[self._mode])
+        self._average[self._mode] = old + weight * (work - old)
+
 
 NAMES = ("direct", "pardiso", "superlu", "pcg", "multigrid")
+"""The names that `create` knows."""
 
 
 def direct(symmetric: bool = True) -> Pardiso | SuperLU:
@@ -183,8 +215,10 @@ def direct(symmetric: bool = True) -> Pardiso | SuperLU:
 
 
 def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | AutoSolver, str]:
-    """Create the solver "auto" for matrices of a pattern, and a text with what it compares."""
-    # If they are not symmetric, it is a direct solver.
+    """Create the solver "auto" for matrices of a pattern; also return a text with the reason.
+
+    If the matrices are not symmetric, it is a direct solver.
+    """
     if not symmetric:
         return direct(symmetric=False), "the matrix is not symmetric"
     solver = AutoSolver(pattern, direct)
@@ -193,15 +227,21 @@ def choose(pattern: BlockPattern, symmetric: bool) -> tuple[Pardiso | SuperLU | 
 
 
 def create(name: str, symmetric: bool = True) -> Pardiso | SuperLU | PCG | Multigrid:
-    """Create the solver with one of the `NAMES`; "direct" is PARDISO if available, else SuperLU."""
+    """Create the solver with one of the `NAMES`.
+
+    "direct" is PARDISO if it is available, else SuperLU. Raises `InputError` for another name,
+    for an iterative solver of matrices that are not symmetric, and if PARDISO cannot be loaded.
+    """
     what = f"solver {name!r}"
     where = "linalg.select.create"
     known(what, name, NAMES, where)
-    if name in ("pcg", "multigrid"):
-        if not symmetric:
-            remedy = 'Use "auto" or "direct"; or EnergyMomentum with tangent = "symmetric".'
-            raise InputError(what, "supports symmetric matrices only", where, remedy)
-        return PCG() if name == "pcg" else Multigrid()
+    if name in ("pcg", "multigrid") and not symmetric:
+        remedy = 'Use "auto" or "direct"; or EnergyMomentum with tangent = "symmetric".'
+        raise InputError(what, "supports symmetric matrices only", where, remedy)
+    if name == "pcg":
+        return PCG()
+    if name == "multigrid":
+        return Multigrid()
     if name == "pardiso":
         try:
             return Pardiso(symmetric)

@@ -23,18 +23,29 @@ from fecloth.terms import Tether
 def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     """Spectral radius of one step on the oscillator x'' + 2ζω x' + ω² x = 0.
 
-    Above 1 the motion grows. In the long run, each step multiplies its energy by the square. ω
-    dt > 0 and ζ ≥ 0 are numbers or arrays, which are broadcast; the method is one, its class,
-    or its name.
+    Above 1 the motion grows. In the long run, each step multiplies its energy by the square of
+    the radius.
 
-    A `Tether` with damping draws the nodes of a single triangle to the origin: nine uncoupled
-    oscillators. Each starts from another unit vector of x, dt v and the memory of the method,
-    and the method's own `step` gives the columns of its matrix. The error is about 1e-12, and
-    about 1e-6 where two eigenvalues are equal, as at ζ = 1.
+    The method's own `step` gives the columns of its matrix. For this a `Tether` with damping
+    draws the nodes of a single triangle to the origin: nine uncoupled oscillators. Each starts
+    from another unit vector of x, dt v and the memory of the method. The error is about 1e-12,
+    and about 1e-6 where two eigenvalues are equal, as at ζ = 1.
+
+    Parameters
+    ----------
+    method
+        A method, its class, or its name.
+    omega_dt, zeta
+        ω dt > 0 and ζ ≥ 0: numbers or arrays, which are broadcast.
+
+    Returns
+    -------
+    float or numpy.ndarray
+        The radius, of the shape of the arguments.
     """
     method = resolve_method(method)
-    omega_dt = _numbers("omega_dt", omega_dt, 0.0)
-    zeta = _numbers("zeta", zeta)
+    omega_dt = _check_numbers("omega_dt", omega_dt, positive=True)
+    zeta = _check_numbers("zeta", zeta, positive=False)
     try:
         omega_dt, zeta = np.broadcast_arrays(omega_dt, zeta)
     except ValueError:
@@ -43,14 +54,17 @@ def amplification(method, omega_dt, zeta=0.0) -> np.ndarray | float:
     radius = np.empty(omega_dt.shape)
     for at in np.ndindex(radius.shape):
         radius[at] = abs(np.linalg.eigvals(step_matrix(method, omega_dt[at], zeta[at]))).max()
-    return radius if radius.ndim else float(radius)
+    if radius.ndim == 0:
+        return float(radius)
+    return radius
 
 
 def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
-    """(x, v, memory) after a step of dt = 1 from (x, v, memory) before; one component of each.
+    """The matrix that takes (x, v, memory) before a step of dt = 1 to (x, v, memory) after it.
 
-    The memory is every array (n, 3) that a step hands on to the next one, in a fixed order;
-    for a method that takes it as a first guess only, its columns are zero.
+    Each is one component of the oscillator. The memory is every array (n, 3) that a step hands
+    on to the next one, in a fixed order. For a method that takes it as a first guess only, its
+    columns are zero.
     """
     system = _oscillators(omega_dt, zeta)
     linear = SuperLU(system.symmetric and method.traits.symmetric)
@@ -61,45 +75,57 @@ def step_matrix(method, omega_dt: float, zeta: float) -> np.ndarray:
     size = 2 + len(_arrays(memory))
     if size > start.x.size:
         raise InputError(f"method = {method!r}", "remembers too many arrays", "amplification")
-    units = np.eye(size, start.x.size).reshape(size, 3, 3)  # of unit i: oscillator i has a 1
+    units = np.eye(size, start.x.size).reshape(size, 3, 3)  # oscillator i starts from unit i
     start = State(0.0, units[0], units[1])
     step = method.step(system, start, 1.0, solver, _with_arrays(memory, iter(units[2:])))
-    return np.array([y.ravel()[:size] for y in [step.state.x, step.state.v, *_arrays(step.memory)]])
+    after = [step.state.x, step.state.v, *_arrays(step.memory)]
+    return np.array([y.ravel()[:size] for y in after])
 
 
 def resolve_method(method):
-    """Return a method object from a method, its class or its name."""
+    """Return a method object from a method, its class or its name.
+
+    Raises `InputError` for anything else, and for a choice of steps.
+    """
     methods = {**METHODS, **EXPLICIT}
     if isinstance(method, str):
         validation.known(f"method = {method!r}", method, methods, "stability")
         method = methods[method]
-    built = method() if isinstance(method, type) else method
-    if not is_method(built):
+    given = method
+    if isinstance(method, type):
+        method = method()
+    if not is_method(method):
         allowed = "must be a method of one step size such as BDF2(), its class or its name"
-        raise InputError(f"method = {method!r}", allowed, "stability")
-    return built
+        raise InputError(f"method = {given!r}", allowed, "stability")
+    return method
 
 
-def _numbers(name: str, value, above: float | None = None) -> np.ndarray:
-    """An array, all > `above`, or >= 0 without one."""
+def _check_numbers(name: str, value, positive: bool) -> np.ndarray:
+    """The values as an array of floats; `InputError` unless all are > 0, or else >= 0."""
     value = floats(name, value, "amplification")
-    is_allowed = np.isfinite(value) & (value >= 0 if above is None else value > above)
+    if positive:
+        sign = "> 0"
+        is_allowed = np.isfinite(value) & (value > 0)
+    else:
+        sign = ">= 0"
+        is_allowed = np.isfinite(value) & (value >= 0)
     if not is_allowed.all():
-        allowed = f"must be finite and {'>= 0' if above is None else f'> {above:g}'}"
-        raise InputError(f"{name} = {value[~is_allowed].flat[0]:g}", allowed, "amplification")
+        wrong = value[~is_allowed].flat[0]
+        raise InputError(f"{name} = {wrong:g}", f"must be finite and {sign}", "amplification")
     return value
 
 
 def _oscillators(omega: float, zeta: float) -> System:
     """Three nodes of 1 kg on springs of no length to the origin, each with ω [1/s] and ζ."""
-    cloth = Cloth.from_arrays(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]))
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    cloth = Cloth.from_arrays(corners, np.array([[0, 1, 2]]))
     fabric = Fabric(areal_density=3 / cloth.area, tensile_stiffness=1.0)
     spring = Tether([0, 1, 2], (0.0, 0.0, 0.0), float(omega**2), float(2 * zeta * omega))
     return System(cloth, fabric, [spring])
 
 
 def _arrays(record) -> list[np.ndarray]:
-    """All arrays in a record and its records, in order."""
+    """All arrays in a record and in the records that it contains, in order."""
     if isinstance(record, np.ndarray):
         return [record]
     if not is_dataclass(record):
@@ -113,5 +139,7 @@ def _with_arrays(record, arrays: Iterator[np.ndarray]):
         return next(arrays)
     if not is_dataclass(record) or isinstance(record, type):
         return record
-    names = [field.name for field in fields(record)]
-    return replace(record, **{name: _with_arrays(getattr(record, name), arrays) for name in names})
+    changed = {
+        field.name: _with_arrays(getattr(record, field.name), arrays) for field in fields(record)
+    }
+    return replace(record, **changed)

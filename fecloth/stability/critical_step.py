@@ -26,9 +26,14 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-DENSE = 400  # free directions up to which forward Euler's limit comes from all modes
-NOTHING = 1e-9  # of the largest: less damping counts as none
-ROWS = 20  # iterations for a bound by rows
+# Free directions up to which forward Euler's limit comes from all eigenvalues: the matrices are
+# dense, and their eigenvalues take time that grows with the cube of this number.
+MOST_DENSE_DIRECTIONS = 400
+# Damping below this share of the largest damping counts as none: eigenvalues have an error of
+# round-off, and forward Euler's limit divides by the damping.
+NEGLIGIBLE_DAMPING = 1e-9
+# Iterations of the power method for a bound by rows: each makes it smaller, none unsafe.
+POWER_ITERATIONS = 20
 
 
 def critical_dt(system: System, state: State, method="symplectic_euler") -> float:
@@ -91,13 +96,15 @@ def critical_dt(system: System, state: State, method="symplectic_euler") -> floa
         return math.inf
     K, D, M = _free_operators(system, state)
     with _as_solve_failed():
-        return _least(a * K, None if D is None else b * D, M)
+        if D is not None:
+            D = b * D
+        return _smallest_step(a * K, D, M)
 
 
 @contextmanager
 def _as_solve_failed() -> Iterator[None]:
-    """Turn the errors of an eigenproblem into `SolveFailed`; SciPy refuses what is not finite."""
-    try:
+    """Turn the errors of an eigenproblem into `SolveFailed`."""
+    try:  # SciPy raises a ValueError for numbers that are not finite
         yield
     except (ValueError, ArpackError, np.linalg.LinAlgError) as error:
         raise SolveFailed(f"the stable step cannot be computed ({error})") from error
@@ -134,25 +141,33 @@ def rate_bounds(system: System) -> tuple[float, float]:
     Z. 48). A consistent mass is at least a part of its scaled diagonal, which counts in its
     place.
     """
-    part = system.cloth.least_mass if system.mass_kind == "consistent" else 1.0
+    if system.mass_kind == "consistent":
+        part = system.cloth.least_mass
+    else:
+        part = 1.0
     mass = np.repeat(part * system.diagonal_mass, 3)
     rest = system.rest()
-    K, D = (_row_bound(A, mass) for A in (system.stiffness(rest), system.damping(rest)))
-    return K, D
+    stiffness = _row_bound(system.stiffness(rest), mass)
+    damping = _row_bound(system.damping(rest), mass)
+    return stiffness, damping
 
 
 def _row_bound(A, mass: np.ndarray) -> float:
-    """Bound the eigenvalues of M⁻¹A; the power method makes the bound small."""
-    size = abs(A + A.T) / 2
+    """Upper bound of the eigenvalues of M⁻¹A, see `rate_bounds`.
+
+    Any weights w > 0 give a bound. The weights of the power method, w ← w + M⁻¹|A| w, give small
+    ones.
+    """
+    absolute = abs(A + A.T) / 2
     w = np.ones(len(mass))
-    least = math.inf
-    for _ in range(ROWS):
-        product = size @ w / mass
+    bound = math.inf
+    for _ in range(POWER_ITERATIONS):
+        product = absolute @ w / mass
         if not np.isfinite(product).all():
             raise SolveFailed("K or D is not finite at rest: no step is known to be stable")
-        least = min(least, float((product / w).max()))
+        bound = min(bound, float((product / w).max()))
         w += product / max(product.max(), np.finfo(float).tiny) * w.max()
-    return least
+    return bound
 
 
 def _limit(method) -> tuple[float, float]:
@@ -163,8 +178,13 @@ def _limit(method) -> tuple[float, float]:
     return method.traits.stability
 
 
-def _least(K, D, M) -> float:
-    """The least dt over all z of dt² k + dt d = 1."""
+def _smallest_step(K, D, M) -> float:
+    """The smallest dt of dt² k + dt d = 1 over all z, with the Rayleigh quotients k and d of z.
+
+    The dt of any z is an upper bound. The eigenvector of dt² K + dt D with the largest
+    eigenvalue gives a smaller dt, until dt is the smallest: this is Newton's iteration, from
+    above.
+    """
     stiffness, z = _largest(K, M)
     if D is None:
         return step_of_rates(max(stiffness, 0.0), 0.0)
@@ -173,13 +193,13 @@ def _least(K, D, M) -> float:
         k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
         return step_of_rates(max(k / m, 0.0), d / m)
 
-    # No z gives less than the limit, and the z of the largest eigenvalue at some dt ever closer
-    # ones: Newton's iteration from above.
     dt = min(root(z), root(_largest(D, M)[1]))
     for _ in range(20):
         if math.isinf(dt):
             break
-        damping = dt * D if issparse(K) else aslinearoperator(dt * D)  # K may have dense parts
+        damping = dt * D
+        if not issparse(K):  # it has dense parts, and is an operator
+            damping = aslinearoperator(damping)
         last = dt
         dt = min(dt, root(_largest(dt**2 * K + damping, M)[1]))
         if dt >= last * (1 - 1e-9):
@@ -188,41 +208,52 @@ def _least(K, D, M) -> float:
 
 
 def _forward_euler(K, D, M) -> float:
-    """The least over the modes of 2 |Re λ|/|λ|²; for many directions what is at most that."""
-    most = 0.0 if D is None else _largest(D, M)[0]
-    if most <= 0:
-        return 0.0 if _largest(K, M)[0] > 0 else math.inf
-    if K.shape[0] <= DENSE:
+    """The largest stable dt of forward Euler, min 2 |Re λ|/|λ|² over the modes.
+
+    With more than `MOST_DENSE_DIRECTIONS` it is a safe dt, as `critical_dt` says.
+    """
+    largest_damping = 0.0 if D is None else _largest(D, M)[0]
+    if largest_damping <= 0:
+        is_stiff = _largest(K, M)[0] > 0
+        return 0.0 if is_stiff else math.inf
+    if K.shape[0] <= MOST_DENSE_DIRECTIONS:
         return _over_all_modes(K, D, M)
-    # largest k/d, from (K, D + tiny M): a direction without damping has a huge one
-    tiny = NOTHING * most
+    # The largest k/d is an eigenvalue of the pair (K, D + tiny M). Without damping in some
+    # direction it is huge, but finite.
+    tiny = NEGLIGIBLE_DAMPING * largest_damping
     B = (D + tiny * M).tocsc()
     inverse = LinearOperator(B.shape, splu(B).solve, dtype=float)
     start = np.random.default_rng(0).standard_normal(K.shape[0])
     values, vectors = eigsh(K, k=1, M=B, Minv=inverse, which="LA", v0=start, tol=1e-8)
     z = vectors[:, 0]
     if values[0] <= 0:
-        return 2 / most
+        return 2 / largest_damping
     k, d, m = (float(np.vdot(z, A @ z)) for A in (K, D, M))
-    return 0.0 if d <= tiny * m else min(d / k, 2 / most)
+    if d <= tiny * m:
+        return 0.0
+    return min(d / k, 2 / largest_damping)
 
 
 def _over_all_modes(K, D, M) -> float:
-    """The same from all eigenvalues λ of (λ² M + λ D + K) z = 0, as dense matrices."""
+    """min 2 |Re λ|/|λ|² over all eigenvalues λ of (λ² M + λ D + K) z = 0, with dense matrices."""
     unit = np.eye(K.shape[0])
     k, d = (np.linalg.solve(M.toarray(), A @ unit) for A in (K, D))
     omega = math.sqrt(max(np.linalg.norm(k, 2), np.finfo(float).tiny))
     rates = eigvals(np.block([[0 * unit, omega * unit], [-k / omega, -d]]))
     size = abs(rates).max()
     rates = rates[abs(rates) > 1e-6 * size]  # the others drift, as a free cloth does
-    growing = (rates.real > 0) & (abs(rates.imag) < NOTHING * size)  # negative stiffness
-    rates = rates[~growing]
-    decay = np.where(-rates.real > 0.1 * NOTHING * size, -rates.real, 0.0)
+    growing = (rates.real > 0) & (abs(rates.imag) < NEGLIGIBLE_DAMPING * size)
+    rates = rates[~growing]  # directions with negative stiffness are left out
+    decay = np.where(-rates.real > 0.1 * NEGLIGIBLE_DAMPING * size, -rates.real, 0.0)
     return float(np.min(2 * decay / abs(rates) ** 2, initial=math.inf))
 
 
 def _free_operators(system: System, state: State):
-    """ZᵀKZ, ZᵀDZ (None without damping) and ZᵀMZ, with K's dense parts; K and D symmetric."""
+    """ZᵀKZ, ZᵀDZ and ZᵀMZ, where the columns of Z are the free directions.
+
+    Of K and D it is the symmetric part, and K has its dense parts. ZᵀDZ is None where no term
+    depends on the velocity.
+    """
     Z = system.admissible
     if Z.shape[1] == 0:
         raise InputError("no free direction", "needs a node that moves", "critical_dt")
@@ -242,7 +273,7 @@ def _free_operators(system: System, state: State):
 
 
 def _largest(A, M) -> tuple[float, np.ndarray]:
-    """Largest eigenvalue of M⁻¹A, A symmetric, M symmetric and positive definite; a vector."""
+    """The largest eigenvalue of M⁻¹A and its vector; A and M are symmetric, M also definite."""
     n = A.shape[0]
     lumped = M.nnz == M.shape[0]
     if n <= 3:  # Lanczos needs more dimensions
@@ -251,8 +282,10 @@ def _largest(A, M) -> tuple[float, np.ndarray]:
     start = np.random.default_rng(0).standard_normal(n)  # the same answer in each run
     if not (A @ start).any():  # nothing stiff
         return 0.0, start
-    root = 1 / np.sqrt(M.diagonal()) if lumped else np.ones(n)
-    # M^-1/2 A M^-1/2, where M is diagonal
+    root = np.ones(n)
+    if lumped:  # then of M^-½ A M^-½ without a mass
+        root = 1 / np.sqrt(M.diagonal())
+        M = None
     scaled = LinearOperator(A.shape, lambda y: root * (A @ (root * y.ravel())), dtype=float)
-    values, vectors = eigsh(scaled, k=1, M=None if lumped else M, which="LA", v0=start, tol=1e-10)
+    values, vectors = eigsh(scaled, k=1, M=M, which="LA", v0=start, tol=1e-10)
     return float(values[0]), root * vectors[:, 0]

@@ -11,30 +11,56 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-PUSH = 1e-6  # size of the differences, relative to an edge
-SLOW = 1e-3  # m/s: the same, of velocities
-ROUGH = 0.1  # relative error of `largest_rates`
-LONGEST = 60  # Lanczos steps in a round
-ROUNDS = 6
-FIRST = 1.0  # s, the dt of the first round: a long one, in which stiffness rules
+# Largest displacement of a node in a difference of forces, relative to a mean edge: small, as
+# the force is not linear in x, but far above round-off, about 1e-16 of the forces.
+RELATIVE_PUSH = 1e-6
+# [m/s] the same for velocities. It may be larger, as the damping force is linear in v.
+VELOCITY_PUSH = 1e-3
+# Relative error of `largest_rates`: its users need the order of magnitude.
+RATE_TOLERANCE = 0.1
+# Lanczos steps in a round. If the residual is still large then, it is added to the result, which
+# stays safe; the basis of a cloth of 10,000 nodes takes 14 MB at the most.
+MOST_LANCZOS_STEPS = 60
+# Rounds at the most: in each one dt follows from the mode of the round before.
+MOST_ROUNDS = 6
+# [s] the dt of the first round: a long one, in which stiffness counts more than damping.
+FIRST_DT = 1.0
 
 
 def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
-    """The dt of `critical_dt` within about `tol`, from a few force evaluations alone [s].
+    """Estimate the dt of `critical_dt` from a few force evaluations alone [s].
 
     A mode is stable if a dt² k + b dt d < 1, where (a, b) is the limit of the method. So the
     largest eigenvalue of M^-½ (a dt² K + b dt D) M^-½ must be below 1. Lanczos' method finds
     it, with all vectors kept orthogonal (Golub and Van Loan 2013, Matrix Computations, section
-    10.3), from differences of forces, f(x, v) − f(x + a dt² z, v + b dt z) for a small z. So
-    no matrix is assembled, and terms that couple all nodes are included. A Ritz value is at
-    most the eigenvalue, so its residual is added to it. The result is an estimate and no
-    bound: use a fraction of it.
+    10.3). The products with K and D are differences of forces,
+    f(x, v) − f(x + a dt² z, v + b dt z) for a small z. So no matrix is assembled, and terms that
+    couple all nodes are included. A Ritz value is at most the eigenvalue. Therefore its
+    residual is added to it. The result is an estimate and no bound: use a fraction of it.
 
-    Every call starts from a random vector: a start from the last eigenvector does not find
-    that another end of the cloth has become the stiffest. dt is infinite where nothing is
-    stiff. Raises `InputError` for a method without ``traits.stability`` = (a, b), a > 0, or a
-    consistent mass, and `SolveFailed` if a force is not finite at the state or close to it,
-    with the term's name.
+    Every call starts from the same random vector. A start from the last eigenvector would miss
+    that another end of the cloth has become the stiffest.
+
+    Parameters
+    ----------
+    system, state
+        What moves, and where it is linearised.
+    method
+        An explicit method with a limit: ``traits.stability`` = (a, b) with a > 0.
+    tol
+        Relative error of dt, about.
+
+    Returns
+    -------
+    float
+        dt [s]; infinite where nothing is stiff.
+
+    Raises
+    ------
+    InputError
+        For another method, or a consistent mass.
+    SolveFailed
+        If a force is not finite at the state, with the name of its term, or close to the state.
     """
     check_system(system, state, "estimate")
     validation.number("tol", tol, 0.0, "estimate")
@@ -43,9 +69,10 @@ def estimate(system: System, state: State, method, tol: float = 0.02) -> float:
         allowed = "must be an explicit one with a limit, on a lumped mass"
         raise InputError(f"method = {method!r}", allowed, "estimate", "See critical_dt.")
     products = _Products(system, state, a, b)
-    dt = FIRST
+    dt = FIRST_DT
     z = products.noise()
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
+        # dt is about 1/√value, so the value may have twice the relative error of dt.
         value, residual, z = _lanczos(products.at(dt), z, 2 * tol)
         if value <= 0:
             return math.inf
@@ -60,26 +87,35 @@ def largest_rates(system: System, state: State) -> tuple[float, float]:
     """The largest eigenvalues of M⁻¹K [1/s²] and M⁻¹D [1/s] at a state, within about a tenth.
 
     Only forces are evaluated. A consistent mass is at least a part of its scaled diagonal, a
-    quarter for P1, and that part counts in its place. Raises as `estimate` does.
+    quarter for P1, and that part counts in its place. Raises `SolveFailed` as `estimate` does.
     """
     products = _Products(system, state, 1.0, 1.0)
-    weights = ((1.0, 0.0), (0.0, 1.0))
     noise = products.noise()
-    rates = [0.0, 0.0]
-    for i in range(1 + products.damped):
-        value, residual, _ = _lanczos(lambda y, i=i: products.product(y, *weights[i]), noise, ROUGH)
-        rates[i] = max(0.0, value + residual)
-    return rates[0], rates[1]
+
+    def largest(of_stiffness: float, of_damping: float) -> float:
+        value, residual, _ = _lanczos(
+            lambda y: products.product(y, of_stiffness, of_damping), noise, RATE_TOLERANCE
+        )
+        return max(0.0, value + residual)
+
+    stiffness = largest(1.0, 0.0)
+    damping = largest(0.0, 1.0) if products.damped else 0.0
+    return stiffness, damping
 
 
 def step_of_rates(k: float, d: float) -> float:
-    """The positive dt [s] of dt² k + dt d = 1; infinite for none."""
+    """The positive root dt [s] of dt² k + dt d = 1; infinite if there is none."""
     total = d + math.hypot(d, 2 * math.sqrt(k))
-    return 2 / total if total > 0 else math.inf
+    if total > 0:
+        return 2 / total
+    return math.inf
 
 
 class _Products:
-    """y ↦ M^-½ P (wx K + wv D) P M^-½ y at a state, one force evaluation each."""
+    """The products M^-½ P (wx K + wv D) P M^-½ y at a state: one force evaluation for each y.
+
+    P is the projector onto the free directions, and (a, b) the limit of the method.
+    """
 
     def __init__(self, system, state, a, b):
         # A term that remembers, as friction, is as stiff as before it yields.
@@ -99,7 +135,7 @@ class _Products:
             raise SolveFailed(_not_finite(system, state))
 
     def noise(self) -> np.ndarray:
-        """A start of unit size, the same in each run, along the free directions."""
+        """A random vector of unit size along the free directions, the same in each run."""
         noise = np.random.default_rng(0).standard_normal(self.state.x.shape)
         noise = self.system.constraints.project(noise)
         size = np.linalg.norm(noise)
@@ -108,30 +144,39 @@ class _Products:
         return noise.ravel() / size
 
     def product(self, y, wx, wv) -> np.ndarray:
+        """M^-½ P (wx K + wv D) P M^-½ y, (3n,), from a difference of forces."""
         state = self.state
         z = y.reshape(-1, 3) / self.root_mass
-        size = PUSH * self.edge / wx if wx else SLOW / wv  # D changes with x only: v may move far
+        if wx:
+            size = RELATIVE_PUSH * self.edge / wx
+        else:
+            size = VELOCITY_PUSH / wv
         push = size / np.abs(z).max()
         pushed = State(state.t, state.x + push * wx * z, state.v + push * wv * z)
         change = (self.force - self.system.force(pushed)) / push
         return self.system.constraints.project(change / self.root_mass).ravel()
 
     def at(self, dt):
-        """The operator whose largest eigenvalue is 1 at the limit."""
+        """The operator M^-½ P (a dt² K + b dt D) P M^-½.
+
+        At the largest stable dt its largest eigenvalue is 1.
+        """
         wx = self.a * dt**2
         wv = self.b * dt if self.damped else 0.0
         return lambda y: self.product(y, wx, wv)
 
     def root(self, z, dt, value, residual) -> float:
-        """The dt of a dt² k + b dt d = 1, with k and d of z made larger by the residual."""
-        more = 1 + residual / value
+        """The root dt of dt² k + dt d = 1, where k = a z·Kz and d = b z·Dz of a Ritz vector z.
+
+        The Ritz value at the given dt is `value` = dt² k + dt d. It is at most the eigenvalue.
+        Therefore k and d are made larger, by the ratio of value + residual to the value.
+        """
+        enlarged = 1 + residual / value
         if not self.damped:
-            return dt / math.sqrt(more * value)
+            return dt / math.sqrt(enlarged * value)
         k = max(self.a * float(np.vdot(z, self.product(z, 1.0, 0.0))), 0.0)
-        d = (value - dt**2 * k) / dt
-        k = more * k
-        d = more * max(d, 0.0)
-        return step_of_rates(k, d)
+        d = max((value - dt**2 * k) / dt, 0.0)
+        return step_of_rates(enlarged * k, enlarged * d)
 
 
 def _not_finite(system: System, state: State) -> str:
@@ -145,26 +190,33 @@ def _not_finite(system: System, state: State) -> str:
 
 
 def _lanczos(apply, start, tol):
-    """Largest Ritz value, its residual and its vector, once the residual is small to `tol`."""
-    basis = np.empty((LONGEST, len(start)))  # takes memory only as its rows are filled
+    """Largest Ritz value of an operator, its residual and its vector (Lanczos' method).
+
+    It ends when the residual is at most `tol` times the value, after `MOST_LANCZOS_STEPS`, or
+    when the basis spans an invariant subspace: then the value is an eigenvalue.
+    """
+    basis = np.empty((MOST_LANCZOS_STEPS, len(start)))  # takes memory only as rows are filled
     basis[0] = start / np.linalg.norm(start)
     diagonal = []
-    beside = []
+    off_diagonal = []
     while True:
         Q = basis[: len(diagonal) + 1]  # (j, 3n)
         r = apply(Q[-1])
         if not np.isfinite(r).all():
-            raise SolveFailed("the forces close to this state are not finite: it has no stiffness")
+            what = "the forces close to this state are not finite"
+            raise SolveFailed(f"{what}: it has no stiffness")
         diagonal.append(float(np.vdot(Q[-1], r)))
-        for _ in range(2):
+        for _ in range(2):  # Gram and Schmidt's method, twice: once leaves round-off
             r -= (Q @ r) @ Q
-        values, vectors = eigh_tridiagonal(diagonal, beside)
+        values, vectors = eigh_tridiagonal(diagonal, off_diagonal)
         value = values[-1]
         s = vectors[:, -1]
-        left = float(np.linalg.norm(r))
-        residual = left * abs(s[-1])
-        if residual <= tol * value or len(Q) == LONGEST or left <= 1e-12 * abs(values).max():
+        new_size = float(np.linalg.norm(r))
+        residual = new_size * abs(s[-1])
+        is_last = len(Q) == MOST_LANCZOS_STEPS
+        is_invariant = new_size <= 1e-12 * abs(values).max()
+        if residual <= tol * value or is_last or is_invariant:
             z = s @ Q
             return float(value), residual, z / np.linalg.norm(z)
-        beside.append(left)
-        np.divide(r, left, out=basis[len(Q)])
+        off_diagonal.append(new_size)
+        np.divide(r, new_size, out=basis[len(Q)])

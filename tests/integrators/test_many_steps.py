@@ -7,7 +7,7 @@ from conftest import affine
 from support.tiers import slow_except
 
 import fecloth as fc
-from fecloth.compiled.team import SMALL
+from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.integrators.many_steps import AT_ONCE
 
 CLOTH = {"width": 0.4, "height": 0.3, "h": 0.1}
@@ -46,7 +46,7 @@ def test_two_threads_give_the_same_bits_as_one(renumber, steps, orthotropic, rng
     pins = [fc.Pin(lambda X: X[:, 0] < 0.01), fc.Slide(lambda X: X[:, 0] > 0.99, normal=(1, 2, 3))]
     system = fc.System(cloth, orthotropic, [fc.StVK(), fc.Gravity()], pins)
     x = affine(cloth, [[1.1, 0.0], [0.0, 1.1], [0.0, 0.1]])
-    assert len(x) > SMALL
+    assert len(x) > SMALLEST_SHARED_LOOP
     start = system.state(x, rng.standard_normal(x.shape))
     numba.set_num_threads(1)  # what the caller has chosen for its own loops
     one, two, again = (fc.many_steps(system, start, 1e-4, steps, threads=t) for t in (1, 2, 2))

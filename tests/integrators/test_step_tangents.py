@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fecloth.integrators.derivatives import AGAIN, StepTangents
+from fecloth.integrators.derivatives import STEPS_BETWEEN_TRIALS, StepTangents
 from fecloth.nonlinear.context import PRICES
 
 
@@ -36,8 +36,10 @@ def test_conjugate_gradients_keep_their_matrix():
 
 def test_the_factor_of_the_run_is_tried_again_after_some_steps():
     made = tangents(100)
-    first = [next(iter(made.solvers(object(), True))) for _ in range(2 * AGAIN)]
-    assert [number + 1 for number, name in enumerate(first) if name == "held"] == [AGAIN, 2 * AGAIN]
+    count = 2 * STEPS_BETWEEN_TRIALS
+    first = [next(iter(made.solvers(object(), True))) for _ in range(count)]
+    held = [number for number, name in enumerate(first, 1) if name == "held"]
+    assert held == [STEPS_BETWEEN_TRIALS, 2 * STEPS_BETWEEN_TRIALS]
 
 
 def test_contractions_of_a_step_are_kept_for_the_next_one():

@@ -84,7 +84,7 @@ def test_an_equal_pattern_is_analysed_once(kind, monkeypatch):
 
 
 def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
-    monkeypatch.setattr(select, "MEMORY", 0.98)
+    monkeypatch.setattr(select, "DECAY", 0.98)
     solver, other = auto(), select.direct().name
     assert steps(solver, HARD, 4) == [other] * 4
     names = steps(solver, EASY, 80)
@@ -95,7 +95,7 @@ def test_auto_returns_to_pcg_if_iterations_become_few(monkeypatch):
 
 def test_auto_tries_pcg_again_at_times(monkeypatch):
     """A trial that fails raises the average again, which defers the next one."""
-    monkeypatch.setattr(select, "MEMORY", 0.98)
+    monkeypatch.setattr(select, "DECAY", 0.98)
     tried, prepare = [], select.PCG.prepare
     monkeypatch.setattr(select.PCG, "prepare", lambda self, A: tried.append(1) or prepare(self, A))
     assert steps(auto(), HARD, 150) == [select.direct().name] * 150
@@ -105,8 +105,8 @@ def test_auto_tries_pcg_again_at_times(monkeypatch):
 @pytest.mark.parametrize(("loading", "changes"), [(0.0, True), (1e12, False)])
 def test_auto_uses_a_factorisation_that_serves_many_steps(loading, changes, monkeypatch):
     """In a linear problem one factor serves all steps: cheaper than 40 iterations each."""
-    monkeypatch.setattr(select, "LOADING", loading)
-    monkeypatch.setattr(select, "MEMORY", 0.95)
+    monkeypatch.setattr(select, "LOADING_WORK", loading)
+    monkeypatch.setattr(select, "DECAY", 0.95)
     solver, names = auto(), []
     for _ in range(60):
         solver.begin(1.0, 1.0, NOWHERE)
@@ -171,7 +171,7 @@ def test_auto_without_pardiso_counts_the_price_of_superlu(monkeypatch):
     solver = auto()
     assert steps(solver, HARD, 3) == ["superlu", "pcg", "pcg"]
     assert solver.guess("direct") > 4 * pardiso.guess("direct") > 0.5 * 270
-    monkeypatch.setattr(select, "SUPERLU", 1.0)
+    monkeypatch.setattr(select, "SUPERLU_RATIO", 1.0)
     assert steps(auto(), HARD, 3) == ["superlu"] * 3
 
 
@@ -192,26 +192,26 @@ def test_auto_follows_the_steps_of_a_march(monkeypatch):
 
 
 def test_auto_takes_multigrid_where_pcg_takes_many_iterations(monkeypatch):
-    monkeypatch.setattr(select, "LARGE", 400)
-    monkeypatch.setattr(select, "MULTIGRID", 100.0)
+    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 400)
+    monkeypatch.setattr(select, "MULTIGRID_GUESS", 100.0)
     assert steps(auto(), EASY, 3) == ["pcg"] * 3
     assert steps(auto(), MIDDLE, 5) == ["pcg"] * 5  # about 40 iterations
-    monkeypatch.setattr(select, "MULTIGRID", 10.0)
-    monkeypatch.setattr(select, "CYCLE", 1.0)
+    monkeypatch.setattr(select, "MULTIGRID_GUESS", 10.0)
+    monkeypatch.setattr(select, "CYCLE_WORK", 1.0)
     solver = auto()
     assert steps(solver, MIDDLE, 8) == ["multigrid"] * 8
     solver.drop()
     assert steps(solver, EASY, 3) == ["pcg"] * 3
-    monkeypatch.setattr(select, "LARGE", 401)
+    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 401)
     assert "multigrid" not in steps(auto(), MIDDLE, 8)
 
 
 @pytest.mark.parametrize(("cycle", "last"), [(2.0, "multigrid"), (100.0, "direct")])
 def test_auto_factorises_where_multigrid_takes_too_long(cycle, last, monkeypatch):
     """Multigrid needs 18 iterations."""
-    monkeypatch.setattr(select, "LARGE", 400)
-    monkeypatch.setattr(select, "MULTIGRID", 20.0)
-    monkeypatch.setattr(select, "CYCLE", cycle)
+    monkeypatch.setattr(select, "FEWEST_MULTIGRID_NODES", 400)
+    monkeypatch.setattr(select, "MULTIGRID_GUESS", 20.0)
+    monkeypatch.setattr(select, "CYCLE_WORK", cycle)
     expected = select.direct().name if last == "direct" else last
     assert steps(auto(), HARD, 3) == [expected] * 3
 

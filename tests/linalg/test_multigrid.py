@@ -13,7 +13,7 @@ from fecloth.compiled.team import ALONE, Team
 from fecloth.linalg import aggregation
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.gauss_seidel import SweepOrder
-from fecloth.linalg.multigrid import NEW, Multigrid, cycle
+from fecloth.linalg.multigrid import ITERATIONS_PER_REBUILD, Multigrid, cycle
 from fecloth.linalg.pcg import PCG, invert_diagonal
 from fecloth.scene.plan import MULTIGRID
 
@@ -96,8 +96,8 @@ def test_a_cycle_is_symmetric_and_positive_definite(pattern, element, bending, s
 @pytest.fixture
 def small_loops_shared(monkeypatch):
     """Loops over 20 nodes and more are shared: several levels of a small mesh."""
-    monkeypatch.setattr("fecloth.compiled.team.SMALL", 20)
-    monkeypatch.setattr("fecloth.linalg.multigrid.SMALL", 20)
+    monkeypatch.setattr("fecloth.compiled.team.SMALLEST_SHARED_LOOP", 20)
+    monkeypatch.setattr("fecloth.linalg.multigrid.SMALLEST_SHARED_LOOP", 20)
 
 
 @pytest.mark.parametrize(("pattern", "element", "bending"), MESHES)
@@ -272,7 +272,7 @@ def test_coarse_matrices_are_kept_until_their_age_costs_as_much_as_new_ones():
         counts.append(iterations(solver, A, b))
         kept.append(solver._levels[1])
     assert kept[0] is kept[1] is kept[2]
-    assert counts[2] >= counts[0] + NEW
+    assert counts[2] >= counts[0] + ITERATIONS_PER_REBUILD
     assert kept[3] is not kept[2]
     assert kept[4] is kept[3]
     assert counts[3] < counts[2]
@@ -285,8 +285,8 @@ def test_a_closer_solution_does_not_count_as_age():
     solver = prepared(A, state.x)
     few = [solver.solve(b, rtol=1e-1)[1].iterations for _ in range(20)]
     more = solver.solve(b, rtol=1e-12)[1].iterations
-    assert more > few[0] + NEW
-    assert solver._extra < NEW
+    assert more > few[0] + ITERATIONS_PER_REBUILD
+    assert solver._extra < ITERATIONS_PER_REBUILD
 
 
 @pytest.mark.parametrize("bending", [None, fc.HingeBending(), fc.PlateBending()])

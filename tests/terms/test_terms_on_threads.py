@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.compiled.team import SMALL
+from fecloth.compiled.team import SMALLEST_SHARED_LOOP
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.step_difference import StepDifference
 
@@ -49,7 +49,7 @@ def cloths():
 
 def evaluate(cloth, term, threads):
     """Force, tangents, energy and power on these threads, at x and over a step."""
-    assert min(len(cloth.X), len(cloth.triangles)) >= SMALL
+    assert min(len(cloth.X), len(cloth.triangles)) >= SMALLEST_SHARED_LOOP
     system = fc.System(cloth, FABRIC, [term], threads=threads)
     rng = np.random.default_rng(3)
     x = 1.02 * system.rest().x + 5e-4 * rng.standard_normal((len(cloth.X), 3))

@@ -17,7 +17,7 @@ import numpy as np
 
 from fecloth.compiled.calls import Call, SharedCall
 from fecloth.compiled.jit import Array, kernel
-from fecloth.compiled.team import SMALL, Team
+from fecloth.compiled.team import SMALLEST_SHARED_LOOP, Team
 from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 
@@ -158,7 +158,7 @@ class SharedLoop:
         m = len(self.nodes)
         count = self.team.count
         function, arguments = call(self.whole)
-        if m < BLOCKS * SMALL:
+        if m < BLOCKS * SMALLEST_SHARED_LOOP:
             return float(function(*arguments))
         sums = [0.0] * BLOCKS
 
