@@ -240,13 +240,13 @@ class Fabric:
         Notes
         -----
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
-        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994). The rigidity of twist
-        is as in `from_kes`, with C45 in place of B45.
+        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994). The rigidity of
+        twist is as in `from_kes`, with C45 in place of B45.
 
         Examples
         --------
-        >>> fabric = Fabric.from_fast({"W": 168, "E100": (2.0, 4.0), "EB5": 3.0, "C": (15, 14.5)})
-        >>> fabric.shear
+        >>> fields = {"W": 168, "E100": (2.0, 4.0), "EB5": 3.0, "C": (15, 14.5)}
+        >>> Fabric.from_fast(fields).shear
         41.0
         """
         return cls(
@@ -377,8 +377,8 @@ def constants_in(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
     for key in sorted(table.keys() - set(names)):
         allowed = f"unknown key; the keys are {', '.join(names)}"
-        what = f"{path}: fabric.{key}"
-        raise InputError(f"{what} = {brief(table[key])}", allowed, where, did_you_mean(key, names))
+        what = f"{path}: fabric.{key} = {brief(table[key])}"
+        raise InputError(what, allowed, where, did_you_mean(key, names))
     pairs = {key: tuple(value) for key, value in table.items() if isinstance(value, list)}
     return table | pairs
 

@@ -166,7 +166,8 @@ def _work(values: dict[str, Pair], force: float, where: str) -> Pair:
     if "WT" in values:
         return values["WT"]
     _check_present(values, ("LT",), where)
-    warp, weft = (LT * force * EMT / 2 for LT, EMT in zip(values["LT"], values["EMT"], strict=True))
+    pairs = zip(values["LT"], values["EMT"], strict=True)
+    warp, weft = (LT * force * EMT / 2 for LT, EMT in pairs)
     return warp, weft
 
 
@@ -183,13 +184,14 @@ def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
 
 
 def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where: str) -> dict:
-    """Return the fields that have `units` as pairs in SI; raise `InputError` for unknown ones."""
+    """Return the used fields as pairs in SI; raise `InputError` for unknown fields."""
     for name in fields:
         if name not in units and name not in unused:
             allowed = f"unknown field; must be one of {', '.join(units)}"
             remedy = did_you_mean(name, units)
             raise InputError(f"{name} = {fields[name]!r}", allowed, where, remedy)
-    return {name: _pair(name, fields[name], units[name], where) for name in units if name in fields}
+    given = [name for name in units if name in fields]
+    return {name: _pair(name, fields[name], units[name], where) for name in given}
 
 
 def _pair(name: str, value: Any, unit: float, where: str) -> Pair:

@@ -109,7 +109,8 @@ class Panel:
 
         If the constants are equal in all fabrics, the result is a view of a single row.
         """
-        rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
+        of_fabrics = [np.atleast_1d(constants(fabric)) for fabric in self.fabrics]
+        rows = np.array(of_fabrics, dtype=float)
         if len({row.tobytes() for row in rows}) == 1:
             return np.broadcast_to(rows[0], (len(self.region), rows.shape[1]))
         return rows[self.region]

@@ -1,4 +1,4 @@
-"""Published fabrics: the numbers of fabrics.toml, and their conversion to constants of a `Fabric`.
+"""Published fabrics: numbers of fabrics.toml, and their conversion to constants of `Fabric`.
 
 The head of fabrics.toml says what was measured, how the numbers are read, and what is uncertain.
 """
@@ -119,7 +119,9 @@ def _fabrics() -> dict[str, dict]:
     return fabrics
 
 
-def _uncertainty(of_source: list[dict], of_kind: list[dict], kind: str, thicknesses: list) -> dict:
+def _uncertainty(
+    of_source: list[dict], of_kind: list[dict], kind: str, thicknesses: list[float]
+) -> dict:
     """Return the table of the uncertainty of a preset.
 
     It is the spread among the fabrics of the source, or of the kind where the kind has several.

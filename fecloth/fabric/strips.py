@@ -18,7 +18,7 @@ Rows = Sequence[Sequence[float]]
 
 
 def force(rows: Rows, strain: float, along: str) -> float:
-    """Return the force per unstretched width [N/m] of a strip with free sides at the strain ε [-].
+    """Return the force per unstretched width [N/m] of a strip with free sides.
 
     The second Piola-Kirchhoff stress S = s d dᵀ acts only along the direction d of the strip.
     S = C(E) E with Green's strain E, and dᵀ E d = (λ² − 1)/2 at the stretch λ = 1 + ε. The

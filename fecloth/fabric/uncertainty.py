@@ -121,7 +121,7 @@ class Uncertainty:
 
 
 def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
-    """Return the numbers among the constants of a fabric; a pair has the names KEY.0 and KEY.1."""
+    """Return the numbers among the constants of a fabric; a pair is KEY.0 and KEY.1."""
     numbers: dict[str, float] = {}
     for name in CONSTANTS:
         value: Any = constants.get(name)

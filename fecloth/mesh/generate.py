@@ -41,7 +41,7 @@ def rectangle(
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
     validation.mesh_size(h, max(width, height), width * height, "rectangle")
-    validation.known(f"pattern = {pattern!r}", pattern, _PATTERNS, "rectangle", cutoff=0.0)
+    validation.known(f"pattern = {pattern!r}", pattern, _PATTERNS, "rectangle", always=True)
     check_gradings(grading, "rectangle")
     if grading and pattern != "unstructured":
         remedy = 'Take the pattern "unstructured", or leave the grading out.'
