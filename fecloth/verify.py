@@ -156,6 +156,8 @@ def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.
 
 
 def _scaled(fabric: Fabric, factor: float) -> Fabric:
+    """Return the fabric with all its stiffness times a factor."""
+
     def scale_pair(value):
         if value is None:
             return value

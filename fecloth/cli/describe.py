@@ -38,6 +38,7 @@ def print_info(options: Namespace) -> int:
 
 
 def _info_lines(options: Namespace) -> list[str]:
+    """Return what the options ask for: fabrics, the schema, terms, a scene, or the versions."""
     if options.fabrics is not None:
         if options.fabrics:
             return describe_fabric(options.fabrics)
@@ -54,6 +55,7 @@ def _info_lines(options: Namespace) -> list[str]:
 
 
 def _describe_scene(options: Namespace) -> list[str]:
+    """Return lines on the plan of a scene, its cloth, its fabrics and its warnings."""
     scene = load_scene(options.scene, options.set, **reading(options))
     problem, (_, why) = scene.build().choose()
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes

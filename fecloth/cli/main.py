@@ -147,6 +147,7 @@ def _status(options: Namespace) -> int:
 
 
 def _parser() -> ArgumentParser:
+    """Return the parser of all commands of the table."""
     layout: dict[str, Any] = {"epilog": STATUS, "formatter_class": RawDescriptionHelpFormatter}
     parser = SuggestingParser("fecloth", description="A continuum cloth solver.", **layout)
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")

@@ -109,6 +109,7 @@ def check(options: Namespace) -> int:
 
 
 def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    """Run a scene in memory, print its warnings, and return a verdict on each expectation."""
     from fecloth.scene.probe_tables import check
 
     problem, solver = scene.build().choose()

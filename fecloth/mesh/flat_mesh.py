@@ -162,6 +162,7 @@ def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
 
 
 def _arrays(X, triangles, where):
+    """Return coordinates and triangles as arrays; raise `MeshError` for other shapes or types."""
     try:
         X = np.array(X, dtype=np.float64)
         triangles = np.asarray(triangles)
@@ -179,6 +180,7 @@ def _arrays(X, triangles, where):
 
 
 def _check_vertices(t, n, source):
+    """Refuse vertices that are no nodes, and triangles with one node twice."""
     bad = np.flatnonzero(((t < 0) | (t >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
     source.check_no_triangles(bad, t, kind, f"vertices must be 0 to {n - 1}", raw=True)
@@ -188,6 +190,7 @@ def _check_vertices(t, n, source):
 
 
 def _check_nodes(X, t, source):
+    """Refuse nodes of no triangle, and nodes at the same place."""
     unused = np.ones(len(X), dtype=bool)
     unused[t.ravel()] = False
     kind = "nodes used by no triangle"
@@ -229,6 +232,7 @@ def _orient(X, t, source):
 
 
 def _check_duplicates(t, source):
+    """Refuse triangles with the same three nodes."""
     low = np.sort(t, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
     bad = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])

@@ -88,6 +88,7 @@ class DataTable:
         return factor * np.array(values)
 
     def _number(self, name: str, cell: Any, line: int) -> float:
+        """Return the number in a cell; raise `InputError` if it is none or not finite."""
         try:
             value = float(cell)
         except (TypeError, ValueError):
@@ -113,9 +114,14 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
         if len(lengths) != 1:
             raise InputError("data", "needs columns of one length", label)
         return _table(label, columns, range(1, 1 + lengths.pop()))
-    if problem := file_problem(Path(data)):
-        raise InputError(problem[0], "must be a CSV file", str(data), problem[1])
-    content = Path(data).read_text(encoding="utf-8-sig", errors="replace")
+    return _read_csv(Path(data), where=str(data))
+
+
+def _read_csv(path: Path, where: str) -> DataTable:
+    """Read a CSV file; empty lines, and lines that begin with #, are left out."""
+    if problem := file_problem(path):
+        raise InputError(problem[0], "must be a CSV file", where, problem[1])
+    content = path.read_text(encoding="utf-8-sig", errors="replace")
     numbered = [
         (number, line)
         for number, line in enumerate(content.splitlines(), 1)
@@ -124,16 +130,16 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
     rows = list(csv.reader(line for _, line in numbered))
     if len(rows) < 2:
         allowed = "it needs a line of names, then lines of numbers"
-        raise InputError("too few lines", allowed, str(data))
+        raise InputError("too few lines", allowed, where)
     if ";" in numbered[0][1]:
-        raise InputError("columns between semicolons", COMMAS, str(data))
+        raise InputError("columns between semicolons", COMMAS, where)
     for (number, _), row in zip(numbered, rows, strict=True):
         if len(row) != len(rows[0]):
             what = f"line {number} has {len(row)} cells"
             allowed = f"must have {len(rows[0])}, as the first line; {COMMAS}"
-            raise InputError(what, allowed, str(data))
+            raise InputError(what, allowed, where)
     columns = [(name, list(cells)) for name, *cells in zip(*rows, strict=True)]
-    return _table(str(data), columns, [number for number, _ in numbered[1:]])
+    return _table(where, columns, [number for number, _ in numbered[1:]])
 
 
 def _table(where: str, columns: Sequence[tuple[str, list[Any]]], lines: Sequence[int]) -> DataTable:

@@ -116,6 +116,7 @@ def render(
 
 
 def _check_arguments(target: Path, field, size, fps, time) -> None:
+    """Raise `InputError` for arguments of `render` that are out of range."""
     known(f"field {field!r}", field, (*frame_reader.FIELDS, CHECKS))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
