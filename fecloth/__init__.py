@@ -10,7 +10,7 @@ import lazy_loader
 
 __version__ = "0.1.0"
 
-OTHER_WORDS = {  # for what other packages call by other names
+OTHER_WORDS = {  # names in other packages, and ours for the same thing
     "simulate": "run",
     "solve": "equilibrium",
     "Mesh": "Cloth",
@@ -25,13 +25,13 @@ def __getattr__(name: str) -> object:
     try:
         return _imported(name)
     except AttributeError:
-        if name.startswith("_"):  # inspect and pytest look for such in every module
+        if name.startswith("_"):  # inspect and pytest look for such names in every module
             raise
         from fecloth.errors import did_you_mean
 
-        usual = OTHER_WORDS.get(name)
-        if usual:
-            remedy = f"Did you mean {usual!r}?"
+        our_word = OTHER_WORDS.get(name)
+        if our_word:
+            remedy = f"Did you mean {our_word!r}?"
         else:
             remedy = did_you_mean(name, __all__)
         text = f"module 'fecloth' has no attribute {name!r}. {remedy}"

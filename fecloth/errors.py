@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-# exit statuses of commands and studies, beside 0
+# Exit statuses of commands and studies, beside 0. The codes are documented, and 2 is also the
+# status of argparse for bad options.
 MISSED = 1
 BAD_INPUT = 2
 FAILED = 3
 STOPPED = 4
-LIKENESS = 0.6  # least likeness of a name that is suggested; 0: one name is always suggested
 
 
 class FeclothError(Exception):
@@ -47,9 +47,14 @@ class InputError(FeclothError, ValueError):
         The file and key, or the function, of the value.
     remedy
         A sentence that says how to correct it.
+
+    Attributes
+    ----------
+    also
+        Other errors of the same input; the message has a line for each.
     """
 
-    also: tuple[InputError, ...] = ()  # others of the same input; the message has a line for each
+    also: tuple[InputError, ...] = ()
 
     def __init__(self, what: str, allowed: str = "", where: str = "", remedy: str = ""):
         self.what = what
@@ -64,7 +69,8 @@ class InputError(FeclothError, ValueError):
             text += f": {self.allowed}"
         if self.where:
             text = f"{self.where}: {text}"
-        text = f"{text}. {self.remedy}" if self.remedy else text
+        if self.remedy:
+            text = f"{text}. {self.remedy}"
         return "\n".join([text, *map(str, self.also)])
 
 
@@ -78,7 +84,7 @@ class SceneError(InputError):
 
 @contextmanager
 def errors_of(where: str, before: str = "", kind: type[InputError] = InputError) -> Iterator[None]:
-    """Raise an `InputError` of the block again, at this place and with the words before it."""
+    """Raise an `InputError` of the block again, with this place and the words `before`."""
     try:
         yield
     except InputError as error:
@@ -86,21 +92,35 @@ def errors_of(where: str, before: str = "", kind: type[InputError] = InputError)
 
 
 class SolveFailed(FeclothError):
-    """A linear solve that did not reach the required relative residual."""
+    """A linear solve that did not reach the required relative residual.
 
-    # The cause in words, the relative residual and the required one; NaN if there is none.
+    Parameters
+    ----------
+    reason
+        The cause, in words.
+    residual, rtol
+        The relative residual, and the required relative residual; NaN if there is none.
+    """
+
     def __init__(self, reason: str, residual: float = float("nan"), rtol: float = float("nan")):
         self.reason = reason
         self.residual = residual
         self.rtol = rtol
-        detail = f" (relative residual {residual:.2e}, required {rtol:.2e})"
-        super().__init__(reason if math.isnan(residual) else reason + detail)
+        text = reason
+        if not math.isnan(residual):
+            text += f" (relative residual {residual:.2e}, required {rtol:.2e})"
+        super().__init__(text)
 
 
 class IndefiniteMatrix(SolveFailed):
-    """A matrix that is not positive definite, in a solver for definite matrices."""
+    """A matrix that is not positive definite, in a solver for definite matrices.
 
-    # The iterate (n, 3) of conjugate gradients before it found this; None without one.
+    Attributes
+    ----------
+    so_far
+        The last iterate (n, 3) of conjugate gradients; None for other solvers.
+    """
+
     so_far: np.ndarray | None = None
 
 
@@ -194,7 +214,8 @@ def flag(name: str, value: object, where: str) -> None:
 
 def with_article(name: str) -> str:
     """Return a name after "a" or "an"."""
-    return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
+    article = "an" if name[0] in "aeioAEIO" else "a"
+    return f"{article} {name}"
 
 
 def amount(count: int, noun: str) -> str:
@@ -208,30 +229,46 @@ def brief(value: object) -> str:
         kind = "the class" if isinstance(value, type) else "the function"
         return f"{kind} {value.__qualname__}, which is not called"
     text = repr(value)
-    short = len(text) <= 60 and "\n" not in text and not text.startswith("<")
-    if short:
+    if len(text) <= 60 and "\n" not in text and not text.startswith("<"):
         return text
     return with_article(type(value).__name__)
 
 
-def closest(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
-    """Return the name that is most like `name`; empty if none is alike."""
-    # Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
-    plain = {_plain(each): each for each in names}
+def closest(name: object, names: Iterable[str], always: bool = False) -> str:
+    """Return the name that is most like `name`; empty if none is alike, unless `always` is true.
+
+    Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
+    """
+    names_by_word = {_plain(candidate): candidate for candidate in names}
+    words = list(names_by_word)
     word = _plain(name)
-    begins = sorted((key for key in plain if len(key) > 2 and word.startswith(key)), key=len)
-    close = difflib.get_close_matches(word, list(plain), n=1, cutoff=cutoff)
-    both = [*begins[-1:], *close]  # as "cosine" with "cos", but "tipp.z" with "tip.z"
-    likeness = [difflib.SequenceMatcher(None, each, word).ratio() for each in both]
-    if both:
-        return plain[both[likeness.index(max(likeness))]]
+    if always:
+        close = difflib.get_close_matches(word, words, n=1, cutoff=0.0)
+    else:
+        close = difflib.get_close_matches(word, words, n=1)
+    # The longest candidate with which the word begins is the other one: "cosine" means "cos",
+    # but "tipp.z" means "tip.z".
+    beginnings = [candidate for candidate in words if word.startswith(candidate)]
+    longest = max(beginnings, key=len, default="")
+    candidates = [longest, *close] if len(longest) > 2 else close
+    if not candidates:
+        return ""
+
+    def likeness(candidate: str) -> float:
+        return difflib.SequenceMatcher(None, candidate, word).ratio()
+
+    return names_by_word[max(candidates, key=likeness)]
+
+
+def did_you_mean(name: object, names: Iterable[str], always: bool = False) -> str:
+    """Return the remedy "Did you mean ...?" with the closest name; empty if none is alike.
+
+    With `always` a name is suggested, however unlike it is.
+    """
+    close = closest(name, names, always)
+    if close:
+        return f"Did you mean {close!r}?"
     return ""
-
-
-def did_you_mean(name: object, names: Iterable[str], cutoff: float = LIKENESS) -> str:
-    """Return the remedy "Did you mean ...?" with the closest name; empty if none is alike."""
-    close = closest(name, names, cutoff)
-    return f"Did you mean {close!r}?" if close else ""
 
 
 def _plain(name: object) -> str:

@@ -12,7 +12,8 @@ from fecloth.system.system import System
 from fecloth.terms import TRAITS, HingeBending
 
 CELLS = ("right", "cross", "equilateral")  # the patterns whose cells are all alike
-SIZES = ((1, (4, 4)), (-1, (4, 3)), (-1, (3, 4)), (1, (3, 3)))  # factors and periods of patches
+# Factors, and numbers of periods along X and Y, of the patches whose energies are added.
+PATCHES = ((1, (4, 4)), (-1, (4, 3)), (-1, (3, 4)), (1, (3, 3)))
 
 
 def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarray:
@@ -45,32 +46,42 @@ def plane_moduli(term, fabric: Fabric, pattern: str, h: float = 0.1) -> np.ndarr
         = C23 = 0. Then ν = C12/C11 and Y = C11 (1 − ν²).
     """
     period = _period(pattern, h, "plane_moduli")
-    patches = [(sign, size * period) for sign, size in SIZES]
+    patches = [(sign, size * period) for sign, size in PATCHES]
     return _relaxed(term, fabric, pattern, h, patches, _plane_displacements) / np.prod(period)
 
 
 def _period(pattern: str, h: float, where: str) -> np.ndarray:
     """(2,) sides of a rectangle after which the pattern repeats itself [m]."""
-    validation.known(f"pattern = {pattern!r}", pattern, CELLS, where, cutoff=0.0)
-    return h * np.array([1.0, 2 * np.sqrt(0.75) if pattern == "equilateral" else 1.0])
+    validation.known(f"pattern = {pattern!r}", pattern, CELLS, where, always=True)
+    if pattern == "equilateral":
+        return h * np.array([1.0, 2 * np.sqrt(0.75)])
+    return h * np.array([1.0, 1.0])
 
 
 def _relaxed(term, fabric, pattern, h, patches, displacements, count=3) -> np.ndarray:
-    """Matrix of the energy in the first `count` displacements, the least over all others.
+    """Matrix of the energy in the first `count` displacements, minimised over all others.
 
-    It is the sum over `patches`, pairs of a factor and the sides of a rectangle [m];
-    ``displacements(X, row)`` are (3n, p) displacements of its nodes.
+    The energy is the sum over `patches`, pairs of a factor and the sides of a rectangle [m].
+    The function ``displacements(X, row)`` returns displacements (3n, p) of the nodes of a
+    rectangle.
     """
-    H = sum(factor * _energy(term, fabric, pattern, h, s, displacements) for factor, s in patches)
+    H = sum(
+        factor * _energy(term, fabric, pattern, h, sides, displacements)
+        for factor, sides in patches
+    )
     inner = np.linalg.pinv(H[count:, count:], rcond=1e-10, hermitian=True)
     return H[:count, :count] - H[:count, count:] @ inner @ H[count:, :count]
 
 
 def _energy(term, fabric, pattern, h, sides, displacements):
-    cloth = Cloth.rectangle(*sides, h, pattern)
+    """(p, p) matrix of the energy of a rectangle at rest in given displacements."""
+    width, height = sides
+    cloth = Cloth.rectangle(width, height, h, pattern)
     system = System(cloth, fabric, [term])
-    height = h * np.sqrt(0.75) if pattern == "equilateral" else 0.5 * h
-    D = displacements(cloth.X, np.round(cloth.X[:, 1] / height).astype(int))
+    row_height = 0.5 * h
+    if pattern == "equilateral":
+        row_height = h * np.sqrt(0.75)
+    D = displacements(cloth.X, np.round(cloth.X[:, 1] / row_height).astype(int))
     return D.T @ (system.stiffness(system.rest()) @ D)
 
 
@@ -83,8 +94,9 @@ def _along(axis: int, *values: np.ndarray) -> np.ndarray:
 
 
 def _plane_displacements(X, row):
-    """For unit ε11, ε22, γ12; and of each kind of rows along X and Y."""
-    (x, y), kind = X.T, np.eye(2)[row % 2]
+    """Displacements of unit ε11, ε22, γ12, and of every second row of nodes along X and Y."""
+    x, y = X.T
+    kind = np.eye(2)[row % 2]
     strains = _along(0, x, 0 * x, 0.5 * y) + _along(1, 0 * y, y, 0.5 * x)
     return np.hstack([strains, _along(0, kind), _along(1, kind)])
 
@@ -114,7 +126,7 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
     (0.8, 1.0)
     """
     period = _period(pattern, 1.0, "bending_tensor")
-    patches = [(sign, size * period) for sign, size in SIZES]
+    patches = [(sign, size * period) for sign, size in PATCHES]
 
     def displacements(X, row):
         x, y = X.T
@@ -145,7 +157,9 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
     if across < 1:
         raise InputError(f"across = {across!r}", "must be at least 1", "strip_rigidity")
     width, height = _period(pattern, 1.0, "strip_rigidity")
-    height *= across / (2 if pattern == "equilateral" else 1)
+    height *= across
+    if pattern == "equilateral":  # its period has two rows
+        height /= 2
 
     def displacements(X, row):
         x, y = X.T
@@ -158,7 +172,7 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
 
 
 def bending_note(pattern: str, terms: Iterable[str]) -> str:
-    """A note on the rigidity of hinges on a pattern, for scenes that expect values; else ""."""
+    """Return a note on the rigidity of hinges on a pattern; "" without hinges or pattern."""
     hinge_terms = [name for name in terms if name in TRAITS and TRAITS[name].by_pattern]
     if not hinge_terms or pattern not in CELLS:
         return ""

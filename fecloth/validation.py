@@ -8,24 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from fecloth.errors import LIKENESS, InputError, brief, closest, did_you_mean, is_number
+from fecloth.errors import InputError, brief, closest, did_you_mean, is_number
 
-FARTHEST = 1e9  # m: no cloth; products of larger coordinates lose their meaning
-MOST_TRIANGLES = 20_000_000  # more triangles than this: h is assumed to be a mistake
+FARTHEST = 1e9  # largest coordinate [m]; products of larger ones lose their meaning
+MOST_TRIANGLES = 20_000_000  # for more, h is assumed to be a mistake
 
 
 def number(name: str, value: object, above: float, where: str, *, infinite: bool = False) -> None:
     """Raise `InputError` for anything but a finite number > `above`, or inf if `infinite`."""
-    endless = infinite and isinstance(value, float) and value == math.inf
-    if not (endless or (is_number(value) and value > above)):
-        allowed = f"must be a finite number > {above:g}{', or infinite' if infinite else ''}"
+    is_infinite = isinstance(value, float) and value == math.inf
+    if not ((infinite and is_infinite) or (is_number(value) and value > above)):
+        allowed = f"must be a finite number > {above:g}"
+        if infinite:
+            allowed += ", or infinite"
         raise InputError(f"{name} = {brief(value)}", allowed, where)
 
 
 def positive(name: str, value: object, unit: str, where: str, *, or_zero: bool = False) -> None:
     """Raise `InputError` for anything but a finite number > 0, or >= 0 with `or_zero`."""
     if not (is_number(value) and (value > 0 or (or_zero and value == 0))):
-        allowed = f"must be finite and {'>= 0' if or_zero else '> 0'}{f' [{unit}]' if unit else ''}"
+        allowed = "must be finite and "
+        allowed += ">= 0" if or_zero else "> 0"
+        if unit:
+            allowed += f" [{unit}]"
         raise InputError(f"{name} = {value!r}", allowed, where)
 
 
@@ -33,24 +38,30 @@ def whole(name: str, value: Any, least: int, where: str, most: int | None = None
     """Raise `InputError` for anything but an integer from `least`, up to `most` if given."""
     is_whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not (is_whole and least <= value and (most is None or value <= most)):
-        allowed = f">= {least}" if most is None else f"from {least} to {most}"
-        raise InputError(f"{name} = {value!r}", f"must be an integer {allowed}", where)
+        if most is None:
+            allowed = f"must be an integer >= {least}"
+        else:
+            allowed = f"must be an integer from {least} to {most}"
+        raise InputError(f"{name} = {value!r}", allowed, where)
 
 
 def one_of(name: str, value: object, names: Sequence[str], where: str) -> None:
     """Raise `InputError` for a value that is none of the names."""
     if value not in names:
-        *first, last = (f'"{each}"' for each in names)
+        *first, last = (f'"{name}"' for name in names)
         raise InputError(f"{name} = {value!r}", f"must be {', '.join(first)} or {last}", where)
 
 
 def known(
-    what: str, name: object, names: Iterable[str], where: str = "", cutoff: float = LIKENESS
+    what: str, name: object, names: Iterable[str], where: str = "", always: bool = False
 ) -> None:
-    """Raise `InputError` about `what` for a name that is none of the names; it has the nearest."""
+    """Raise `InputError` about `what` for a name that is none of the names.
+
+    The message suggests the closest name if one is alike, or with `always` in any case.
+    """
     if name not in (names := list(names)):
         allowed = f"must be one of {', '.join(names) or '(none)'}"
-        raise InputError(what, allowed, where, did_you_mean(name, names, cutoff))
+        raise InputError(what, allowed, where, did_you_mean(name, names, always))
 
 
 def function(name: str, value: object, example: str, where: str) -> None:
@@ -79,16 +90,16 @@ def length(name: str, value: Any, where: str) -> None:
 
 
 def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
-    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²]."""
-    # h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
+    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
+
+    h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
+    """
     length("h", h, where)
     if h > extent:
-        if h / 1000 < extent / 2:
-            in_mm = f", or write {h / 1000:g} if you meant mm"
-        else:
-            in_mm = ""
         allowed = f"must be at most {extent:g} m"
-        remedy = f"Use a smaller h{in_mm}."
+        remedy = "Use a smaller h."
+        if h / 1000 < extent / 2:
+            remedy = f"Use a smaller h, or write {h / 1000:g} if you meant mm."
         raise InputError(f"h = {h:g} m", allowed, where, remedy)
     equilateral = math.sqrt(3) / 4  # the area for h = 1 m
     count = float(area) / equilateral / h / h
@@ -123,7 +134,8 @@ def file_problem(path: Path) -> tuple[str, str] | None:
         if path.is_file():
             return None
         if path.exists():
-            return ("is a folder" if path.is_dir() else "is not a regular file"), ""
+            kind = "is a folder" if path.is_dir() else "is not a regular file"
+            return kind, ""
         if not path.parent.is_dir():
             return "no such file", f"There is no folder {path.parent}."
         return "no such file", _similar(path) or f"Look into {path.parent.resolve()}."

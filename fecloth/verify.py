@@ -15,7 +15,8 @@ from fecloth.simulation.march import march
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-EXACT_ERROR = 1e-8  # a difference quotient with a smaller relative error is regarded as exact
+# A relative error of a difference quotient below this is round-off: the quantity is linear.
+EXACT_ERROR = 1e-8
 
 
 class VerificationFailed(FeclothError):
@@ -24,7 +25,17 @@ class VerificationFailed(FeclothError):
 
 @dataclass(frozen=True)
 class Sweep:
-    """Relative errors of a central difference at a sequence of steps h, and their slope."""
+    """Relative errors of a central difference at a sequence of steps h, and their slope.
+
+    Attributes
+    ----------
+    name
+        What is differentiated.
+    h
+        The steps, each half of the step before.
+    errors
+        The relative error at each step.
+    """
 
     name: str
     h: np.ndarray
@@ -32,7 +43,7 @@ class Sweep:
 
     @property
     def slope(self) -> float:
-        """Slope in log–log before round-off dominates, 2 if correct; NaN for a linear quantity."""
+        """Slope in log–log before round-off dominates: 2 if correct, NaN if it is exact."""
         before = max(int(np.argmin(self.errors)), 1)
         if self.errors[0] < EXACT_ERROR or before < 3:
             return float("nan")
@@ -54,7 +65,7 @@ class Sweep:
 
 
 class Checked(list[Sweep]):
-    """The derivatives of a term that passed: each `Sweep`, and in words what was checked."""
+    """The derivatives of a term that passed: a `Sweep` for each, and a summary in words."""
 
     def __init__(self, sweeps: Iterable[Sweep], where: str):
         super().__init__(sweeps)
@@ -111,7 +122,9 @@ def check_term(
     """
     cloth = cloth or Cloth.rectangle(0.3, 0.2, h=0.1, pattern="cross")
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
-    states = trial_states(cloth) if states is None else list(states)
+    if states is None:
+        states = trial_states(cloth)
+    states = list(states)
     sweeps = []
     for scale in scales:
         system = System(cloth, _scaled(fabric, scale), [term])
@@ -125,7 +138,10 @@ def check_term(
 
 
 def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Three states (name, x, v): random, compressed to a stretch of 0.3, nearly degenerate."""
+    """Return states (name, x, v): random, compressed to a stretch of 0.3, nearly degenerate.
+
+    x (n, 3) are positions [m], and v (n, 3) velocities [m/s].
+    """
     rng = np.random.default_rng(seed)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
     noise = rng.standard_normal((3, *flat.shape)) * np.sqrt(cloth.area / len(cloth.triangles))
@@ -140,6 +156,8 @@ def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.
 
 
 def _scaled(fabric: Fabric, factor: float) -> Fabric:
+    """Return the fabric with all its stiffness times a factor."""
+
     def scale_pair(value):
         if value is None:
             return value
@@ -154,6 +172,7 @@ def _scaled(fabric: Fabric, factor: float) -> Fabric:
 
 
 def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep]:
+    """Difference energy and force of the one term of a system along a random direction."""
     direction = np.random.default_rng(1).standard_normal(state.x.shape)
     term = system.bound[0]
     f = system.force(state)
@@ -179,37 +198,46 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
         slope = -np.array([np.vdot(f, direction)])
         sweeps.append(_sweep("force", energy, slope, float(np.linalg.norm(f)), size))
     if "x" in tangents:
+
+        def force_at(dx):
+            return system.force(shifted(dx)).ravel()
+
         exact = -(system.stiffness(state) @ direction.ravel())
         for c, u in system.dense(state):
             exact -= c * float(np.vdot(u, direction)) * u.ravel()
-        sweeps.append(
-            _sweep("x-tangent", lambda h: system.force(shifted(h)).ravel(), exact, None, size)
-        )
+        sweeps.append(_sweep("x-tangent", force_at, exact, None, size))
     if "v" in tangents:
+
+        def force_with(dv):
+            return system.force(shifted(dv=dv)).ravel()
+
         exact = -(system.damping(state) @ direction.ravel())
-        sweeps.append(
-            _sweep("v-tangent", lambda h: system.force(shifted(0.0, h)).ravel(), exact, None, 1.0)
-        )
+        sweeps.append(_sweep("v-tangent", force_with, exact, None, 1.0))
     return sweeps
 
 
 def _sweep(
     name: str, function: Callable, exact: np.ndarray, scale: float | None, size: float
 ) -> Sweep:
-    """Relative errors of central differences of `function(h)` for h = size/4, size/8, …"""
-    # The first of them may leave the domain of a law, where it is not finite; they do not count.
+    """Return the errors of central differences of ``function(h)`` for h = size/4, size/8, …
+
+    The first steps may leave the domain of a law, where the function is not finite; they do not
+    count. The errors are relative to `scale`, by default the norm of the exact derivative.
+    """
     h = size * 0.5 ** np.arange(2, 18)
-    scale = scale or float(max(np.linalg.norm(exact), np.linalg.norm(function(0.0)) / size * 1e-6))
+    if not scale:
+        least = np.linalg.norm(function(0.0)) / size * 1e-6
+        scale = float(max(np.linalg.norm(exact), least))
     with np.errstate(invalid="ignore"):  # of an energy that is infinite on both sides
         quotients = [(function(s) - function(-s)) / (2 * s) for s in h]
-        errors = np.array([np.linalg.norm(each - exact) / scale for each in quotients])
+        errors = np.array([np.linalg.norm(quotient - exact) / scale for quotient in quotients])
     outside = np.flatnonzero(~np.isfinite(errors[: len(h) // 3]))
-    inside = slice(outside[-1] + 1 if len(outside) else 0, None)
+    inside = slice(outside.max(initial=-1) + 1, None)
     return Sweep(name, h[inside], np.maximum(errors[inside], 1e-16))
 
 
 def observed_order(h: ArrayLike, errors: ArrayLike) -> np.ndarray:
-    """Orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) between successive resolutions."""
+    """Return the orders log(e_i / e_{i+1}) / log(h_i / h_{i+1}) of successive resolutions."""
     h = np.asarray(h, dtype=float)
     errors = np.asarray(errors, dtype=float)
     return np.diff(np.log(errors)) / np.diff(np.log(h))

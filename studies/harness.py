@@ -6,9 +6,10 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -235,6 +236,17 @@ def _shorten(row: Row) -> Row:
 
 def _first_line(cause: object) -> str:
     return str(cause).splitlines()[0] if cause else ""
+
+
+@contextmanager
+def temporary_folder() -> Iterator[None]:
+    """Work in a new folder, which is removed at the end; also a decorator of functions.
+
+    For engines that write into the current folder: MuJoCo appends its warnings to MUJOCO_LOG.TXT.
+    Paths that are used inside must be absolute.
+    """
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        yield
 
 
 def hardware() -> dict[str, object]:

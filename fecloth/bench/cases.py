@@ -1,4 +1,4 @@
-"""Cases as their JSON files say them, and what an adapter gets of them; BENCH.md has the keys."""
+"""Cases from their JSON files, and the mapping that an adapter gets; BENCH.md has the keys."""
 
 import json
 from copy import deepcopy
@@ -16,26 +16,39 @@ CASES = {
 }
 
 
-def at_level(said: dict, level: int) -> dict:
-    """Return the mapping that an adapter takes, with arrays of its own, on one mesh."""
-    X, triangles = make_mesh(said["mesh"], said["mesh"]["sizes"][level])
+def at_level(stated: dict, level: int) -> dict:
+    """Return the mapping that an adapter takes, on the mesh of a level, with its own arrays."""
+    X, triangles = make_mesh(stated["mesh"], stated["mesh"]["sizes"][level])
     case: dict = {"level": level, "X": X, "triangles": triangles}
-    case |= {key: deepcopy(said[key]) for key in ("name", "static", "fabric", "loads", "pins")}
-    case |= {key: np.array(said[key], float) for key in ("gravity", "times")}
-    case |= {key: points(said[key], X)[0] for key in ("x", "v")}
-    for places, key in ((case, "pins"), *((load, "nodes") for load in case["loads"])):
-        places[key] = np.flatnonzero(points([f"where({places[key]}, 1, 0)"], X))
-    case["motion"] = said["motion"] and points(said["motion"], X[case["pins"]], case["times"])
+    case |= {key: deepcopy(stated[key]) for key in ("name", "static", "fabric", "loads")}
+    case |= {key: np.array(stated[key], float) for key in ("gravity", "times")}
+    case |= {key: points(stated[key], X)[0] for key in ("x", "v")}
+    case["pins"] = _nodes_where(stated["pins"], X)
+    for load in case["loads"]:
+        load["nodes"] = _nodes_where(load["nodes"], X)
+    case["motion"] = stated["motion"]
+    if case["motion"]:
+        case["motion"] = points(stated["motion"], X[case["pins"]], case["times"])
     return case
 
 
+def _nodes_where(condition: str, X: np.ndarray) -> np.ndarray:
+    """Return the numbers of the nodes for which a condition on X and Y holds."""
+    return np.flatnonzero(points([f"where({condition}, 1, 0)"], X))
+
+
 def make_mesh(mesh: dict, size) -> tuple[np.ndarray, np.ndarray]:
-    """Return X (n, 2) [m] and triangles (m, 3) of a rectangle, or of a disk of rings of nodes."""
+    """Return X (n, 2) [m] and triangles (m, 3) of a rectangle or a disk.
+
+    `size` is the edge length [m] of the rectangle, or the number of rings of nodes of the disk.
+    """
     if mesh["shape"] == "rectangle":
         cloth = Cloth.rectangle(mesh["width"], mesh["height"], size, mesh["pattern"])
         return cloth.X + mesh["corner"], np.array(cloth.triangles)
-    z = [k * np.exp(2j * np.pi / (6 * k or 1) * np.arange(6 * k or 1)) for k in range(size + 1)]
-    X = mesh["radius"] / size * np.concatenate(z).view(float).reshape(-1, 2)
+    rings = [np.zeros(1, complex)]  # the centre, and then x + i y of 6 k nodes of ring k
+    for k in range(1, size + 1):
+        rings.append(k * np.exp(2j * np.pi / (6 * k) * np.arange(6 * k)))
+    X = mesh["radius"] / size * np.concatenate(rings).view(float).reshape(-1, 2)
     return X, Delaunay(X).simplices.astype(np.int64)  # counterclockwise
 
 

@@ -24,7 +24,10 @@ SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", 
 
 
 def load_adapter(text: str) -> dict:
-    """Import FILE.py:FUNCTION; the file may say its VERSION and SETTINGS."""
+    """Import FILE.py:FUNCTION; return its name, its function, and what the file states.
+
+    The file may state its VERSION and SETTINGS. Raises `InputError` if it cannot be imported.
+    """
     file, _, function = text.rpartition(":")
     sys.path.insert(0, str(Path(file).resolve().parent))  # it may import files beside it
     try:
@@ -33,16 +36,25 @@ def load_adapter(text: str) -> dict:
         allowed = f"must be FILE.py:FUNCTION, and fails with {type(error).__name__}: {error}"
         raise InputError(f"--adapter {text!r}", allowed, "bench") from error
     validation.function(text, run, "my.py:run", "bench")
-    said = {key.lower(): str(module.get(key, "not said")) for key in ("VERSION", "SETTINGS")}
-    return {"adapter": Path(file).stem + f":{function}" * (function != "run"), "run": run, **said}
+    name = Path(file).stem
+    if function != "run":
+        name += f":{function}"
+    version = str(module.get("VERSION", "not said"))
+    settings = str(module.get("SETTINGS", "not said"))
+    return {"adapter": name, "run": run, "version": version, "settings": settings}
 
 
-def run_level(adapter: dict, said: dict, level: int) -> dict:
-    """Return a row; its error and uncertainty are over the reference's scale."""
-    case = at_level(said, level)
-    reference = said["reference"]
-    asked = said["quantity"]
-    row = {"case": said["name"], "level": level, **adapter, "triangles": len(case["triangles"])}
+def run_level(adapter: dict, stated: dict, level: int) -> dict:
+    """Run an adapter on a case on the mesh of a level; return a row with the error and the cost.
+
+    The error and its uncertainty are relative to the scale of the reference. If the adapter
+    fails, or cannot do the case, the status of the row says why.
+    """
+    case = at_level(stated, level)
+    reference = stated["reference"]
+    quantity = stated["quantity"]
+    row = {"case": stated["name"], "level": level, **adapter}
+    row["triangles"] = len(case["triangles"])
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
     expected = (len(case["times"]), *case["x"].shape)
     begin = time.process_time()
@@ -51,13 +63,14 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
             x = np.asarray(row.pop("run")(case), float)
         row["cpu_seconds"] = time.process_time() - begin
         if x.shape != expected:
-            raise ValueError(f"positions have the shape {x.shape}, not (times, n, 3) = {expected}")
-        case = at_level(said, level)  # whatever the adapter has changed
+            wanted = f"(times, n, 3) = {expected}"
+            raise ValueError(f"positions have the shape {x.shape}, not {wanted}")
+        case = at_level(stated, level)  # anew, as the adapter may have changed it
         moved = x - np.pad(case["X"], ((0, 0), (0, 1)))
-        values = getattr(quantities, asked["name"])(case, moved, **asked["arguments"])
+        values = getattr(quantities, quantity["name"])(case, moved, **quantity["arguments"])
         error = float(np.abs(values - reference["value"]).max() / reference["scale"])
         if not np.isfinite(error):
-            raise ValueError(f"the {asked['name']} of these positions is not a finite number")
+            raise ValueError(f"the {quantity['name']} of these positions is not a finite number")
         row |= {"error": error, "status": "ok"}
     except (Exception, SystemExit) as why:  # whatever a solver raises, the next case is run
         if isinstance(why, NotImplementedError):
@@ -68,11 +81,14 @@ def run_level(adapter: dict, said: dict, level: int) -> dict:
     return row
 
 
-def run_levels(adapter: dict, said: dict, levels: int) -> Iterator[dict]:
-    """Yield a row for each level; where the adapter cannot do the case, one row."""
-    first = run_level(adapter, said, 0)  # it compiles: the level is measured again
-    cannot = first["status"].startswith("cannot")
-    yield from [first] * cannot or (run_level(adapter, said, level) for level in range(levels))
+def run_levels(adapter: dict, stated: dict, levels: int) -> Iterator[dict]:
+    """Yield a row for each level; if the adapter cannot do the case, one row."""
+    first = run_level(adapter, stated, 0)  # it compiles: the level is measured again
+    if first["status"].startswith("cannot"):
+        yield first
+        return
+    for level in range(levels):
+        yield run_level(adapter, stated, level)
 
 
 def bench(options: Namespace) -> int:
@@ -83,17 +99,20 @@ def bench(options: Namespace) -> int:
     rows = []
     if options.list or not options.adapter:
         keys = ("name", "asks", "known", "source")
-        print(markdown_table([{key: said[key] for key in keys} for said in cases]))
+        print(markdown_table([{key: case[key] for key in keys} for case in cases]))
     adapters = [load_adapter(text) for text in dict.fromkeys(options.adapter or [])]
     if folder := options.output and Path(options.output).resolve():
         folder.mkdir(parents=True, exist_ok=True)  # refused before anything is run
     try:
-        for adapter, said in product(adapters, cases):
-            for row in run_levels(adapter, said, options.levels):
+        for adapter, case in product(adapters, cases):
+            for row in run_levels(adapter, case, options.levels):
                 rows.append(row)
-                line = " ".join(f"{key}={row[key]}" for key in SHOWN)
-                print(json.dumps(row) if options.json else line, flush=True)
-    finally:  # also of what an interruption leaves
+                if options.json:
+                    line = json.dumps(row)
+                else:
+                    line = " ".join(f"{key}={row[key]}" for key in SHOWN)
+                print(line, flush=True)
+    finally:  # also after an interruption
         if folder and rows:
             write_report(folder, rows)
     if any(row["status"].startswith("failed") for row in rows):
@@ -103,21 +122,31 @@ def bench(options: Namespace) -> int:
 
 def write_report(folder: Path, rows: list[dict]) -> None:
     """Write table.md, and a chart CASE.png of each case with a cross for each failure."""
-    said = {row["adapter"]: "- {adapter}: {version}. {settings}".format(**row) for row in rows}
+    notes = {row["adapter"]: "- {adapter}: {version}. {settings}".format(**row) for row in rows}
     table = markdown_table([{key: row[key] for key in SHOWN} for row in rows])
-    replace_file(folder / "table.md", "\n".join([*said.values(), "", table, ""]).encode())
-    for case in {row["case"]: CASES[row["case"]] for row in rows}.values():
-        drawing, ax = figures.new_figure()
-        ax.set(xlabel="CPU time [s]", ylabel="error, as a part of the scale", title=case["asks"])
-        for i, name in enumerate(said):
-            mine = [row for row in rows if (row["case"], row["adapter"]) == (case["name"], name)]
-            done = [(row["cpu_seconds"], row["error"]) for row in mine if row["status"] == "ok"]
-            label = " ".join([name, *{row["status"][:60] for row in mine} - {"ok"}])
-            ax.loglog(*np.reshape(done, (-1, 2)).T, label=label, **figures.line_style(i))
-            lost = [row | {"status": "failed"} for row in mine if row["status"][:6] == "failed"]
-            figures.mark_failures(ax, lost, "cpu_seconds", figures.COLOURS[i % 7])
-        about = case["reference"]
-        ax.axhspan(0, about["uncertainty"] / about["scale"], color="0.9", label="uncertainty")
-        ax.legend(fontsize=8)
-        figures.use_plain_ticks(ax)
-        drawing.savefig(folder / f"{case['name']}.png", dpi=100)
+    replace_file(folder / "table.md", "\n".join([*notes.values(), "", table, ""]).encode())
+    for name in dict.fromkeys(row["case"] for row in rows):
+        of_case = [row for row in rows if row["case"] == name]
+        _draw_chart(folder, CASES[name], of_case, list(notes))
+
+
+def _draw_chart(folder: Path, case: dict, rows: list[dict], adapters: list[str]) -> None:
+    """Draw errors over CPU time of all adapters on a case."""
+    drawing, ax = figures.new_figure()
+    ax.set(xlabel="CPU time [s]", ylabel="error, as a part of the scale", title=case["asks"])
+    for i, adapter in enumerate(adapters):
+        own = [row for row in rows if row["adapter"] == adapter]
+        done = [row for row in own if row["status"] == "ok"]
+        seconds = [row["cpu_seconds"] for row in done]
+        errors = [row["error"] for row in done]
+        label = " ".join([adapter, *{row["status"][:60] for row in own} - {"ok"}])
+        ax.loglog(seconds, errors, label=label, **figures.line_style(i))
+        failed = [row for row in own if row["status"].startswith("failed")]
+        failed = [row | {"status": "failed"} for row in failed]
+        figures.mark_failures(ax, failed, "cpu_seconds", figures.COLOURS[i % 7])
+    reference = case["reference"]
+    uncertainty = reference["uncertainty"] / reference["scale"]
+    ax.axhspan(0, uncertainty, color="0.9", label="uncertainty")
+    ax.legend(fontsize=8)
+    figures.use_plain_ticks(ax)
+    drawing.savefig(folder / f"{case['name']}.png", dpi=100)

@@ -11,14 +11,22 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Option:
-    """An option or argument of a command, as `argparse` takes it."""
+    """An option or argument of a command, as `argparse` takes it.
+
+    Attributes
+    ----------
+    names
+        Such as ["-o", "--output"].
+    keywords
+        Of `ArgumentParser.add_argument`.
+    """
 
     names: list[str]
     keywords: dict[str, Any]
 
     @property
     def key(self) -> str:
-        """Name of its value among the parsed options."""
+        """The name of its value among the parsed options."""
         return self.keywords.get("dest") or self.names[-1].lstrip("-").replace("-", "_")
 
 
@@ -33,6 +41,7 @@ class Command:
     prints: bool = True
 
     def load(self) -> Callable:
+        """Import and return the function of the command."""
         module, name = self.target.split(":")
         return getattr(importlib.import_module(module), name)
 
@@ -57,14 +66,16 @@ TYPES["names"] = lambda text: [name.strip() for name in text.split(",") if name.
 
 
 def _rows(listed: list[Any]) -> Iterator[dict[str, Any]]:
-    """Yield the options of a list as tables: groups and shared options by name are looked up."""
-    for each in listed:
-        if isinstance(each, dict):
-            yield (TABLE["shared"][each["like"]] if "like" in each else {}) | each
-        elif each in TABLE["groups"]:
-            yield from _rows(TABLE["groups"][each])
+    """Yield the options of a list as tables; names stand for groups and for shared options."""
+    for item in listed:
+        if isinstance(item, dict) and "like" in item:
+            yield TABLE["shared"][item["like"]] | item
+        elif isinstance(item, dict):
+            yield item
+        elif item in TABLE["groups"]:
+            yield from _rows(TABLE["groups"][item])
         else:
-            yield TABLE["shared"][each]
+            yield TABLE["shared"][item]
 
 
 def read_options(listed: list[Any]) -> list[Option]:
@@ -72,7 +83,8 @@ def read_options(listed: list[Any]) -> list[Option]:
     options = {}
     for row in _rows(listed):
         keywords = {key: value for key, value in row.items() if key not in ("names", "like")}
-        keywords |= {"type": TYPES[row["type"]]} if "type" in row else {}
+        if "type" in row:
+            keywords["type"] = TYPES[row["type"]]
         options[row["names"]] = Option(row["names"].split(), keywords)
     return list(options.values())
 
@@ -81,9 +93,9 @@ COMMANDS = {
     name: Command(**row | {"options": read_options(row["options"])})
     for name, row in TABLE["commands"].items()
 }
-RUNNING = {option.key for option in read_options(["running"])}  # that all studies share
+RUNNING = {option.key for option in read_options(["running"])}  # options of all studies
 
 
 def reading(options: Namespace) -> dict[str, Any]:
-    """Return the arguments of `load_scene` that the options of the group "mesh" are."""
+    """Return the options of the group "mesh" as arguments of `load_scene`."""
     return {"trust_geo": options.trust_geo, "mesh_time": options.mesh_time}

@@ -25,7 +25,6 @@ from fecloth.scene.scene import load_scene
 from fecloth.scene.tables import TERM_TABLES
 from fecloth.scene.type_words import fields, meaning, phrase
 
-WIDTH = 100
 ROWS = f"""The constants were taken at zero strain and zero curvature. The tables have the force
 of a strip with free sides by all rows of the source, and by how much the force of the constants
 differs from it; and the same of bending. Rows are at strains of 0 and {100 * strips.END:.1f} %;
@@ -33,11 +32,13 @@ beyond, they are held constant."""
 
 
 def print_info(options: Namespace) -> int:
+    """Print what the options ask for; return the exit status."""
     print("\n".join(_info_lines(options)))
     return 0
 
 
 def _info_lines(options: Namespace) -> list[str]:
+    """Return what the options ask for: fabrics, the schema, terms, a scene, or the versions."""
     if options.fabrics is not None:
         if options.fabrics:
             return describe_fabric(options.fabrics)
@@ -54,14 +55,15 @@ def _info_lines(options: Namespace) -> list[str]:
 
 
 def _describe_scene(options: Namespace) -> list[str]:
+    """Return lines on the plan of a scene, its cloth, its fabrics and its warnings."""
     scene = load_scene(options.scene, options.set, **reading(options))
     problem, (_, why) = scene.build().choose()
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
     lines = [*plan(problem, why), *mesh, *sources(problem.system.fabric)]
     if options.ranks is not None:
         validation.number("ranks", options.ranks, 0.0, "info")
-        each = memory_of_each(problem.system, options.ranks)
-        lines.append(f"on {options.ranks} processes (mpiexec): about {each:.0f} MB each")
+        memory = memory_of_each(problem.system, options.ranks)
+        lines.append(f"on {options.ranks} processes (mpiexec): about {memory:.0f} MB each")
     return lines + [f"warning: {words}" for words in problem.warnings()]
 
 
@@ -69,7 +71,8 @@ def print_mesh(options: Namespace) -> int:
     """Mesh a file or a scene, print what the mesh is like, and write it where asked for."""
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
-        raise InputError("--h", "is for mesh files", options.path, "Change cloth.h in the scene.")
+        remedy = "Change cloth.h in the scene."
+        raise InputError("--h", "is for mesh files", options.path, remedy)
     if is_scene:
         cloth = load_scene(options.path, **reading(options)).mesh()
     else:
@@ -86,8 +89,10 @@ def describe_cloth(cloth: Cloth) -> list[str]:
     """Return lines on size, edges and quality of the triangles, and one line for each set."""
     corners = cloth.X[cloth.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    (x0, y0), (x1, y1) = cloth.X.min(axis=0), cloth.X.max(axis=0)
-    triangles = f"{len(cloth.triangles)} {'quadratic ' * (cloth.element == 'P2')}triangles"
+    x0, y0 = cloth.X.min(axis=0)
+    x1, y1 = cloth.X.max(axis=0)
+    kind = "quadratic triangles" if cloth.element == "P2" else "triangles"
+    triangles = f"{len(cloth.triangles)} {kind}"
     return [
         f"{amount(len(cloth.X), 'node')}, {triangles}, area {cloth.area:.6g} m²",
         f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
@@ -100,8 +105,9 @@ def describe_cloth(cloth: Cloth) -> list[str]:
 
 def sources(fabric: Fabric | Mapping[str, Fabric]) -> list[str]:
     """Return a line with the source of each fabric that has one."""
-    regions = fabric if isinstance(fabric, Mapping) else {"fabric": fabric}
-    return [f"{name}: {one.source}" for name, one in regions.items() if one.source]
+    if isinstance(fabric, Fabric):
+        fabric = {"fabric": fabric}
+    return [f"{name}: {value.source}" for name, value in fabric.items() if value.source]
 
 
 def list_fabrics() -> list[str]:
@@ -121,7 +127,7 @@ def list_fabrics() -> list[str]:
 
 
 def describe_fabric(name: str) -> list[str]:
-    """Return lines with the constants of a published fabric; if Wang measured it, with all rows.
+    """Return lines with the constants of a published fabric; for Wang's fabrics with all rows.
 
     Raises `InputError` for an unknown name.
     """
@@ -133,8 +139,9 @@ def describe_fabric(name: str) -> list[str]:
     deviations = dict(fabric.uncertainty.deviations)
     for key, value in numbers_of(presets.constants(name)).items():
         dimension = CONSTANTS[key.partition(".")[0]]
-        spread = f"± {deviations[key]}" if key in deviations else ""
-        lines.append(f"{key:<20}{value:>10.4g} {dimension.si if dimension else '':<7}{spread}")
+        unit = dimension.si if dimension else ""
+        deviation = f"± {deviations[key]}" if key in deviations else ""
+        lines.append(f"{key:<20}{value:>10.4g} {unit:<7}{deviation}")
     words = f"uncertainty: {fabric.uncertainty.source}", f"source: {source}"
     return [*lines, "", *map(_wrap, words), *_describe_rows(**presets.rows(name))]
 
@@ -149,8 +156,9 @@ def _describe_rows(stretching: strips.Rows = (), bending: strips.Rows = ()) -> l
         pairs = [strips.compare(stretching, strain, along) for along in strips.ALONG]
         lines.append(f"{100 * strain:.0f} %".ljust(16) + _in_columns(pairs))
     lines += ["", f"B [µN m] at     {head}"]
+    warp, bias, weft = bending
     for i, curvature in enumerate(strips.CURVATURES):
-        pairs = [(row[i] / 4, row[0] / row[i] - 1) for row in (bending[0], bending[2], bending[1])]
+        pairs = [(row[i] / 4, row[0] / row[i] - 1) for row in (warp, weft, bias)]
         lines.append(f"{curvature:.0f} 1/m".ljust(16) + _in_columns(pairs))
     return lines
 
@@ -160,21 +168,22 @@ def _in_columns(pairs: Iterable[tuple[float, float]]) -> str:
 
 
 def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
-    """Return lines with the standard uncertainties of the constants, and where they come from."""
+    """Return lines with the standard uncertainties of the constants and their sources."""
     rows = []
     letters = dict[str, str]()
     for name, fabric in fabrics.items():
         assert isinstance(fabric.uncertainty, Uncertainty)
         letter = letters.setdefault(fabric.uncertainty.source, chr(ord("a") + len(letters)))
-        found = dict(fabric.uncertainty.deviations)
-        value = "{:.2f}".format
-        nu = value(found.pop("poisson_ratio"))
-        warp, weft, shear, *bending = (str(text).removesuffix(" %") for text in found.values())
+        deviations = dict(fabric.uncertainty.deviations)
+        nu = f"{deviations.pop('poisson_ratio'):.2f}"
+        texts = [str(deviation).removesuffix(" %") for deviation in deviations.values()]
+        warp, weft, shear, *bending = texts
         tensile = f"{warp} / {weft}"
         bent = " / ".join(bending[:2])
         rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{bent:>12}  ({letter})")
     head = f"{'standard uncertainty':<26}{'Y [%]':>15}{'G [%]':>9}{'ν':>6}{'B [%]':>12}"
-    return [head, *rows, "", *(_wrap(f"({letter}) {words}") for words, letter in letters.items())]
+    sources = [_wrap(f"({letter}) {words}") for words, letter in letters.items()]
+    return [head, *rows, "", *sources]
 
 
 def _row(name: str, fabric: Fabric) -> str:
@@ -188,24 +197,27 @@ def _row(name: str, fabric: Fabric) -> str:
 
 def _wrap(text: str) -> str:
     return textwrap.fill(
-        text, WIDTH, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        text, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
 
 
 def describe_terms(name: str) -> list[str]:
     """Return lines about the term of this name, or with "" one line for each term."""
-    tables = TERM_TABLES
     if not name:
-        wide = max(map(len, tables))
-        return [f"{key:<{wide}}  {', '.join(fields(tables[key]))}".rstrip() for key in tables]
-    validation.known(f"--terms {name}", name, tables)
-    lines = ["[[terms]]", f'type = "{name}"', "", *(tables[name].__doc__ or "").split("\n")]
+        width = max(map(len, TERM_TABLES))
+        return [
+            f"{term:<{width}}  {', '.join(fields(table))}".rstrip()
+            for term, table in TERM_TABLES.items()
+        ]
+    validation.known(f"--terms {name}", name, TERM_TABLES)
+    table = TERM_TABLES[name]
+    lines = ["[[terms]]", f'type = "{name}"', "", *(table.__doc__ or "").split("\n")]
     indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
-    for key, field in fields(tables[name]).items():
+    for key, field in fields(table).items():
         if field.is_required():
             usual = "required"
         else:
             usual = f"default {field.default!r}"
-        words = textwrap.wrap(meaning(field), WIDTH, **indent)
+        words = textwrap.wrap(meaning(field), **indent)
         lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
     return lines

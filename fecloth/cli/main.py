@@ -17,7 +17,7 @@ from fecloth.runs.interruption import set_handler, stop_at_once
 
 
 class Tolerant:
-    """A text stream that goes to the null device from the first write that the system refuses."""
+    """A text stream that goes to the null device once the system has refused a write."""
 
     def __init__(self, stream: TextIO):
         self.stream = stream
@@ -39,7 +39,7 @@ class Tolerant:
             self._redirect(error)
 
     def _redirect(self, error: OSError) -> None:
-        """Keep the first error, and lead the file to the null device with what it still holds."""
+        """Keep the first error, and let the file and its buffer go to the null device."""
         self.failure = self.failure or error
         with suppress(OSError, ValueError):  # a stream in memory has no file
             null = os.open(os.devnull, os.O_WRONLY)
@@ -52,7 +52,7 @@ class Tolerant:
 
 @contextmanager
 def tolerant_streams() -> Iterator[None]:
-    """Make sys.stdout and sys.stderr tolerant; characters that an encoding lacks become ``?``."""
+    """Make sys.stdout and sys.stderr `Tolerant`; they write ``?`` for unknown characters."""
     before = sys.stdout, sys.stderr
     for stream in before:
         # stderr writes \u03c1 for ρ by itself; a stream may be closed (None) or of another kind
@@ -66,8 +66,10 @@ def tolerant_streams() -> Iterator[None]:
 
 
 def lost_output() -> str:
-    """Flush both streams; return why standard output is not complete, or ""."""
-    # A reader that has gone, as in ``fecloth info | head -1``, has read what it wanted.
+    """Flush both streams; return why standard output is not complete, or "".
+
+    A reader that has gone, as in ``fecloth info | head -1``, has read what it wanted.
+    """
     for stream in (sys.stdout, sys.stderr):
         if stream:
             stream.flush()
@@ -100,12 +102,15 @@ def main(arguments: list[str] | None = None) -> int:
         return _run_command(arguments)
     except (KeyboardInterrupt, RuntimeError) as error:
         # Python 3.11 raises a RuntimeError for what ends a `__set_name__`, as in an import.
-        stop = error.__cause__ if isinstance(error, RuntimeError) else error
+        stop: BaseException | None = error
+        if isinstance(error, RuntimeError):
+            stop = error.__cause__
         if not isinstance(stop, KeyboardInterrupt):
             raise
         set_handler(signal.SIG_IGN)
+        words = f"interrupted {stop}" if stop.args else "interrupted; run it again"
         with suppress(OSError):  # a closed pipe
-            print(f"interrupted{f' {stop}' if stop.args else '; run it again'}", file=sys.stderr)
+            print(words, file=sys.stderr)
         return STOPPED
     finally:
         set_handler(signal.SIG_IGN)
@@ -142,6 +147,7 @@ def _status(options: Namespace) -> int:
 
 
 def _parser() -> ArgumentParser:
+    """Return the parser of all commands of the table."""
     layout: dict[str, Any] = {"epilog": STATUS, "formatter_class": RawDescriptionHelpFormatter}
     parser = SuggestingParser("fecloth", description="A continuum cloth solver.", **layout)
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")
@@ -149,13 +155,13 @@ def _parser() -> ArgumentParser:
     commands = parser.add_subparsers(required=True, **words)
     for name, command in COMMANDS.items():
         sub = commands.add_parser(name, help=command.words, description=command.words, **layout)
-        for each in command.options:
-            sub.add_argument(*each.names, **each.keywords)
+        for option in command.options:
+            sub.add_argument(*option.names, **option.keywords)
     return parser
 
 
 class SuggestingParser(ArgumentParser):
-    """As argparse's, with the nearest valid word for one that is none of the choices."""
+    """A parser that suggests the closest choice for a word that is none of the choices."""
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and the message; exit with status 2."""

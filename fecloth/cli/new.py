@@ -9,17 +9,24 @@ from fecloth.errors import InputError
 
 
 def write_specimen(options: Namespace) -> int:
-    """Write NAME.toml, of a test also NAME_fit.toml and NAME.csv, and NAME.geo if it has a mesh."""
+    """Write NAME.toml, and the files that belong to it.
+
+    These are NAME.geo if it has a mesh, and for a test NAME_fit.toml and NAME.csv. Raises
+    `InputError` for a wrong name, and for files that exist without --overwrite.
+    """
     kind = options.test or options.kind
     target = Path(options.name)
-    target = target.with_suffix("") if target.suffix == ".toml" else target
+    if target.suffix == ".toml":
+        target = target.with_suffix("")
     if not re.fullmatch(r"[\w+-][\w .+-]*", target.name):
         allowed = "must be a file name of letters, digits, spaces, _, +, - and ."
         raise InputError(f"NAME = {options.name!r}", allowed, "new")
+    folder = files("fecloth.cli") / "specimens"
+    templates = sorted(folder.iterdir(), key=lambda file: file.name)
     written = {
-        target.with_name(target.name + each.name.removeprefix(kind)): each
-        for each in sorted((files("fecloth.cli") / "specimens").iterdir(), key=lambda e: e.name)
-        if re.fullmatch(rf"{kind}(_fit)?\.\w+", each.name)
+        target.with_name(target.name + template.name.removeprefix(kind)): template
+        for template in templates
+        if re.fullmatch(rf"{kind}(_fit)?\.\w+", template.name)
     }
     if not options.overwrite and (there := [path for path in written if path.exists()]):
         raise InputError(f"{there[0]} exists", "needs --overwrite", "new")
@@ -28,9 +35,8 @@ def write_specimen(options: Namespace) -> int:
         text = template.read_text(encoding="utf-8").replace("NAME", target.name)
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path}")
+    next_command = f"fecloth run {target}.toml"
     if options.test:
-        fit = f"; your numbers, and fecloth fit {target}_fit.toml"
-    else:
-        fit = ""
-    print(f"next: fecloth run {target}.toml{fit}")
+        next_command += f"; your numbers, and fecloth fit {target}_fit.toml"
+    print(f"next: {next_command}")
     return 0

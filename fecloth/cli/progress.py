@@ -10,8 +10,10 @@ from fecloth.simulation.steps import StepInfo
 
 
 def terminal(quiet: bool) -> Console:
-    """Return a console on standard error that prints text as it is."""
-    # Names and formulas may hold brackets and colons, which Rich reads as markup and emoji.
+    """Return a console on standard error that prints text as it is.
+
+    Names and formulas may have brackets and colons, which Rich reads as markup and emoji.
+    """
     return Console(stderr=True, quiet=quiet, markup=False, emoji=False, highlight=False)
 
 
@@ -19,11 +21,20 @@ def terminal(quiet: bool) -> Console:
 def progress(
     console: Console, t_end: float, unit: str = " s"
 ) -> Iterator[Callable[[StepInfo], None]]:
-    """Show a bar with t and its unit, step, Newton iterations and the time that is left."""
-    so_far = "t = {task.completed:.4g} of {task.total:g}" + unit
-    words = TextColumn(so_far + "  {task.description}", markup=False)
-    columns = words, BarColumn(), TimeElapsedColumn(), "left", TimeRemainingColumn()
-    bar = Progress(*columns, console=console, transient=True)
+    """Show a bar with t and its unit, step, Newton iterations and the time that is left.
+
+    Yields a function that takes the `StepInfo` of each step.
+    """
+    time = "t = {task.completed:.4g} of {task.total:g}" + unit
+    bar = Progress(
+        TextColumn(time + "  {task.description}", markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        "left",
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
     task = bar.add_task("", total=t_end)
 
     def report(info: StepInfo) -> None:

@@ -35,6 +35,7 @@ def run(options: Namespace) -> int:
 
 
 def _run_one(options: Namespace, make_system: Callable[..., System] | None = None) -> int:
+    """Run a scene in this process; `make_system` makes the part of this process."""
     from functools import partial
     from pathlib import Path
 
@@ -53,8 +54,10 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
     console = terminal(options.quiet)
 
     def warn(words: str) -> None:
-        loud = terminal(quiet=False) if options.quiet else console
-        loud.print(f"warning: {words}", soft_wrap=True)
+        if options.quiet:
+            terminal(quiet=False).print(f"warning: {words}", soft_wrap=True)
+        else:
+            console.print(f"warning: {words}", soft_wrap=True)
 
     def announce(problem: Problem, why: str, warnings: list[str]) -> None:
         lines = [*sources(problem.system.fabric), *plan(problem, why)]
@@ -63,9 +66,17 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
             warn(words)
 
     with progress(console, scene.schedule.t_end, scene.schedule.unit) as report:
-        run_ = scene, path, options.overwrite, announce, report, bool(options.resume), warn
-        closed = partial(set_handler, signal.SIG_IGN)
-        outcome = run_scene(*run_, closed=closed, make_system=make_system or System)
+        outcome = run_scene(
+            scene,
+            path,
+            options.overwrite,
+            announce,
+            report,
+            resume=bool(options.resume),
+            warn=warn,
+            closed=partial(set_handler, signal.SIG_IGN),
+            make_system=make_system or System,
+        )
     if not options.quiet:
         print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
@@ -92,17 +103,21 @@ def check(options: Namespace) -> int:
             if not (options.quiet and verdict.passed):
                 print(f"{path}: {verdict}")
             passed &= verdict.passed
-    return 0 if passed else errors.MISSED
+    if passed:
+        return 0
+    return errors.MISSED
 
 
 def _compare_with_expectations(scene: Scene, report: Callable[[StepInfo], None]) -> list[Verdict]:
+    """Run a scene in memory, print its warnings, and return a verdict on each expectation."""
     from fecloth.scene.probe_tables import check
 
     problem, solver = scene.build().choose()
     result = problem.run(solver, report)
     for words in result.warnings:
         print(f"warning: {words}", file=sys.stderr)
-    return check(scene.expect, result.times, result.observed, result.energies, scene.schedule.unit)
+    unit = scene.schedule.unit
+    return check(scene.expect, result.times, result.observed, result.energies, unit)
 
 
 def view(options: Namespace) -> int:
@@ -127,9 +142,16 @@ def render(options: Namespace) -> int:
         width, height = map(int, options.size.split("x"))
     except ValueError as error:
         raise InputError(f"--size {options.size}", "must be like 1280x720") from error
-    chosen = options.field, (width, height), options.fps, options.time
-    file = render.render(options.folder, options.output, *chosen)
-    print(f"wrote {file}{_describe_frame_time(options) if file.suffix == '.png' else ''}")
+    file = render.render(
+        options.folder,
+        options.output,
+        field=options.field,
+        size=(width, height),
+        fps=options.fps,
+        time=options.time,
+    )
+    time = _describe_frame_time(options) if file.suffix == ".png" else ""
+    print(f"wrote {file}{time}")
     return 0
 
 
@@ -138,12 +160,13 @@ def export(options: Namespace) -> int:
     from fecloth.view.export import export
 
     files = export(options.folder, options.output, options.fps)
-    print(f"wrote {files[0]}{f' to {files[-1].name}' if len(files) > 1 else ''}")
+    last = f" to {files[-1].name}" if len(files) > 1 else ""
+    print(f"wrote {files[0]}{last}")
     return 0
 
 
 def _describe_frame_time(options: Namespace) -> str:
-    """Return the time of the frame that a picture shows, or its part of the loads, in words."""
+    """Return the time, or the part of the loads, of the frame in a picture, in words."""
     import math
 
     from fecloth.output.frame_reader import Series
@@ -154,9 +177,10 @@ def _describe_frame_time(options: Namespace) -> str:
     time = options.time
     t = series.times[series.at(time)]
     unit = unit_of(series.folder)
-    exact = time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12)
-    next_to = "" if exact else f", of the frame next to {time:g}{unit}"
-    return f": {place_in_words(t, unit)}{next_to}"
+    words = f": {place_in_words(t, unit)}"
+    if time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12):
+        return words
+    return f"{words}, of the frame next to {time:g}{unit}"
 
 
 def _load(path: str, options: Namespace) -> Scene:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 from fecloth.cli.commands import RUNNING, Command, reading
 
-LONGEST = 80  # characters of the question in the name of a folder
+# Characters of the question in the name of a folder. With the scene and a hash the name is then
+# far below the 255 bytes that file systems allow.
+LONGEST_QUESTION = 80
 SHARED = {"scene", "set", *RUNNING}  # the other options of a study are its own arguments
 
 
@@ -36,8 +38,9 @@ def run_study(command: Command, options: Namespace) -> int:
     else:  # the file names scenes, which the study reads
         scenes = paths
         arguments["trust_geo"] = options.trust_geo
-    result = command.load()(
-        scenes if len(scenes) > 1 else scenes[0],
+    study = command.load()
+    result = study(
+        scenes[0] if len(scenes) == 1 else scenes,
         **arguments,
         cache=options.output or "out",  # without -o all commands share the finished cases
         jobs=options.jobs,
@@ -52,18 +55,20 @@ def run_study(command: Command, options: Namespace) -> int:
 
 
 def _question(command: Command, options: Namespace) -> str:
-    """Return what a study is asked beside its defaults, so that each question has a folder."""
+    """Return the options that are not defaults as text, so that each question has a folder."""
     parts = []
     for option in command.options:
         value = getattr(options, option.key)
         if option.key not in SHARED - {"set"} and value != option.keywords.get("default"):
-            listed = value if isinstance(value, list) else [value]
-            parts += [f"{option.key}={item}" for item in listed if item]
+            items = value if isinstance(value, list) else [value]
+            parts += [f"{option.key}={item}" for item in items if item]
+    if not parts:
+        return ""
     text = ",".join(parts)
     name = re.sub(r"[^\w.=,+-]", "_", text)
-    if name != text or len(name) > LONGEST:
-        name = f"{name[:LONGEST]}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
-    return f",{name}" if parts else ""
+    if name != text or len(name) > LONGEST_QUESTION:
+        name = f"{name[:LONGEST_QUESTION]}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+    return f",{name}"
 
 
 def print_modes(options: Namespace) -> int:

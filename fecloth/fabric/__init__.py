@@ -1,1 +1,1 @@
-"""Constants of fabrics: from tables, published data or instruments, and per region of a cloth."""
+"""Constants of fabrics: given, published or from instruments, and by region of a cloth."""

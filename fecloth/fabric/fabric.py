@@ -18,7 +18,8 @@ from fecloth.quantities.units import AREAL, HYSTERESIS, MOMENT, PER_ANGLE, PER_W
 
 Pair = float | tuple[float, float]
 
-MAX_CONSTANT = 1e12  # in SI units; larger constants, or smaller ones than its inverse, are errors
+# In SI units. A larger constant, or one below its inverse, is a mistake in a unit.
+MAX_CONSTANT = 1e12
 
 
 @checks_arguments
@@ -108,6 +109,7 @@ class Fabric:
             _check_positive("bending_hysteresis", value or 1.0, "N")
 
     def _check_bending(self) -> None:
+        """Raise `InputError` if a plate of these constants would release energy."""
         nu = self.bending_poisson_ratio
         bias = self.bias_rigidity
         if not (is_number(nu) and abs(nu) < 1):
@@ -150,7 +152,7 @@ class Fabric:
 
     @staticmethod
     def presets() -> tuple[str, ...]:
-        """Names of the published fabrics, from the lightest to the heaviest."""
+        """Return the names of the published fabrics, from the lightest to the heaviest."""
         return presets.names()
 
     @classmethod
@@ -238,13 +240,13 @@ class Fabric:
         Notes
         -----
         B = 9.81e-6 W C³ µN m and G = 123 / EB5 N/m in these units: A. De Boos and D. Tester,
-        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994). The rigidity of twist
-        is as in `from_kes`, with C45 in place of B45.
+        SiroFAST, CSIRO Textile and Fibre Technology, Report WT92.02 (1994). The rigidity of
+        twist is as in `from_kes`, with C45 in place of B45.
 
         Examples
         --------
-        >>> fabric = Fabric.from_fast({"W": 168, "E100": (2.0, 4.0), "EB5": 3.0, "C": (15, 14.5)})
-        >>> fabric.shear
+        >>> fields = {"W": 168, "E100": (2.0, 4.0), "EB5": 3.0, "C": (15, 14.5)}
+        >>> Fabric.from_fast(fields).shear
         41.0
         """
         return cls(
@@ -271,8 +273,9 @@ class Fabric:
         >>> Fabric.sheet(E=2e5, nu=0.3, thickness=5e-4, rho=400.0).tensile_stiffness
         100.0
         """
-        for given in (("E", E, "Pa"), ("thickness", thickness, "m"), ("rho", rho, "kg/m³")):
-            _check_positive(*given, "Fabric.sheet")
+        _check_positive("E", E, "Pa", "Fabric.sheet")
+        _check_positive("thickness", thickness, "m", "Fabric.sheet")
+        _check_positive("rho", rho, "kg/m³", "Fabric.sheet")
         if not -1.0 < nu <= 0.5:
             raise InputError(f"nu = {nu!r}", "must be in (-1, 0.5]", "Fabric.sheet")
         return cls(
@@ -316,8 +319,10 @@ class Fabric:
         assert self.bending is not None
         warp, weft = self.bending
         mean = math.sqrt(warp * weft)
-        bias = self.bias_rigidity
-        H = mean if bias is None else (4 * bias - warp - weft) / 2
+        if self.bias_rigidity is None:
+            H = mean
+        else:
+            H = (4 * self.bias_rigidity - warp - weft) / 2
         D12 = self.bending_poisson_ratio * mean
         return np.array([[warp, D12, 0.0], [D12, weft, 0.0], [0.0, 0.0, (H - D12) / 2]])
 
@@ -331,7 +336,8 @@ class Fabric:
         where
             Name of the law, for the error message.
         """
-        (warp, weft), nu = self.tensile, self.poisson_ratio
+        warp, weft = self.tensile
+        nu = self.poisson_ratio
         shear = warp / (2 * (1 + nu))
         remedy = "StVK supports orthotropic fabrics."
         if warp != weft:
@@ -358,8 +364,8 @@ class Fabric:
 
 
 def constants_in(path: str | Path) -> dict[str, Any]:
-    """Arguments of `Fabric` in the table [fabric] of a TOML file."""
-    names = [each.name for each in fields(Fabric)]
+    """Return the arguments of `Fabric` in the table [fabric] of a TOML file."""
+    names = [constant.name for constant in fields(Fabric)]
     where = "Fabric.read"
     try:
         tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -371,13 +377,16 @@ def constants_in(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
     for key in sorted(table.keys() - set(names)):
         allowed = f"unknown key; the keys are {', '.join(names)}"
-        what = f"{path}: fabric.{key}"
-        raise InputError(f"{what} = {brief(table[key])}", allowed, where, did_you_mean(key, names))
-    return {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
+        what = f"{path}: fabric.{key} = {brief(table[key])}"
+        raise InputError(what, allowed, where, did_you_mean(key, names))
+    pairs = {key: tuple(value) for key, value in table.items() if isinstance(value, list)}
+    return table | pairs
 
 
 def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:
-    return None if value is None else _pair(name, value)
+    if value is None:
+        return None
+    return _pair(name, value)
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
@@ -390,6 +399,7 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
 
 
 def _check_positive(name: str, value: float, unit: str, where: str = "Fabric") -> None:
+    """Raise `InputError` for a value that is not positive, or that is a mistake in a unit."""
     if not (is_number(value) and value > 0):
         raise InputError(f"{name} = {value!r}", f"must be a finite number > 0 [{unit}]", where)
     if not 1 / MAX_CONSTANT <= value <= MAX_CONSTANT:

@@ -57,7 +57,7 @@ FAST_UNUSED = ["T2", "T100", "ST", "STR", "F", "RS", "HE"]
 
 
 def kes(fields: Mapping, load: float, tensile: str) -> dict:
-    """Constants of a fabric by name, from the fields of KES-F; see `Fabric.from_kes`."""
+    """Return constants of a fabric by name, from the fields of KES-F; see `Fabric.from_kes`."""
     where = "Fabric.from_kes"
     values = _to_si(fields, KES_UNITS, KES_UNUSED, where)
     _check_present(values, ("W", "EMT", "G", "B"), where)
@@ -67,25 +67,31 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
         Y = tuple(secant(force, extension) for extension in values["EMT"])
     else:
         work = _work(values, force, where)
-        Y = tuple(2 * w / _green_strain(e) ** 2 for w, e in zip(work, values["EMT"], strict=True))
+        strain = [_green_strain(extension) for extension in values["EMT"]]
+        Y = tuple(2 * W / E**2 for W, E in zip(work, strain, strict=True))
     if "LT" in values and "WT" in values:
         _check_agreement(values, force, where)
-    return {
+    constants = {
         "areal_density": values["W"][0],
         "tensile_stiffness": Y,
         "shear_stiffness": sum(values["G"]) / 2,
         "bending_rigidity": values["B"],
-        "bias_rigidity": values["B45"][0] if "B45" in values else None,
-        "bending_hysteresis": values.get("2HB"),
     }
+    if "B45" in values:
+        constants["bias_rigidity"] = values["B45"][0]
+    if "2HB" in values:
+        constants["bending_hysteresis"] = values["2HB"]
+    return constants
 
 
 def fast(fields: Mapping, load: int) -> dict:
-    """Constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`.
+    """Return constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`.
 
     Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
-    With F = 4.903 N/m this gives G = 1.23/EB5. Bending: a strip with the overhang 2 C bends down
-    to 41.5° if B = W g C³ (F. T. Peirce, The "Handle" of Cloth as a Measurable Quantity, 1930).
+    With F = 4.903 N/m this gives G = 1.23/EB5.
+
+    Bending: a strip with the overhang 2 C bends down to 41.5° if B = W g C³ (F. T. Peirce, The
+    "Handle" of Cloth as a Measurable Quantity, 1930).
     """
     where = "Fabric.from_fast"
     if load not in (5, 20, 100):
@@ -93,33 +99,42 @@ def fast(fields: Mapping, load: int) -> dict:
     values = _to_si(fields, FAST_UNITS, FAST_UNUSED, where)
     _check_present(values, ("W", f"E{load}", "EB5", "C"), where)
     density = values["W"][0]
-    return {
+    force = 1e2 * GF * load
+    constants = {
         "areal_density": density,
-        "tensile_stiffness": tuple(secant(1e2 * GF * load, e) for e in values[f"E{load}"]),
+        "tensile_stiffness": tuple(secant(force, extension) for extension in values[f"E{load}"]),
         "shear_stiffness": 1.23 / values["EB5"][0],
-        "bending_rigidity": tuple(_peirce(density, c) for c in values["C"]),
-        "bias_rigidity": _peirce(density, values["C45"][0]) if "C45" in values else None,
+        "bending_rigidity": tuple(_peirce(density, length) for length in values["C"]),
     }
+    if "C45" in values:
+        constants["bias_rigidity"] = _peirce(density, values["C45"][0])
+    return constants
 
 
 def _largest_force(load: Any, where: str) -> float:
+    """Return the load [gf/cm] in N/m."""
     validation.positive("load", load, "gf/cm", where)
     return 1e2 * GF * load
 
 
 def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
-    """Columns of the curve `warp`, `weft` or `shear` of `MembraneTable`, from fields of KES-F."""
-    # Of tension: the exponential that has the largest force and LT. Of shear: G, up to 8°.
+    """Return the columns of a curve of `MembraneTable`, from fields of KES-F.
+
+    The curve `warp` or `weft` is the exponential P = F (e^(a x) − 1)/(e^a − 1) of the part x of
+    the extension EMT, with the a that gives the linearity LT. The curve `shear` is a line of the
+    slope G, up to 8°.
+    """
     where = "MembraneTable"
     read = {key: value for key, value in fields.items() if key != "load"}
     values = _to_si(read, KES_UNITS, KES_UNUSED, where)
-    _check_present(values, ("G",) if name == "shear" else ("EMT",), where)
     x = np.linspace(0.0, 1.0, 17)[1:]
-    side = int(name == "weft")
     if name == "shear":
+        _check_present(values, ("G",), where)
         angles = math.radians(8.0) * x
         return {"angle": list(angles), "force": list(sum(values["G"]) / 2 * angles)}
+    _check_present(values, ("EMT",), where)
     force = _largest_force(fields.get("load", 500.0), where)
+    side = int(name == "weft")
     extension = values["EMT"][side]
     linearity = 2 * _work(values, force, where)[side] / (force * extension)
     if not 0.1 <= linearity <= 1.9:
@@ -130,12 +145,15 @@ def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
 
 
 def _peirce(density: float, bending_length: float) -> float:
-    """B [N m] from the areal density [kg/m²] and the bending length [m], with FAST's 9.81 m/s²."""
+    """Return B [N m] from an areal density [kg/m²] and a bending length [m], with 9.81 m/s²."""
     return 9.81 * density * bending_length**3
 
 
 def secant(force: float, extension: float) -> float:
-    """Y [N/m] = P/((1 + ε) E), E = ε + ε²/2, of StVK with the `force` P [N/m] at ε [-]."""
+    """Return Y [N/m] of StVK with the force P [N/m] at the extension ε [-].
+
+    Y = P/((1 + ε) E) with Green's strain E = ε + ε²/2.
+    """
     return force / ((1 + extension) * _green_strain(extension))
 
 
@@ -144,16 +162,19 @@ def _green_strain(extension: float) -> float:
 
 
 def _work(values: dict[str, Pair], force: float, where: str) -> Pair:
-    """Tensile energy WT [N/m], from the field WT or else from LT = WT / (Fm EMT / 2)."""
+    """Return the tensile energy WT [N/m], from the field WT or else from LT = WT/(Fm EMT/2)."""
     if "WT" in values:
         return values["WT"]
     _check_present(values, ("LT",), where)
-    (lt1, lt2), (emt1, emt2) = values["LT"], values["EMT"]
-    return lt1 * force * emt1 / 2, lt2 * force * emt2 / 2
+    pairs = zip(values["LT"], values["EMT"], strict=True)
+    warp, weft = (LT * force * EMT / 2 for LT, EMT in pairs)
+    return warp, weft
 
 
 def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
-    by_linearity = _work({k: v for k, v in values.items() if k != "WT"}, force, where)
+    """Raise `InputError` if WT and LT disagree by more than 10 %."""
+    without_work = {name: pair for name, pair in values.items() if name != "WT"}
+    by_linearity = _work(without_work, force, where)
     for measured, expected in zip(values["WT"], by_linearity, strict=True):
         if abs(measured - expected) > 0.1 * expected:
             unit = KES_UNITS["WT"]
@@ -163,16 +184,22 @@ def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
 
 
 def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where: str) -> dict:
+    """Return the used fields as pairs in SI; raise `InputError` for unknown fields."""
     for name in fields:
         if name not in units and name not in unused:
             allowed = f"unknown field; must be one of {', '.join(units)}"
             remedy = did_you_mean(name, units)
             raise InputError(f"{name} = {fields[name]!r}", allowed, where, remedy)
-    return {name: _pair(name, fields[name], units[name], where) for name in units if name in fields}
+    given = [name for name in units if name in fields]
+    return {name: _pair(name, fields[name], units[name], where) for name in given}
 
 
 def _pair(name: str, value: Any, unit: float, where: str) -> Pair:
-    pair = (value, value) if is_number(value) else value
+    """Return (warp, weft) in SI from one number or two; raise `InputError` for other values."""
+    if is_number(value):
+        pair = (value, value)
+    else:
+        pair = value
     is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
     if not (is_pair and all(is_number(number) and number > 0 for number in pair)):
         raise InputError(f"{name} = {value!r}", "must be a number > 0, or (warp, weft)", where)

@@ -16,12 +16,21 @@ from fecloth.mesh.cloth import Cloth
 
 @dataclass(frozen=True, eq=False)
 class Clamps:
-    """Edges of the boundary at which pins hold the normal of the cloth."""
+    """Edges of the boundary at which pins hold the normal of the cloth.
 
-    half_edges: np.ndarray  # (c,) half-edges of ``cloth.edge_slopes.edges``
-    start: np.ndarray  # (n, 3) positions at which the run starts; the normals there are held [m]
-    # ``moved(points, t)``: points (c, 3) of the start, one for each edge, as the pins have moved
-    # them at the time t [s]. None: the pins do not move.
+    Attributes
+    ----------
+    half_edges
+        (c,) half-edges of ``cloth.edge_slopes.edges``.
+    start
+        (n, 3) positions at which the run starts [m]; the normals there are held.
+    moved
+        Function of points (c, 3) at the start, one for each edge, and of the time t [s]. It
+        returns where the pins have moved these points. None: the pins do not move.
+    """
+
+    half_edges: np.ndarray
+    start: np.ndarray
     moved: Callable[[np.ndarray, float], np.ndarray] | None = None
 
 
@@ -30,20 +39,39 @@ class Panel:
     """A cloth with the fabric and the warp direction of each triangle; create it with `cut`.
 
     Terms are bound to a panel.
+
+    Attributes
+    ----------
+    cloth
+        The cloth.
+    fabrics
+        The fabrics of the regions.
+    region
+        (m,) index of the fabric of each triangle.
+    grain
+        (m,) angle from the X axis to the warp in each triangle [rad].
+    start
+        (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0).
+    clamps
+        The edges whose normal is held by pins.
+    mass
+        "lumped" or "consistent", as in `System`.
+    team
+        The threads that share the loops of terms.
+    counted
+        Function of the nodes (m, k) of elements that returns (m,) whether these elements count
+        in sums over elements; a node −1 is no node. Where other processes hold other parts of
+        the cloth, each element counts in one process. None, for a whole cloth: all count.
     """
 
     cloth: Cloth
-    fabrics: tuple[Fabric, ...]  # of the regions
-    region: np.ndarray  # (m,) index of the fabric of each triangle
-    grain: np.ndarray  # (m,) angle from the X axis to the warp in each triangle [rad]
-    # (n, 3) positions at which the run starts [m]; None: flat, at (X, Y, 0)
+    fabrics: tuple[Fabric, ...]
+    region: np.ndarray
+    grain: np.ndarray
     start: np.ndarray | None = None
-    clamps: Clamps | None = None  # the edges whose normal pins hold
-    mass: str = "consistent"  # "lumped" or "consistent", as in `System`
-    team: Team = ALONE  # the threads that share the loops of terms
-    # ``counted(nodes)`` (m,): whether the elements with the nodes (m, k) count in sums over
-    # elements; a node −1 is none. None, for a whole cloth: all elements count. Where other
-    # processes hold other parts of the cloth, each element counts in one of the processes.
+    clamps: Clamps | None = None
+    mass: str = "consistent"
+    team: Team = ALONE
     counted: Callable[[np.ndarray], np.ndarray] | None = None
 
     @classmethod
@@ -55,8 +83,15 @@ class Panel:
     ) -> Self:
         """Assign fabrics and warp directions to the triangles of a cloth.
 
-        The fabric, and the grain, which is the angle from the X axis to the warp [rad], are one
-        for all, or given by the name of each region.
+        Raises `InputError` for other types, and for a triangle that is not in exactly one of the
+        named regions.
+
+        Parameters
+        ----------
+        fabric
+            One fabric, or a fabric by the name of each region.
+        grain
+            The angle from the X axis to the warp [rad]: one, or one by the name of each region.
         """
         fabrics, region = _by_region(cloth, fabric, "fabric")
         for value in fabrics:
@@ -70,9 +105,12 @@ class Panel:
         return cls(cloth, fabrics, region, np.array(angles, dtype=float)[angle_index])
 
     def each(self, constants: Callable[[Fabric], ArrayLike]) -> np.ndarray:
-        """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``."""
-        # For equal rows, as of one fabric, the result is a view of a single row.
-        rows = np.array([np.atleast_1d(constants(fabric)) for fabric in self.fabrics], dtype=float)
+        """(m, p) constants of each triangle, from a function ``constants(fabric) -> (p,)``.
+
+        If the constants are equal in all fabrics, the result is a view of a single row.
+        """
+        of_fabrics = [np.atleast_1d(constants(fabric)) for fabric in self.fabrics]
+        rows = np.array(of_fabrics, dtype=float)
         if len({row.tobytes() for row in rows}) == 1:
             return np.broadcast_to(rows[0], (len(self.region), rows.shape[1]))
         return rows[self.region]
@@ -98,15 +136,17 @@ class Panel:
         return self.cloth.weighted_load(self.density)
 
     def count(self, y: np.ndarray) -> np.ndarray:
-        """Values (n, 3) of the nodes, zero at nodes that do not count in sums over nodes."""
+        """Return values (n, 3) of nodes, with zeros at nodes that do not count in sums."""
         if self.counted is None:
             return y
         return np.where(self.counted(np.arange(len(y))[:, None])[:, None], y, 0.0)
 
     @cached_property
     def gradients(self) -> np.ndarray:
-        """(m, q, k, 2) derivatives of N_a along warp and weft [1/m]."""
-        # With them F, E and S refer to the directions of the fabric.
+        """(m, q, k, 2) derivatives of N_a along warp and weft [1/m].
+
+        F, E and S from these gradients refer to the directions of the fabric.
+        """
         if not self.grain.any():
             return self.cloth.gradients
         c = np.cos(self.grain)

@@ -9,22 +9,30 @@ from collections.abc import Sequence
 import numpy as np
 
 ALONG = {"warp": 90.0, "weft": 0.0, "45°": 45.0}  # angle of a strip to u, the weft [degrees]
-CURVATURES = (0.0, 10.0, 20.0, 30.0, 40.0)  # of the columns of bending [1/m]
+CURVATURES = range(0, 50, 10)  # of the columns of bending [1/m]
 END = 1 / 6  # strain of the rows 1 to 5 [-]
-STEP = 22.5  # degrees from one of these rows to the next
-LEAST = 1e-9  # modulus in place of a negative one [N/m]
-ITERATIONS = 60  # each about halves the error
+LEAST_MODULUS = 1e-9  # in place of negative moduli [N/m]; all others are far above it
+HALVINGS = 60  # iterations that each about halve the error, down to round-off
 
 Rows = Sequence[Sequence[float]]
 
 
 def force(rows: Rows, strain: float, along: str) -> float:
-    """Return the force per unstretched width [N/m] of a strip with free sides at the strain ε [-].
+    """Return the force per unstretched width [N/m] of a strip with free sides.
 
-    `rows` are the six of `stretching` [N/m], `along` is a key of `ALONG`. The force is λ s at
-    the stretch λ = 1 + ε. The second Piola-Kirchhoff stress S = s d dᵀ acts along the strip d
-    only, S = C(E) E, and dᵀ E d = (λ² − 1)/2 with Green's strain E. A strip along warp or weft
-    does not shear. (Where the rows have c₃₃ < 0 it would shear without force.)
+    The second Piola-Kirchhoff stress S = s d dᵀ acts only along the direction d of the strip.
+    S = C(E) E with Green's strain E, and dᵀ E d = (λ² − 1)/2 at the stretch λ = 1 + ε. The
+    force is λ s. A strip along warp or weft does not shear. (Where the rows have c₃₃ < 0 it
+    would shear without force.)
+
+    Parameters
+    ----------
+    rows
+        The six rows of `stretching` [N/m].
+    strain
+        ε of the strip [-].
+    along
+        A key of `ALONG`.
     """
     c = math.cos(math.radians(ALONG[along]))
     s = math.sin(math.radians(ALONG[along]))
@@ -33,7 +41,7 @@ def force(rows: Rows, strain: float, along: str) -> float:
     green = (stretch**2 - 1) / 2
     table = np.array(rows)
     E = green * stress  # E11, E22, E12
-    for _ in range(ITERATIONS):
+    for _ in range(HALVINGS):
         unit = np.linalg.solve(_moduli(table, E), stress)  # the strain for s = 1
         size = green / (unit @ [c * c, s * s, 2 * c * s])
         E = (E + size * unit) / 2
@@ -41,22 +49,31 @@ def force(rows: Rows, strain: float, along: str) -> float:
 
 
 def compare(rows: Rows, strain: float, along: str) -> tuple[float, float]:
-    """Return `force`, and the force of the constants, the first row, over it, less 1."""
-    given = force(rows, strain, along)
-    return given, force([rows[0]] * len(rows), strain, along) / given - 1
+    """Return the force by all rows, and the relative error of the force by the first row alone.
+
+    The first row has the constants of the preset. Arguments are as in `force`.
+    """
+    by_all = force(rows, strain, along)
+    by_constants = force([rows[0]] * len(rows), strain, along)
+    return by_all, by_constants / by_all - 1
 
 
 def _moduli(rows: np.ndarray, E: np.ndarray) -> np.ndarray:
     """Return the matrix [N/m] from (E11, E22, E12) to (S11, S22, S12) where the strain is E.
 
-    It has twice the numbers of a row, which is interpolated by the larger principal strain,
-    √(1 + 2E) − 1 from 0 to `END`, and by the angle of its direction to u. Source: ARCSim,
-    dde.cpp (`evaluate_stretching_sample`) and physics.cpp (`stretching_force`).
+    It has twice the numbers of a row. This row is interpolated between rows[0] at zero strain
+    and rows[1:] at the strain `END`, by the larger principal strain √(1 + 2E) − 1. The angle of
+    its direction to u goes from 0° at rows[1] to 90° at the last row, in equal steps. Source:
+    ARCSim, dde.cpp (`evaluate_stretching_sample`) and physics.cpp (`stretching_force`).
     """
     values, vectors = np.linalg.eigh([[E[0], E[2]], [E[2], E[1]]])
     part = min(max((math.sqrt(1 + 2 * values[1]) - 1) / END, 0.0), 1.0)
-    place = math.degrees(math.atan2(abs(vectors[1, 1]), abs(vectors[0, 1]))) / STEP
-    i = min(int(place), len(rows) - 3)
-    row = (1 - part) * rows[0] + part * ((1 + i - place) * rows[1 + i] + (place - i) * rows[2 + i])
-    k0, k1, k2, k3 = 2 * np.maximum(row, LEAST)
+    angle = math.degrees(math.atan2(abs(vectors[1, 1]), abs(vectors[0, 1])))
+    at_end = rows[1:]
+    steps = len(at_end) - 1
+    place = angle / (90 / steps)
+    i = min(int(place), steps - 1)
+    stretched = (1 + i - place) * at_end[i] + (place - i) * at_end[i + 1]
+    row = (1 - part) * rows[0] + part * stretched
+    k0, k1, k2, k3 = 2 * np.maximum(row, LEAST_MODULUS)
     return np.array([[k0, k1, 0.0], [k1, k2, 0.0], [0.0, 0.0, k3]])

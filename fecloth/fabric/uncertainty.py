@@ -12,13 +12,18 @@ from fecloth.quantities import units
 from fecloth.quantities.units import Dimension, quantity
 
 CONSTANTS: dict[str, Dimension | None] = {
-    **{"areal_density": units.AREAL, "tensile_stiffness": units.PER_WIDTH, "poisson_ratio": None},
-    **{"shear_stiffness": units.PER_ANGLE, "bending_rigidity": units.MOMENT},
-    **{"bending_poisson_ratio": None, "bias_rigidity": units.MOMENT},
+    "areal_density": units.AREAL,
+    "tensile_stiffness": units.PER_WIDTH,
+    "poisson_ratio": None,
+    "shear_stiffness": units.PER_ANGLE,
+    "bending_rigidity": units.MOMENT,
+    "bending_poisson_ratio": None,
+    "bias_rigidity": units.MOMENT,
     "bending_hysteresis": units.HYSTERESIS,
 }
 PAIRS = ("tensile_stiffness", "bending_rigidity", "bending_hysteresis")
-ROUNDED = 1e-6  # eigenvalues of correlations of seven digits may be negative by less than this
+# Correlations that are rounded to seven digits may have an eigenvalue down to minus this.
+LARGEST_NEGATIVE_EIGENVALUE = 1e-6
 WHERE = "uncertainty"
 PART = re.compile(r"(\d+\.?\d*(?:[eE][-+]?\d+)?)\s*%")
 
@@ -29,19 +34,28 @@ class Uncertainty:
 
     A key is the name of a constant, as "shear_stiffness", or of one number of a pair (warp,
     weft), as "tensile_stiffness.0". The name of a pair stands for each of its numbers that has
-    no key of its own. `read` makes one from a table.
+    no key of its own. `read` makes an object from a table.
+
+    Attributes
+    ----------
+    deviations
+        (key, standard uncertainty) of each constant: a number in SI, or a text such as
+        "10.0 %", which is a part of the constant.
+    correlation
+        (key, key, number from -1 to 1) of pairs of constants; others are not correlated.
+    source
+        Where the numbers come from.
     """
 
-    # (key, standard uncertainty): in SI, or a text such as "10.0 %", a part of the constant
     deviations: tuple[tuple[str, float | str], ...]
-    correlation: tuple[tuple[str, str, float], ...] = ()  # (key, key, -1 to 1); else 0
-    source: str = ""  # where the numbers come from
+    correlation: tuple[tuple[str, str, float], ...] = ()
+    source: str = ""
 
     @classmethod
     def read(cls, table: Any) -> Self | None:
         """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair.
 
-        Its keys `correlation`, a list of [key, key, number], and `source` may be left out.
+        It may also have `correlation`, a list of [key, key, number], and `source`. Raises
         `InputError` for an unknown key, a negative number, or a correlation beyond ±1.
         """
         if table is None or isinstance(table, cls):
@@ -58,54 +72,57 @@ class Uncertainty:
         return cls(deviations, _correlations(listed, dict(deviations)), source)
 
     def table(self) -> dict[str, Any]:
-        """Return the table of which `read` makes the same uncertainty."""
-        words = {"correlation": self.correlation, "source": self.source}
-        return dict(self.deviations) | {key: value for key, value in words.items() if value}
+        """Return a table from which `read` makes the same uncertainty."""
+        others = {"correlation": self.correlation, "source": self.source}
+        return dict(self.deviations) | {key: value for key, value in others.items() if value}
 
     def standard(self, fabric: Any) -> dict[str, float]:
         """Return the standard uncertainty of each number of the fabric that has one, in SI.
 
-        `InputError` for a key that the fabric has no number for, or a percentage of 0.
+        Raises `InputError` for a key without a number in the fabric, or a percentage of 0.
         """
         numbers = numbers_of(vars(fabric))
-        found = dict[str, float]()
+        deviations: dict[str, float] = {}
+        # Keys of pairs come first, so that the keys of single numbers replace them.
         for key, value in sorted(self.deviations, key=lambda item: item[0].count(".")):
-            for name in _stands_for(key, numbers):
+            for name in _number_names(key, numbers):
                 if isinstance(value, float):
-                    found[name] = value
+                    deviations[name] = value
                 elif not numbers[name]:
                     remedy = "Give the uncertainty as a number."
                     raise InputError(f'{key} = "{value}"', "is a part of 0", WHERE, remedy)
                 else:
-                    found[name] = float(value.removesuffix("%")) / 100 * abs(numbers[name])
-        return {name: found[name] for name in numbers if name in found}
+                    part = float(value.removesuffix("%")) / 100
+                    deviations[name] = part * abs(numbers[name])
+        return {name: deviations[name] for name in numbers if name in deviations}
 
     def covariance(self, fabric: Any, keys: Iterable[str] | None = None) -> np.ndarray:
         """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI.
 
-        Without `keys` the numbers are the numbers of `standard`. It raises `InputError` for a
-        key without an uncertainty, and for correlations that contradict each other: the matrix
-        ρ has a negative eigenvalue.
+        Without `keys` these are the numbers of `standard`. Raises `InputError` for a key without
+        an uncertainty, and for correlations that contradict each other: then the matrix ρ has a
+        negative eigenvalue.
         """
         standard = self.standard(fabric)
         place = {name: i for i, name in enumerate(standard)}
         rho = np.eye(len(place))
         for *pair, value in self.correlation:
-            i, j = ([place[name] for name in _stands_for(key, place)] for key in pair)
+            i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
             rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
-        if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -ROUNDED:
+        if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
             what = f"correlation: the least eigenvalue of its matrix is {least:.3g}"
             remedy = "Correlations contradict each other: make them smaller."
             raise InputError(what, "must be at least 0", WHERE, remedy)
-        asked = list(standard if keys is None else keys)
-        rows = [place[name] for key in asked for name in _stands_for(key, place)]
+        if keys is None:
+            keys = standard
+        rows = [place[name] for key in keys for name in _number_names(key, place)]
         u = np.array(list(standard.values()))[rows]
         return rho[np.ix_(rows, rows)] * np.outer(u, u)
 
 
 def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
-    """Return the numbers among the constants of a fabric; of a pair KEY.0 and KEY.1."""
-    numbers = dict[str, float]()
+    """Return the numbers among the constants of a fabric; a pair is KEY.0 and KEY.1."""
+    numbers: dict[str, float] = {}
     for name in CONSTANTS:
         value: Any = constants.get(name)
         if np.ndim(value):
@@ -116,22 +133,30 @@ def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
 
 
 def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
-    """Return the table `own` with the keys of `new`, without constants that were replaced."""
+    """Return the table `own` with the keys of `new`.
+
+    The uncertainties of constants that were `replaced` are left out, and so are correlations
+    with constants that have no uncertainty any more.
+    """
     if not isinstance(new, Mapping):
-        return new  # which is refused where it is read
+        return new  # `Uncertainty.read` refuses it
     new = dict(_flat(new))
     gone = {*new, *(CONSTANTS.keys() & set(replaced))}
     kept = {k: v for k, v in _flat(own) if not {k, _constant(k)} & gone}
     rows = kept.pop("correlation", ())
     rows = [row for row in rows if all({k, _constant(k)} & kept.keys() for k in row[:2])]
-    return kept | ({"correlation": rows} if rows else {}) | new
+    if rows:
+        kept["correlation"] = rows
+    return kept | new
 
 
 def _constant(key: str) -> str:
+    """Return the name of a constant from its key or from the key of one number of a pair."""
     return key.partition(".")[0]
 
 
 def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+    """Yield keys and values, with KEY.0 and KEY.1 for a pair of values."""
     for key, value in table.items():
         if key in PAIRS and isinstance(value, list | tuple):
             value = {str(i): item for i, item in enumerate(value)}
@@ -142,6 +167,7 @@ def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
 
 
 def _deviation(key: str, value: Any) -> float | str:
+    """Return a standard uncertainty in SI, or a text with %; raise `InputError` for others."""
     name, _, item = key.partition(".")
     if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
         allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
@@ -160,23 +186,27 @@ def _deviation(key: str, value: Any) -> float | str:
 
 
 def _correlations(listed: Any, known: Mapping[str, Any]) -> tuple[tuple[str, str, float], ...]:
-    rows = list[tuple[str, str, float]]()
-    for row in listed if isinstance(listed, list | tuple) else [listed]:
+    """Return the rows of a table of correlations; raise `InputError` for wrong ones."""
+    if not isinstance(listed, list | tuple):
+        listed = [listed]
+    rows: list[tuple[str, str, float]] = []
+    for row in listed:
         fits = isinstance(row, list | tuple) and len(row) == 3 and is_number(row[2])
         if not (fits and abs(row[2]) <= 1 and row[0] != row[1]):
             allowed = "must be [key, another key, a number from -1 to 1]"
             raise InputError(f"correlation {brief(row)}", allowed, WHERE)
-        for key in (key for key in row[:2] if not {key, _constant(str(key))} & {*known}):
-            what = f"correlation of {key!r}, which has no uncertainty"
-            allowed = f"must be one of {', '.join(known)}"
-            raise InputError(what, allowed, WHERE, did_you_mean(key, known))
+        for key in row[:2]:
+            if key not in known and _constant(str(key)) not in known:
+                what = f"correlation of {key!r}, which has no uncertainty"
+                allowed = f"must be one of {', '.join(known)}"
+                raise InputError(what, allowed, WHERE, did_you_mean(key, known))
         if {row[0], row[1]} in [{a, b} for a, b, _ in rows]:
             raise InputError(f"correlation {brief(row)}", "is given twice", WHERE)
         rows.append((row[0], row[1], float(row[2])))
     return tuple(rows)
 
 
-def _stands_for(key: str, numbers: Mapping[str, Any]) -> list[str]:
+def _number_names(key: str, numbers: Mapping[str, Any]) -> list[str]:
     """Return the key, or the keys of both numbers of a pair."""
     names = [name for name in numbers if name == key or name.startswith(f"{key}.")]
     if not names:

@@ -53,7 +53,8 @@ class Cloth:
     X
         (n, 2) reference coordinates of the nodes along warp and weft [m].
     triangles
-        (m, 3) int32 corners, counter-clockwise: scikit-fem's ``mesh.t`` sorts its own.
+        (m, 3) int32 corners, counter-clockwise (the corners in scikit-fem's ``mesh.t`` are
+        sorted).
     node_sets
         Named node indices.
     edge_sets
@@ -91,12 +92,25 @@ class Cloth:
         element: str = "P1",
         grading: Sequence[Grading] = (),
     ) -> "Cloth":
-        """Mesh the rectangle [0, width] × [0, height] with edge length `h` [m].
+        """Mesh the rectangle [0, width] × [0, height]; sets: its sides, corners and boundary.
 
-        `pattern` is "unstructured" (Gmsh), "right" (each cell cut along the same diagonal),
-        "cross" (each cell cut along both diagonals) or "equilateral". The node sets are left,
-        right, bottom, top, corners and boundary. `element` is "P1" or "P2". Towards the places
-        of a `grading` the triangles of an unstructured mesh become smaller, see `Grading`.
+        The node sets are left, right, bottom, top, corners and boundary. Raises `InputError` for
+        arguments out of range, an unknown pattern, or a grading with another pattern than
+        "unstructured".
+
+        Parameters
+        ----------
+        width, height
+            Sides along X and Y [m].
+        h
+            Edge length [m].
+        pattern
+            "unstructured" (Gmsh), "right" (each cell cut along the same diagonal), "cross" (each
+            cell cut along both diagonals) or "equilateral".
+        element
+            "P1" or "P2".
+        grading
+            Places towards which the triangles of an unstructured mesh become smaller.
         """
         mesh = generate.rectangle(width, height, h, pattern, grading)
         return cls._from_mesh(mesh, element, corner_sets=["corners"])
@@ -124,12 +138,28 @@ class Cloth:
         time_limit: Annotated[float, TIME] = TIME_LIMIT,
         grading: Sequence[Grading] = (),
     ) -> "Cloth":
-        """Read a triangle mesh by meshio, or mesh a .geo file by Gmsh with edge length `h` [m].
+        """Read a triangle mesh by meshio or Gmsh, or mesh a .geo file by Gmsh.
 
-        Physical groups become node and edge sets. A mesh with three coordinates is accepted if
-        all nodes lie in one plane. A .geo file is a program: with `trust` it may hold any
-        command, otherwise only commands of geometry and mesh sizes. Gmsh is stopped after
-        `time_limit` seconds. A `grading`, see `Grading`, is for a .geo file with h.
+        Physical groups become node sets, edge sets and regions. A mesh with three coordinates
+        is accepted if all nodes lie in one plane. Raises `MeshError` for a file that is missing,
+        cannot be read or is not a valid flat mesh, and `InputError` for arguments that do not
+        fit the file.
+
+        Parameters
+        ----------
+        path
+            A .geo file, or a mesh file.
+        h
+            Edge length [m] of a .geo file. Default: the sizes in the file.
+        element
+            "P1" or "P2".
+        trust
+            Whether a .geo file may have any command. It is a program; by default it may have
+            only commands of geometry and mesh sizes.
+        time_limit
+            Seconds after which Gmsh or meshio is stopped.
+        grading
+            Places towards which the triangles become smaller, for a .geo file with h.
         """
         return cls._from_mesh(read(path, h, trust, time_limit, grading), element)
 
@@ -166,23 +196,26 @@ class Cloth:
         element : str
             "P1" or "P2".
         """
-        mesh = FlatMesh.from_arrays(X, triangles, sets, where="from_arrays", triangle_sets=regions)
+        mesh = FlatMesh.from_arrays(
+            X, triangles, node_sets=sets, triangle_sets=regions, where="from_arrays"
+        )
         return cls._from_mesh(mesh, element, renumber)
 
     @classmethod
     def join(cls, pieces: "Sequence[Cloth]", names: Sequence[str]) -> "Cloth":
         """Make one cloth of several pieces that share no node, such as two layers that touch.
 
-        Each piece keeps its coordinates, which may overlap, because each is flat by itself.
-        The sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its nodes and
-        the region of its triangles. Raises `InputError` for fewer than two pieces, names that
-        are not as many and different, or other elements.
+        Each piece keeps its coordinates, which may overlap, because each piece is flat by
+        itself. The sets of a piece are named NAME/SET, as "top/left"; NAME is the set of its
+        nodes and the region of its triangles. Raises `InputError` for fewer than two pieces,
+        for names that are not different and as many as the pieces, and for pieces of different
+        elements.
 
         Examples
         --------
-        >>> one = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
-        >>> both = Cloth.join([one, one], names=["top", "apron"])
-        >>> len(both.X), both.nodes("apron/left").tolist() == (9 + one.nodes("left")).tolist()
+        >>> layer = Cloth.rectangle(1.0, 1.0, h=0.5, pattern="right")
+        >>> both = Cloth.join([layer, layer], names=["top", "apron"])
+        >>> len(both.X), both.nodes("apron/left").tolist() == (9 + layer.nodes("left")).tolist()
         (18, True)
         """
         mesh = join_meshes([piece._flat_mesh for piece in pieces], names)
@@ -190,24 +223,55 @@ class Cloth:
             what = "pieces of P1 and of P2"
             remedy = "Make all pieces with one element."
             raise InputError(what, "must have one element", "Cloth.join", remedy)
-        numbers = np.arange(len(mesh.X)), np.arange(len(mesh.triangles))
-        return cls._of(mesh, numbers, pieces[0].element)
+        return cls._from_flat_mesh(
+            mesh,
+            pieces[0].element,
+            source_nodes=np.arange(len(mesh.X)),
+            source_triangles=np.arange(len(mesh.triangles)),
+        )
 
     @classmethod
-    def _of(cls, mesh: FlatMesh, sources: tuple[np.ndarray, np.ndarray], element: str) -> "Cloth":
-        """The cloth of a mesh; `sources` are the numbers of nodes and triangles in the input."""
-        sets = mesh.node_sets, mesh.edge_sets
-        return cls(mesh.X, mesh.triangles, *sets, *sources, element, mesh.triangle_sets)
+    def _from_flat_mesh(
+        cls,
+        mesh: FlatMesh,
+        element: str,
+        source_nodes: np.ndarray,
+        source_triangles: np.ndarray,
+    ) -> "Cloth":
+        """The cloth of a mesh, which has the midpoints of P2."""
+        return cls(
+            X=mesh.X,
+            triangles=mesh.triangles,
+            node_sets=mesh.node_sets,
+            edge_sets=mesh.edge_sets,
+            source_nodes=source_nodes,
+            source_triangles=source_triangles,
+            element=element,
+            triangle_sets=mesh.triangle_sets,
+        )
 
     @property
     def _flat_mesh(self) -> FlatMesh:
-        sets = self.node_sets, self.edge_sets, self.triangle_sets
-        return FlatMesh(self.X, self.triangles, *sets)
+        return FlatMesh(
+            X=self.X,
+            triangles=self.triangles,
+            node_sets=self.node_sets,
+            edge_sets=self.edge_sets,
+            triangle_sets=self.triangle_sets,
+        )
 
     @classmethod
     def _from_mesh(
-        cls, mesh: FlatMesh, element: str, renumber: bool = True, corner_sets: Collection[str] = ()
+        cls,
+        mesh: FlatMesh,
+        element: str,
+        renumber: bool = True,
+        corner_sets: Collection[str] = (),
     ) -> "Cloth":
+        """The cloth of a mesh of corners, renumbered if asked for, with the midpoints of P2.
+
+        The node sets `corner_sets` get no midpoints.
+        """
         elements.find_element(element, "Cloth")
         nodes = np.arange(len(mesh.X))
         triangles = np.arange(len(mesh.triangles))
@@ -216,7 +280,7 @@ class Cloth:
         if element == "P2":
             mesh = elements.add_midpoints(mesh, corner_sets)
             nodes = np.append(nodes, np.full(len(mesh.X) - len(nodes), -1))
-        return cls._of(mesh, (nodes, triangles), element)
+        return cls._from_flat_mesh(mesh, element, nodes, triangles)
 
     # --- nodes, regions and geometry ----------------------------------------------------------
 
@@ -245,7 +309,7 @@ class Cloth:
 
     @cached_property
     def edge_slopes(self) -> EdgeSlopes:
-        """The slopes of the edges of each triangle, for P2 of its four parts (`parts`)."""
+        """The slopes of the edges of each triangle; for P2, of its four `parts`."""
         region = np.zeros(len(self.triangles), int)
         for triangles in self.triangle_sets.values():  # a number for each combination of regions
             inside = np.zeros(len(region), int)
@@ -258,7 +322,7 @@ class Cloth:
 
     @property
     def parts(self) -> np.ndarray:
-        """(m, 3) triangles between neighbouring nodes; for P2 (4m, 3), four of each triangle."""
+        """(m, 3) triangles between neighbouring nodes; for P2 (4m, 3), four per triangle."""
         return self.cells[:, self.kind.parts].reshape(-1, 3)
 
     # --- scikit-fem ---------------------------------------------------------------------------
@@ -279,7 +343,7 @@ class Cloth:
 
     @cached_property
     def cells(self) -> np.ndarray:
-        """(m, k) int32 nodes in VTK's order: the corners, for P2 then the midpoints 01, 12, 20."""
+        """(m, k) int32 nodes in VTK's order: corners, for P2 then midpoints of 01, 12, 20."""
         if self.element == "P1":
             return self.triangles
         return elements.oriented_cells(self.mesh, self.triangles)
@@ -294,7 +358,7 @@ class Cloth:
 
     @property
     def stencil(self) -> np.ndarray:
-        """(m, k) int32 nodes of each triangle: corners, ascending; then midpoints of 01, 12, 02."""
+        """(m, k) int32 nodes: the corners, ascending; for P2 then midpoints of 01, 12, 02."""
         return self._kernel_arrays[0]
 
     @property
@@ -314,7 +378,7 @@ class Cloth:
 
     @property
     def shape(self) -> tuple[tuple, tuple]:
-        """A tuple of k zeros and one of q zeros: kernels know their lengths at compile time."""
+        """Tuples of k and of q zeros: kernels know their lengths when they are compiled."""
         _, q, k, _ = self.gradients.shape
         return (0,) * k, (0,) * q
 
@@ -327,7 +391,7 @@ class Cloth:
 
     @property
     def least_mass(self) -> float:
-        """c such that the consistent mass ≥ c `diagonal_mass` for triangles of any shape."""
+        """Largest c with: consistent mass ≥ c `diagonal_mass`, for triangles of any shape."""
         return self.kind.least_mass
 
     # --- fields on the cloth ------------------------------------------------------------------

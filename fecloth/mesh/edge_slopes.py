@@ -5,13 +5,16 @@ Across an interior edge with the dihedral angle θ the slopes of its two triangl
     α_left = θ/2 + φ,   α_right = θ/2 − φ.
 
 Morley's plate has one unknown φ for each edge. Here φ = Σ w_f θ_f over the hinges f of the two
-triangles, with the weights w of least norm that are exact for every constant curvature. The
-mean of the curvature over the mesh does not depend on φ, so a constant moment does no work on
-a local deflection; and the deflections are some of Morley's, so the energy is at least
-Morley's: there is no other motion without energy than the affine ones.
+triangles, with the weights w of least norm that are exact for every constant curvature. Two
+properties follow:
 
-A clamped edge of the boundary is one more hinge, from its triangle to a plane that is held; its
-slope is its angle. Free edges have no moment, and a user of the slopes eliminates theirs.
+- The mean of the curvature over the mesh does not depend on φ. So a constant moment does no
+  work on a local deflection.
+- The deflections are a part of Morley's deflections. So the energy is at least Morley's energy,
+  and only affine motions are without energy.
+
+A clamped edge of the boundary is one more hinge, between its triangle and a plane that is held;
+its slope is its angle. Free edges have no moment; whoever uses the slopes eliminates theirs.
 """
 
 from dataclasses import dataclass
@@ -22,37 +25,48 @@ import scipy.sparse as sparse
 
 from fecloth.mesh.hinges import HalfEdges
 
-LEAST_SINGULAR = 0.15  # of the angles of a patch, in edge lengths; below it the patch is widened
-SINGULAR = 1e-6  # likewise; below it the weights come from the shortest least-squares fit
-ROUND_OFF = 1e-12  # weights below it are zero
-IMAGES = 1e-11  # φ̂ below it is zero: the two triangles are images of each other
+# A patch is widened if the least singular value of its Λ, in edge lengths, is smaller: then its
+# angles hardly determine one of the curvatures.
+LEAST_SINGULAR_VALUE = 0.15
+# If an eigenvalue of ΛᵀΛ is smaller, the weights are the shortest least-squares solution. The
+# round-off of these matrices is far below it, the square of `LEAST_SINGULAR_VALUE` far above it.
+LEAST_EIGENVALUE = 1e-6
+# φ̂ and weights below this are zero up to round-off, as where two triangles are mirror images.
+LEAST_WEIGHT = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeSlopes:
-    """The slopes α of the half-edges of a mesh as a linear function C of its hinge angles θ."""
+    """The slopes α of the half-edges of a mesh as a linear function C of its hinge angles θ.
 
-    edges: HalfEdges  # the half-edges
-    # (m,) equal where two triangles lie in the same named regions. Only between others may the
-    # material change.
+    Attributes
+    ----------
+    edges
+        The half-edges and hinges of the mesh.
+    region
+        (m,) equal where two triangles lie in the same named regions. The material may change
+        only between triangles of different regions.
+    """
+
+    edges: HalfEdges
     region: np.ndarray
 
     @cached_property
     def patches(self) -> sparse.csr_matrix:
         """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
 
-        They are hinges of the edge's two triangles. With fewer than three hinges all triangles
-        at the four nodes take part; where the angles hardly tell one of the curvatures, all
-        triangles at the two nodes of the edge.
+        Usually these are the two triangles of the edge. If they have fewer than three hinges,
+        all triangles at the four nodes of the edge's hinge take part. If their angles hardly
+        determine one of the curvatures, all triangles at the two ends of the edge take part.
         """
         plate = self._plain
         edges = self.edges
         patches = plate.in_triangle.T.tocsr()
         patch = (patches @ plate.in_triangle).tocsr()
         *_, gram = _gram(plate, patch)
-        few = np.diff(patch.indptr) < 3
-        flat = _least_eigenvalue(gram) < LEAST_SINGULAR**2
-        for chosen, corners in ((few, 4), (flat & ~few, 2)):
+        too_few = np.diff(patch.indptr) < 3
+        is_poor = _least_eigenvalue(gram) < LEAST_SINGULAR_VALUE**2
+        for chosen, corners in ((too_few, 4), (is_poor & ~too_few, 2)):
             rows = np.flatnonzero(chosen)
             nodes = edges.hinges.nodes[rows, :corners]
             data = np.ones(nodes.size), (np.repeat(rows, corners), nodes.ravel())
@@ -71,15 +85,15 @@ class EdgeSlopes:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """(p, 2) int32 pairs i < j of nodes that the angles of one triangle's slopes couple.
+        """(p, 2) int32 pairs i < j of nodes that the slopes of one triangle couple.
 
-        They are the same for any plate on this mesh. On regular meshes many weights are zero.
-        The weights of the edges in `_changing` are not zero in every plate: they have all
-        hinges of their patches.
+        The pairs are the same for any plate on this mesh. On regular meshes many weights are
+        zero in a plate of one material. The weights of the edges in `_changing` may still be
+        nonzero in another plate; therefore their slopes count with all hinges of their patches.
         """
         m = len(self.edges.triangles)
         h = len(self.edges.of_hinge)
-        if not h:  # a triangle alone, whose clamps have angles to its corners
+        if not h:  # one triangle alone: the angles of its clamps depend on its three corners
             return np.sort(self.edges.triangles)[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
         nodes = self.edges.hinges.nodes
         changing = sparse.diags(self._changing.astype(float))
@@ -101,26 +115,34 @@ class EdgeSlopes:
     def _changing(self) -> np.ndarray:
         """(h,) whether the weights of an edge depend on seams and clamps.
 
-        They do at a seam, and where φ is not zero and the patch has an edge that may be a seam
-        or a clamp: one between two regions, or on the boundary.
+        They do at a seam between two regions. They also do where φ is not zero and the patch
+        has an edge that may be a seam or a clamp, which is an edge between two regions or on
+        the boundary.
         """
         sides = self.edges.hinges.sides
         seam = self.region[sides[:, 0]] != self.region[sides[:, 1]]
-        ends = np.zeros(len(self.edges.triangles), bool)
-        ends[np.flatnonzero(self.edges.hinge < 0) // 3] = True
-        ends[sides[seam]] = True
-        used = np.diff(self._plain_weights.indptr) > 0
-        return seam | (used & (self.patches @ ends.astype(float) > 0))
+        has_such_edge = np.zeros(len(self.edges.triangles), bool)
+        has_such_edge[np.flatnonzero(self.edges.hinge < 0) // 3] = True
+        has_such_edge[sides[seam]] = True
+        has_weights = np.diff(self._plain_weights.indptr) > 0
+        return seam | (has_weights & (self.patches @ has_such_edge.astype(float) > 0))
 
     def of_plate(
         self, rigidity: np.ndarray, material: np.ndarray, clamped: np.ndarray
     ) -> tuple[sparse.csr_matrix, np.ndarray]:
         """C (3m, h + c) of a plate, and the hinge of each half-edge (3m,), −1 where it is free.
 
-        The `rigidity` (m, 3, 3) is D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y.
-        The `material` (m,) is equal where two triangles have the same D; across a seam between
-        two materials φ is exact for a constant moment. The half-edges `clamped` (c,) on the
-        boundary, whose slope is held, are the hinges h … h + c − 1.
+        Across a seam between two materials φ is exact for a constant moment.
+
+        Parameters
+        ----------
+        rigidity
+            (m, 3, 3) D of each triangle [N m] on (κ₁₁, κ₂₂, 2κ₁₂) in X and Y.
+        material
+            (m,) equal where two triangles have the same D.
+        clamped
+            (c,) half-edges on the boundary whose slope is held; they are the hinges
+            h … h + c − 1.
         """
         plate = _Plate(self.edges, clamped, rigidity, material)
         if not len(clamped) and (material == material[0]).all():
@@ -129,11 +151,17 @@ class EdgeSlopes:
 
     @property
     def _plain(self) -> "_Plate":
+        """The plate of one material without a clamp."""
         m = len(self.edges.triangles)
-        one = np.broadcast_to(np.eye(3), (m, 3, 3))
-        return _Plate(self.edges, np.empty(0, int), one, np.zeros(m, int))
+        return _Plate(
+            self.edges,
+            clamped=np.empty(0, int),
+            rigidity=np.broadcast_to(np.eye(3), (m, 3, 3)),
+            material=np.zeros(m, int),
+        )
 
     def _slopes(self, plate: "_Plate", weights: sparse.csr_matrix) -> sparse.csr_matrix:
+        """(3m, h + c) C: α = θ/2 ± φ with φ = W θ at interior edges, α = θ at clamped edges."""
         h = len(self.edges.of_hinge)
         c = len(plate.clamped)
         size = len(plate.hinge)
@@ -154,8 +182,11 @@ class EdgeSlopes:
         return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
     def _weights(self, plate: "_Plate") -> sparse.csr_matrix:
-        """(h, h + c) W with φ = W θ."""
-        # With θ_f = Λ_f · κ and φ = φ̂ · κ the shortest w with Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
+        """(h, h + c) W with φ = W θ.
+
+        For a constant curvature κ let θ_f = Λ_f · κ and φ = φ̂ · κ. The shortest w with
+        Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
+        """
         patch = (self.patches @ plate.in_triangle).tocsr()
         row, angle, gram = _gram(plate, patch)
         hinges = np.arange(patch.shape[0])
@@ -163,9 +194,9 @@ class EdgeSlopes:
         left, right = self.edges.of_hinge.T
         phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
         phi /= self.edges.hinges.length[:, None]
-        phi[np.abs(phi).max(axis=1) < IMAGES] = 0.0
+        phi[np.abs(phi).max(axis=1) < LEAST_WEIGHT] = 0.0
         weights = np.einsum("ei,ei->e", angle, _solve(gram, phi)[row])
-        weights[np.abs(weights) < ROUND_OFF] = 0.0
+        weights[np.abs(weights) < LEAST_WEIGHT] = 0.0
         W = sparse.csr_matrix((weights, patch.indices, patch.indptr), shape=patch.shape)
         W.eliminate_zeros()
         return W
@@ -173,7 +204,7 @@ class EdgeSlopes:
 
 @dataclass(frozen=True, eq=False)
 class _Plate:
-    """A mesh with clamped half-edges and materials."""
+    """A mesh with clamped half-edges and materials; for the fields see `EdgeSlopes.of_plate`."""
 
     edges: HalfEdges
     clamped: np.ndarray
@@ -191,32 +222,42 @@ class _Plate:
     def in_triangle(self) -> sparse.csr_matrix:
         """(m, h + c) 1 where a hinge is an edge of the triangle."""
         used = np.flatnonzero(self.hinge >= 0)
+        place = used // 3, self.hinge[used]
         shape = len(self.edges.triangles), len(self.edges.of_hinge) + len(self.clamped)
-        return sparse.csr_matrix((np.ones(len(used)), (used // 3, self.hinge[used])), shape=shape)
+        return sparse.csr_matrix((np.ones(len(used)), place), shape=shape)
 
     def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-        """(p, 3) row Λ with θ = Λ · κ of each `hinge`; κ belongs to the left side of `centre`."""
+        """(p, 3) rows Λ with θ = Λ · κ for each `hinge`, with κ at the left side of `centre`.
+
+        The curvature is constant, but across seams it continues as `continue_curvature` says.
+        """
         h = len(self.edges.of_hinge)
         slope = self.edges.slopes_of_curvature
         left = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])[hinge]
         rows = self.across(centre, hinge, left // 3, slope[left])
         interior = np.flatnonzero(hinge < h)
-        right = self.edges.of_hinge[hinge[interior], 1]
-        rows[interior] += self.across(centre[interior], hinge[interior], right // 3, slope[right])
+        centre = centre[interior]
+        hinge = hinge[interior]
+        right = self.edges.of_hinge[hinge, 1]
+        rows[interior] += self.across(centre, hinge, right // 3, slope[right])
         return rows
 
     def across(self, centre, hinge, triangle, rows) -> np.ndarray:
-        """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`."""
-        # They differ where a seam lies between: `centre`, if it is one, else `hinge`.
+        """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`.
+
+        The two curvatures differ where a seam lies between: the hinge `centre` if it is a seam,
+        else the hinge `hinge`.
+        """
         sides = self.edges.hinges.sides[centre]
         home = self.material[sides[:, 0]]
-        there = np.flatnonzero(home != self.material[triangle])
-        if len(there):
-            seam = home[there] != self.material[sides[there, 1]]
-            seam |= hinge[there] >= len(self.edges.of_hinge)
-            vector = self.edges.hinges.vector[np.where(seam, centre[there], hinge[there])]
-            a, b = self.rigidity[sides[there, 0]], self.rigidity[triangle[there]]
-            rows[there] = np.einsum("pi,pij->pj", rows[there], continue_curvature(vector, a, b))
+        other = np.flatnonzero(home != self.material[triangle])
+        if len(other):
+            at_centre = home[other] != self.material[sides[other, 1]]
+            at_centre |= hinge[other] >= len(self.edges.of_hinge)
+            seam = self.edges.hinges.vector[np.where(at_centre, centre[other], hinge[other])]
+            a = self.rigidity[sides[other, 0]]
+            b = self.rigidity[triangle[other]]
+            rows[other] = np.einsum("pi,pij->pj", rows[other], continue_curvature(seam, a, b))
         return rows
 
 
@@ -233,7 +274,7 @@ def _gram(plate: _Plate, patch: sparse.csr_matrix):
 
 
 def _least_eigenvalue(A: np.ndarray) -> np.ndarray:
-    """(p,) least eigenvalue of symmetric matrices (p, 3, 3), by the cosines of a third angle."""
+    """(p,) least eigenvalue of symmetric matrices (p, 3, 3), in closed form (trigonometric)."""
     mean = np.trace(A, axis1=1, axis2=2) / 3
     B = A - mean[:, None, None] * np.eye(3)
     size = np.sqrt(np.sum(B * B, axis=(1, 2)) / 6)
@@ -242,11 +283,11 @@ def _least_eigenvalue(A: np.ndarray) -> np.ndarray:
 
 
 def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """y (h, 3) with gram y = phi; of singular matrices the shortest least-squares solution."""
-    singular = _least_eigenvalue(gram) < SINGULAR
+    """y (h, 3) with gram y = phi; for singular matrices the shortest least-squares solution."""
+    singular = _least_eigenvalue(gram) < LEAST_EIGENVALUE
     y = np.empty_like(phi)
     y[~singular] = np.linalg.solve(gram[~singular], phi[~singular, :, None])[..., 0]
-    inverse = np.linalg.pinv(gram[singular], rcond=SINGULAR, hermitian=True)
+    inverse = np.linalg.pinv(gram[singular], rcond=LEAST_EIGENVALUE, hermitian=True)
     y[singular] = np.einsum("pij,pj->pi", inverse, phi[singular])
     return y
 
@@ -254,11 +295,18 @@ def _solve(gram: np.ndarray, phi: np.ndarray) -> np.ndarray:
 def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(p, 3, 3) T with κ(b) = T κ(a) across straight seams, both as (κ₁₁, κ₂₂, 2κ₁₂).
 
-    With the normal n and the tangent t of the seam (p, 2), κ_tt, κ_nt and the moment M_nn go
-    through; κ_nn jumps. a and b (p, 3, 3) are D on the two sides [N m].
+    Let n and t be the normal and the tangent of a seam. κ_tt, κ_nt and the moment M_nn are
+    continuous across it, and κ_nn jumps.
+
+    Parameters
+    ----------
+    seam
+        (p, 2) vectors along the seams.
+    a, b
+        (p, 3, 3) D on the two sides [N m].
     """
     normal = np.arctan2(-seam[:, 0], seam[:, 1])
-    there = turn_curvature(normal)
+    to_seam = turn_curvature(normal)
     back = turn_curvature(-normal)
     moment_a, moment_b = (
         np.einsum("pki,pkl,plj->pij", back, D, back, optimize=True)[:, 0] for D in (a, b)
@@ -267,7 +315,7 @@ def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.nda
     T[:, 0] = moment_a - moment_b
     T[:, 0, 0] = moment_a[:, 0]
     T[:, 0] /= moment_b[:, :1]
-    return np.einsum("pik,pkl,plj->pij", back, T, there, optimize=True)
+    return np.einsum("pik,pkl,plj->pij", back, T, to_seam, optimize=True)
 
 
 def turn_curvature(angle: np.ndarray) -> np.ndarray:

@@ -29,18 +29,31 @@ CENTROID_RULE = (np.array([[1 / 3], [1 / 3]]), np.array([0.5]))
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """A triangular element."""
+    """A triangular element.
 
-    name: str  # "P1" or "P2"
-    shapes: skfem.Element  # scikit-fem's element
-    degree: int  # Degree of the shape functions. A mass matrix needs a rule of twice this degree.
-    rule: tuple[np.ndarray, np.ndarray]  # points and weights of the quadrature of the energy
-    # Triangles between neighbouring nodes, in VTK's order of the nodes (`oriented_cells`).
+    Attributes
+    ----------
+    name
+        "P1" or "P2".
+    shapes
+        scikit-fem's element.
+    degree
+        Degree of the shape functions. A mass matrix needs a rule of twice this degree.
+    rule
+        Points (2, q) and weights (q,) of the quadrature of the energy on the unit triangle.
+    parts
+        Triangles between neighbouring nodes, in VTK's order of the nodes (`oriented_cells`).
+    """
+
+    name: str
+    shapes: skfem.Element
+    degree: int
+    rule: tuple[np.ndarray, np.ndarray]
     parts: tuple[tuple[int, int, int], ...]
 
     @cached_property
     def reference_mass(self) -> np.ndarray:
-        """(k, k) ∫ N_a N_b dA over a triangle of area 1; multiply by A for a triangle of area A."""
+        """(k, k) ∫ N_a N_b dA over a triangle of area 1; times A for a triangle of area A."""
         basis = skfem.Basis(skfem.MeshTri.init_refdom(), self.shapes, intorder=2 * self.degree)
         return skfem.BilinearForm(lambda u, v, w: 2 * u * v).elemental(basis).tolocal()[0]
 
@@ -64,7 +77,7 @@ class Element:
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """(q, 2, k) derivatives of N_a by ξ and η, at the points of the unit triangle."""
+        """(q, 2, k) derivatives of N_a by ξ and η, at the points of the rule."""
         k = len(self.reference_mass)
         points = self.rule[0]
         slopes = [self.shapes.lbasis(points, a)[1] for a in range(k)]
@@ -78,13 +91,21 @@ class Element:
         """Arrays for kernels: nodes (m, k), ∂N_a/∂X (m, q, k, 2) [1/m], weights (m, q) [m²]."""
         dofs = skfem.Dofs(mesh, self.shapes)
         nodes = np.ascontiguousarray(dofs.element_dofs.T, dtype=np.int32)
-        (m, k), q = nodes.shape, len(self.rule[1])
+        m, k = nodes.shape
+        q = len(self.rule[1])
         gradients = np.empty((m, q, k, 2))
         weights = np.empty((m, q))
         for part in blocks(m):
-            of = {"elements": np.arange(part.start, part.stop), "quadrature": self.rule}
-            mapping = skfem.MappingAffine(mesh, of["elements"])  # the mesh would keep its own
-            basis = skfem.Basis(mesh, self.shapes, mapping, dofs=dofs, disable_doflocs=True, **of)
+            triangles = np.arange(part.start, part.stop)
+            basis = skfem.Basis(
+                mesh,
+                self.shapes,
+                skfem.MappingAffine(mesh, triangles),  # the mesh would keep a mapping of its own
+                dofs=dofs,
+                elements=triangles,
+                quadrature=self.rule,
+                disable_doflocs=True,
+            )
             for a, phi in enumerate(basis.basis):
                 gradients[part, :, a] = np.moveaxis(phi[0].grad, 0, -1)
             weights[part] = basis.dx
@@ -92,7 +113,7 @@ class Element:
 
 
 def blocks(m: int, size: int = 1 << 16) -> Iterator[slice]:
-    """Yield slices of m triangles, `size` at once, for work whose arrays would be large."""
+    """Yield slices of at most `size` of m triangles, for work whose arrays would be large."""
     for start in range(0, m, size):
         yield slice(start, min(start + size, m))
 
@@ -107,23 +128,23 @@ ELEMENTS = {
 
 
 def find_element(name: str, where: str) -> Element:
-    """The element with this name; raises `InputError` for an unknown name."""
+    """Return the element with this name; raise `InputError` for an unknown name."""
     known(f"element = {name!r}", name, ELEMENTS, where)
     return ELEMENTS[name]
 
 
 def skfem_mesh(X: np.ndarray, triangles: np.ndarray) -> skfem.MeshTri:
-    """scikit-fem mesh with corners X (n, 2); scikit-fem sorts the vertices of each triangle."""
+    """Return scikit-fem's mesh with corners X (n, 2); it sorts the vertices of each triangle."""
     corners = np.ascontiguousarray(triangles.T, dtype=np.int64)
     return skfem.MeshTri(np.ascontiguousarray(X.T), corners)
 
 
 def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh:
-    """The mesh with one more node at the midpoint of each edge; these follow the corners.
+    """Return the mesh with a node at the midpoint of each edge; midpoints follow the corners.
 
-    Each node set gets the midpoints of its edges: of the edge set of the same name, else of the
-    edges of the region of that name, else of the edges with both ends in the set. The sets named
-    in `corner_sets` get none.
+    A node set gets the midpoints of its edges. If there is an edge set with its name, these are
+    its edges; else, if there is a region with its name, the edges of the region's triangles;
+    else all edges with both ends in the set. The sets named in `corner_sets` get no midpoints.
     """
     n = len(mesh.X)
     edges = skfem_mesh(mesh.X, mesh.triangles).facets.T
@@ -153,11 +174,15 @@ def oriented_cells(mesh: skfem.MeshTri, triangles: np.ndarray) -> np.ndarray:
 
 
 def edge_midpoints(edges: np.ndarray, n: int, pairs: np.ndarray) -> np.ndarray:
-    """Node numbers (p,) of the midpoints between pairs (p, 2) of corners."""
-    # Each pair must be one of the `edges` (e, 2) of a mesh with n corners.
-    keys = [np.sort(ends, axis=1).astype(np.int64) @ [n, 1] for ends in (edges, pairs)]
-    order = np.argsort(keys[0])
-    return n + order[np.searchsorted(keys[0][order], keys[1])]
+    """Node numbers (p,) of the midpoints between pairs (p, 2) of corners.
+
+    Each pair must be one of the `edges` (e, 2) of a mesh with n corners.
+    """
+    edge_keys, pair_keys = (
+        np.sort(ends, axis=1).astype(np.int64) @ [n, 1] for ends in (edges, pairs)
+    )
+    order = np.argsort(edge_keys)
+    return n + order[np.searchsorted(edge_keys[order], pair_keys)]
 
 
 def _triangle_edges(triangles):

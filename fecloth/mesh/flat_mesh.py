@@ -15,14 +15,26 @@ from fecloth.validation import FARTHEST
 
 @dataclass(frozen=True, eq=False)
 class FlatMesh:
-    """A flat triangle mesh with named sets."""
+    """A flat triangle mesh with named sets.
 
-    X: np.ndarray  # node coordinates [m]
-    triangles: np.ndarray  # node indices of each triangle, all counter-clockwise
-    node_sets: dict[str, np.ndarray]  # name to sorted unique node indices
-    # Name to (k, 2) node pairs of the edges in the named curve, lower index first.
+    Attributes
+    ----------
+    X
+        (n, 2) node coordinates [m].
+    triangles
+        (m, 3) node indices of each triangle, all counter-clockwise.
+    node_sets
+        Name of each set to its sorted unique node indices.
+    edge_sets
+        Name of each curve to the (k, 2) node pairs of its edges, lower index first.
+    triangle_sets
+        Name of each region to its sorted unique triangle indices.
+    """
+
+    X: np.ndarray
+    triangles: np.ndarray
+    node_sets: dict[str, np.ndarray]
     edge_sets: dict[str, np.ndarray]
-    # Name to sorted unique triangle indices.
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
@@ -49,39 +61,51 @@ class FlatMesh:
         triangles, an edge of more than two triangles, unused or coincident nodes, empty sets,
         and sets with pairs that are no edge.
 
-        Points X (n, 3) must lie in a plane to 1e-9 of the extent. In the planes xy, xz and yz
-        those two coordinates are used. Any other plane gets an orthonormal frame, whose first
-        axis is the projection of the global x axis, or of the y axis if the plane is normal to
-        x. Sets map names to (k,) nodes or triangles, or (k, 2) ends of edges. Error messages
-        name the file or function `where`, and the numbers `node_ids` and `triangle_ids` in
-        place of the indices.
+        Parameters
+        ----------
+        X : (n, 2) or (n, 3) array
+            Coordinates [m]. Points with three coordinates must lie in a plane to 1e-9 of the
+            extent. In the planes xy, xz and yz those two coordinates are used. Any other plane
+            gets an orthonormal frame, whose first axis is the projection of the global x axis,
+            or of the y axis if the plane is normal to x.
+        triangles : (m, 3) integer array
+            Node indices.
+        node_sets, triangle_sets : dict of str to (k,) integer arrays, optional
+            Named nodes and triangles.
+        edge_sets : dict of str to (k, 2) integer arrays, optional
+            Named curves, by the nodes at the ends of their edges.
+        where : str
+            The file or function, for messages.
+        node_ids, triangle_ids : (n,) and (m,) integer arrays, optional
+            Numbers that messages name in place of the indices.
         """
         X, triangles = _arrays(X, triangles, where)
         n = len(X)
         m = len(triangles)
-        source = _Source(
-            where,
-            np.arange(n) if node_ids is None else np.asarray(node_ids),
-            np.arange(m) if triangle_ids is None else np.asarray(triangle_ids),
-        )
+        if node_ids is None:
+            node_ids = np.arange(n)
+        if triangle_ids is None:
+            triangle_ids = np.arange(m)
+        source = _Source(where, np.asarray(node_ids), np.asarray(triangle_ids))
         bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
         source.check_no_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
         bad = np.flatnonzero((np.abs(X) > FARTHEST).any(axis=1))
         limit = f"coordinates must be at most {FARTHEST:g} m"
         source.check_no_nodes(bad, "nodes too far away", limit, "Is the file in another unit?")
         _check_vertices(triangles, n, source)
-        X = X if X.shape[1] == 2 else flatten(X, where)
+        if X.shape[1] == 3:
+            X = flatten(X, where)
         _check_nodes(X, triangles, source)
         triangles = _orient(X, triangles.astype(np.int32), source)
         _check_duplicates(triangles, source)
         keys, boundary = _check_edges(triangles, n, source)
         _check_fans(X, triangles, source)
-        nodes = {name: _node_set(name, s, n, where) for name, s in (node_sets or {}).items()}
-        edges = {name: _edge_set(name, s, n, keys, source) for name, s in (edge_sets or {}).items()}
+        nodes = {k: _index_set(k, v, n, where) for k, v in (node_sets or {}).items()}
+        edges = {k: _edge_set(k, v, n, keys, source) for k, v in (edge_sets or {}).items()}
         if "boundary" not in nodes:
             edges.setdefault("boundary", boundary)
         nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
-        regions = {name: _node_set(name, s, m, where) for name, s in (triangle_sets or {}).items()}
+        regions = {k: _index_set(k, v, m, where) for k, v in (triangle_sets or {}).items()}
         return cls(X, triangles, nodes, edges, regions)
 
 
@@ -94,10 +118,11 @@ class _Source:
     triangles: np.ndarray
 
     def _raise(self, bad: np.ndarray, listed: list[str], kind: str, allowed="", remedy=""):
-        more = ", ..." if len(bad) > MAX_LISTED else ""
+        if len(bad) > MAX_LISTED:
+            listed = [*listed, "..."]
         if len(bad) == 1:
             kind = re.sub(r"\b(node|triangle|edge|pair)s\b", r"\1", kind, count=1)
-        what = f"{len(bad)} {kind}: {', '.join(listed)}{more}"
+        what = f"{len(bad)} {kind}: {', '.join(listed)}"
         raise MeshError(what, allowed, self.where, remedy)
 
     def check_no_nodes(self, bad: np.ndarray, kind: str, allowed="", remedy=""):
@@ -106,9 +131,11 @@ class _Source:
             self._raise(bad, listed, kind, allowed, remedy)
 
     def check_no_triangles(self, bad, triangles, kind: str, allowed="", remedy="", raw=False):
+        """Raise `MeshError` if there are bad triangles; `raw` vertices may be out of range."""
         if len(bad):
             vertices = triangles[bad[:MAX_LISTED]]
-            vertices = vertices if raw else self.nodes[vertices]
+            if not raw:
+                vertices = self.nodes[vertices]
             pairs = zip(self.triangles[bad[:MAX_LISTED]], vertices.tolist(), strict=True)
             listed = [f"triangle {i} (nodes {', '.join(map(str, v))})" for i, v in pairs]
             self._raise(bad, listed, kind, allowed, remedy)
@@ -120,8 +147,11 @@ class _Source:
 
 
 def quality(X: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(m,) shape of triangles (m, 3) between nodes X (n, 2): 4 √3 A / (l₁² + l₂² + l₃²)."""
-    # It is 1 for an equilateral triangle, 0 for a degenerate one, negative for a clockwise one.
+    """(m,) shape of triangles (m, 3) between nodes X (n, 2): 4 √3 A / (l₁² + l₂² + l₃²).
+
+    It is 1 for an equilateral triangle, 0 for a degenerate triangle, and negative for a
+    clockwise triangle.
+    """
     area, lengths2 = _areas_and_lengths(X, triangles)
     return 4 * np.sqrt(3.0) * area / lengths2.sum(axis=0)
 
@@ -132,6 +162,7 @@ def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
 
 
 def _arrays(X, triangles, where):
+    """Return coordinates and triangles as arrays; raise `MeshError` for other shapes or types."""
     try:
         X = np.array(X, dtype=np.float64)
         triangles = np.asarray(triangles)
@@ -149,6 +180,7 @@ def _arrays(X, triangles, where):
 
 
 def _check_vertices(t, n, source):
+    """Refuse vertices that are no nodes, and triangles with one node twice."""
     bad = np.flatnonzero(((t < 0) | (t >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
     source.check_no_triangles(bad, t, kind, f"vertices must be 0 to {n - 1}", raw=True)
@@ -158,6 +190,7 @@ def _check_vertices(t, n, source):
 
 
 def _check_nodes(X, t, source):
+    """Refuse nodes of no triangle, and nodes at the same place."""
     unused = np.ones(len(X), dtype=bool)
     unused[t.ravel()] = False
     kind = "nodes used by no triangle"
@@ -172,7 +205,7 @@ def _check_nodes(X, t, source):
 
 def _areas_and_lengths(X, t):
     """Signed areas (m,) and squared edge lengths (3, m)."""
-    a, b, c = X[t[:, 0]], X[t[:, 1]], X[t[:, 2]]
+    a, b, c = (X[t[:, i]] for i in range(3))
     e = b - a
     f = c - a
     area = 0.5 * (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
@@ -180,6 +213,7 @@ def _areas_and_lengths(X, t):
 
 
 def _orient(X, t, source):
+    """Return the triangles counter-clockwise; refuse zero areas and mixed orientations."""
     area, lengths2 = _areas_and_lengths(X, t)
     bad = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
     limit = "the area must be at least 1e-12 of the longest edge squared"
@@ -188,8 +222,9 @@ def _orient(X, t, source):
     count = np.count_nonzero(clockwise)
     if count == len(t):
         return np.ascontiguousarray(t[:, [0, 2, 1]])
-    bad = np.flatnonzero(clockwise if 2 * count <= len(t) else ~clockwise)
     if count:
+        is_minority = clockwise if 2 * count <= len(t) else ~clockwise
+        bad = np.flatnonzero(is_minority)
         limit = f"all {len(t)} must have the same orientation"
         remedy = "Swap two vertices of each, or untangle the mesh."
         source.check_no_triangles(bad, t, "inverted triangles", limit, remedy)
@@ -197,6 +232,7 @@ def _orient(X, t, source):
 
 
 def _check_duplicates(t, source):
+    """Refuse triangles with the same three nodes."""
     low = np.sort(t, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
     bad = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
@@ -242,6 +278,7 @@ def _node_pairs(keys, n):
 
 
 def _check_connected(a, b, t, source):
+    """Refuse triangles t in several pieces; a and b (k,) are the two at each inner edge."""
     m = len(t)
     graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(m, m))
     pieces, label = connected_components(graph, directed=False)
@@ -252,7 +289,8 @@ def _check_connected(a, b, t, source):
         source.check_no_triangles(bad, t, kind, limit, "Join them, or use one cloth per piece.")
 
 
-def _node_set(name, values, n, where):
+def _index_set(name, values, n, where):
+    """Sorted unique indices of a set of nodes or triangles, of which there are n."""
     return np.unique(validated_indices(name, values, n, (), where))
 
 
@@ -286,9 +324,11 @@ def _frame(normal: np.ndarray) -> np.ndarray:
     The sign of the normal is chosen so that the axes vary continuously from the axes of the
     coordinate planes xy, xz and yz.
     """
-    signed = normal * (1.0, -1.0, 1.0)
-    normal = normal * np.sign(signed[next(i for i in (2, 1, 0) if abs(normal[i]) > 1e-6)])
-    first = np.eye(3)[1 if np.linalg.norm(normal[1:]) < 1e-6 else 0]
+    last_axis = max(i for i in range(3) if abs(normal[i]) > 1e-6)
+    sign = (1.0, -1.0, 1.0)[last_axis]  # the planes yz, xz, xy have the normals x, −y, z
+    normal = normal * np.sign(sign * normal[last_axis])
+    is_along_x = np.linalg.norm(normal[1:]) < 1e-6
+    first = np.eye(3)[1 if is_along_x else 0]
     first = first - normal * (first @ normal)
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first)])

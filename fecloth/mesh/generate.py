@@ -14,8 +14,10 @@ from fecloth.mesh.gmsh_child import in_child
 from fecloth.mesh.gmsh_import import DRAWINGS, gmsh_plane, refuse_coarse
 from fecloth.mesh.grading import Grading, check_gradings
 
-AT_ONCE = 10_000  # area/h²; below, Gmsh takes less time than the start of a process for it
-MOST_SHORTENED = 1.5  # factor by which edges of "equilateral" may be shorter than h
+# Area over h² below which Gmsh takes less time than the start of a process, about 0.4 s.
+SMALL_AREA_OVER_H2 = 10_000
+# An h above this many times the edges of one "equilateral" row is refused as a mistake.
+MOST_H_OVER_EDGE = 1.5
 
 
 def rectangle(
@@ -27,10 +29,11 @@ def rectangle(
 ) -> FlatMesh:
     """Mesh the rectangle [0, width] × [0, height].
 
-    The structured patterns have ``max(1, round(width / h))`` by ``max(1, round(height / h))``
-    cells. In the pattern "equilateral" the rows have a height near h √3/2 and the edges along x a
-    length near that of equilateral triangles, so that both divide the sides: the angles are 60°
-    only if the sides fit. Every second row is shifted by half an edge, with half ones at borders.
+    The patterns "right" and "cross" have ``max(1, round(width / h))`` by ``max(1, round(height /
+    h))`` cells. In the pattern "equilateral" the rows have a height near h √3/2, and the edges
+    along x have nearly the length of equilateral triangles, so that both divide the sides. The
+    angles are 60° only if the sides fit. Every second row is shifted by half an edge, and has
+    half an edge at both ends.
 
     `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
     ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
@@ -38,7 +41,7 @@ def rectangle(
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
     validation.mesh_size(h, max(width, height), width * height, "rectangle")
-    validation.known(f"pattern = {pattern!r}", pattern, _PATTERNS, "rectangle", cutoff=0.0)
+    validation.known(f"pattern = {pattern!r}", pattern, _PATTERNS, "rectangle", always=True)
     check_gradings(grading, "rectangle")
     if grading and pattern != "unstructured":
         remedy = 'Take the pattern "unstructured", or leave the grading out.'
@@ -58,28 +61,31 @@ def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
     validation.length("radius", radius, "disk")
     validation.mesh_size(h, radius, np.pi * radius**2, "disk")
     check_gradings(grading, "disk")
-    X, triangles = _mesh_drawing("disk", np.pi * radius**2, h, (radius,), grading)
+    X, triangles = _mesh_drawing("disk", [radius], np.pi * radius**2, h, grading)
     return FlatMesh.from_arrays(X, triangles, where="disk")
 
 
 def _mesh_drawing(
-    name: str, area: float, h: float, sizes: tuple[float, ...], grading: Sequence[Grading]
+    name: str, sizes: Sequence[float], area: float, h: float, grading: Sequence[Grading]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh a drawing by Gmsh: X (n, 2) and triangles (m, 3)."""
-    # Many triangles, and any beside a session of the user, in a process of their own.
-    draw = DRAWINGS[name]
-    sizes = (*map(float, sizes), float(h))
-    if area / h**2 < AT_ONCE and not gmsh_session.is_open():
-        raw = gmsh_plane(lambda geo: draw(geo, *sizes), float(h), name, grading)
+    """Mesh a drawing of these sizes by Gmsh: X (n, 2) and triangles (m, 3).
+
+    A mesh of many triangles is made in a process of its own, and so is any mesh while the user
+    has a session of Gmsh.
+    """
+    arguments = [*map(float, sizes), float(h)]
+    if area / h**2 < SMALL_AREA_OVER_H2 and not gmsh_session.is_open():
+        draw = DRAWINGS[name]
+        raw = gmsh_plane(lambda geo: draw(geo, *arguments), float(h), name, grading)
     else:
-        task = {"draw": name, "sizes": sizes, "grading": [asdict(each) for each in grading]}
-        raw = in_child(task, name)
+        places = [asdict(place) for place in grading]
+        raw = in_child({"draw": name, "sizes": arguments, "grading": places}, name)
     refuse_coarse(raw, h, name)
     return raw.xyz[:, :2], raw.triangles
 
 
 def _mesh_unstructured(width, height, h, grading=()):
-    X, triangles = _mesh_drawing("rectangle", width * height, h, (width, height), grading)
+    X, triangles = _mesh_drawing("rectangle", [width, height], width * height, h, grading)
     for x, side in zip(X.T, (width, height), strict=True):  # put side nodes exactly on the sides
         x[np.abs(x) < 1e-9 * side] = 0.0
         x[np.abs(x - side) < 1e-9 * side] = side
@@ -109,30 +115,34 @@ def _cross(width, height, h):
 def _refuse_another_size(height: float, h: float) -> None:
     """Raise `InputError` if one row of equilateral triangles has much shorter edges than h."""
     edge = height / np.sqrt(0.75)
-    if h > MOST_SHORTENED * edge:
+    if h > MOST_H_OVER_EDGE * edge:
         allowed = f"must be at most {edge:.4g} m, the edges of one row of height {height:g} m"
         remedy = 'Write that, or use the pattern "right", whose cells may be longer than high.'
         raise InputError(f"h = {h!r}", allowed, "rectangle", remedy)
 
 
 def _equilateral(width, height, h):
+    """Rows of triangles whose even rows of nodes have nx edges, and odd rows nx + 1."""
     ny = max(1, round(height / (h * np.sqrt(0.75))))
     nx = max(1, round(width / (height / ny / np.sqrt(0.75))))
     even = np.linspace(0, width, nx + 1)
     odd = np.concatenate(([0.0], 0.5 * (even[1:] + even[:-1]), [width]))
-    x = [odd if j % 2 else even for j in range(ny + 1)]
-    lengths = [len(row) for row in x]
-    X = np.column_stack((np.concatenate(x), np.repeat(np.linspace(0, height, ny + 1), lengths)))
+    rows = [(even, odd)[j % 2] for j in range(ny + 1)]
+    lengths = [len(row) for row in rows]
+    y = np.repeat(np.linspace(0, height, ny + 1), lengths)
+    X = np.column_stack((np.concatenate(rows), y))
     j = np.arange(ny)
     start = np.cumsum([0, *lengths])
-    p, q = np.arange(nx + 1), np.arange(nx + 2)  # node numbers within an even and an odd row
+    p = np.arange(nx + 1)  # node numbers within an even row
+    q = np.arange(nx + 2)  # and within an odd row
     with_even_base = np.stack((p[:-1], p[1:], q[1:-1]), axis=1)
     with_odd_base = np.stack((p, q[1:], q[:-1]), axis=1)  # half triangles at both ends
     number_in_row = np.concatenate((with_even_base, with_odd_base))
     is_odd = np.repeat([[False, False, True], [False, True, True]], [nx, nx + 1], axis=0)
     even_start, odd_start = (start[j + k][:, None, None] for k in (j % 2, 1 - j % 2))
     triangles = number_in_row + np.where(is_odd, odd_start, even_start)
-    triangles[1::2] = triangles[1::2][:, :, [0, 2, 1]]  # there the odd row is the lower row
+    # In every second row of triangles the odd row of nodes is the lower row: turn them over.
+    triangles[1::2] = triangles[1::2][:, :, [0, 2, 1]]
     return X, triangles.reshape(-1, 3)
 
 
@@ -145,7 +155,7 @@ _PATTERNS = {
 
 
 def _with_side_sets(mesh: FlatMesh, width: float, height: float) -> FlatMesh:
-    """The mesh with the node and edge sets of the four sides and the node set of the corners."""
+    """The mesh with node and edge sets of the four sides, and a node set of the corners."""
     x, y = mesh.X.T
     on = {"left": x == 0, "right": x == width, "bottom": y == 0, "top": y == height}
     border = mesh.edge_sets["boundary"]

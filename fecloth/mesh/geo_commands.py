@@ -1,12 +1,13 @@
-"""Which commands a .geo file may hold: geometry, names, sizes; nothing that reads, writes or runs.
+"""Which commands a .geo file may hold: geometry, names, sizes; no input, output or programs.
 
 A .geo file is a program for Gmsh's interpreter, which can also run commands of the system and
 write files. `check_geo` allows the words of a list and refuses all others. It returns the
-tokens that it has read, without comments, as a new text, so that Gmsh reads exactly what was
-checked: for Gmsh a zero byte ends a comment, and a text ends by itself after 1023 characters.
+tokens that it has read, without comments, as a new text. So Gmsh reads exactly what was
+checked. (Gmsh's own rules differ: a zero byte ends a comment, and a text ends after 1023
+characters.)
 
-Whatever names a file or a command needs a text. Texts stand only where they are names or
-formulas, and no allowed word makes a text of anything else.
+A command that names a file or a program needs a text. Here a text may only be a name or a
+formula, and no allowed word makes a text from anything else.
 """
 
 import re
@@ -16,8 +17,7 @@ from typing import NamedTuple
 
 from fecloth.errors import MeshError, did_you_mean
 
-MOST_CHARACTERS = 20_000_000
-LONGEST_TEXT = 200  # characters of a name
+LONGEST_TEXT = 200  # characters; names are shorter, and Gmsh cuts a text after 1023
 
 _ALLOWED = """
 Point Line Curve Circle Ellipse Spline BSpline Bezier CatmullRom Compound Loop Wire Plane
@@ -48,7 +48,7 @@ _TOKEN = re.compile(
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]|\r(?!\n)")
 _LOOP_WORDS = re.compile(r"\b(If|ElseIf|Else|EndIf|For|EndFor|Return)\b")
 _ASSIGNMENTS = ("=", "+=", "-=", "*=", "/=", "++", "--")
-# Patterns of tokens with a space between them. Where a text may stand:
+# The next two patterns are for tokens with a space between them. Here a text may stand:
 _TEXT = re.compile(
     r"""\bPhysical\ (Point|Line|Curve|Surface|Volume)\ \(\ "[^"]*"$
     |\bSetFactory\ \(\ "(Built-in|OpenCASCADE)"$
@@ -57,7 +57,8 @@ _TEXT = re.compile(
     |[{,]\ [\d.]+\ =\ "[^"]*"$  # Choices{1="fine"}""",
     re.VERBOSE,
 )
-_STARTED = re.compile(r'(^|[;)}\]"\d]|\d\.|\b(Else|EndIf|EndFor))$')  # before a statement
+# This stands before a statement:
+_STARTED = re.compile(r'(^|[;)}\]"\d]|\d\.|\b(Else|EndIf|EndFor))$')
 
 
 class Token(NamedTuple):
@@ -72,40 +73,44 @@ def check_geo(text: str, where: str) -> str:
     """Return a .geo file without its comments, if it holds known commands only.
 
     Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
-    without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. The process
-    that reads the file has limits of time and memory, which end a loop without end.
+    without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. An endless
+    loop is allowed, too: the process that reads the file has limits of time and memory.
+
+    Raises `MeshError` for the first word, text or character that is not allowed; `where` is
+    the name of the file in the message.
     """
-    tokens = list(_tokens(text, where))
+    tokens = list(_read_tokens(text, where))
     _Checker(tokens, where).check()
-    lines: list[list[str]] = [[] for _ in range(tokens[-1].line if tokens else 0)]
+    words_of_line: dict[int, list[str]] = {}
     for token in tokens:
-        lines[token.line - 1].append(token.text)
-    return "\n".join(" ".join(words) for words in lines) + "\n"
+        words_of_line.setdefault(token.line, []).append(token.text)
+    last = max(words_of_line, default=0)
+    lines = [" ".join(words_of_line.get(line, [])) for line in range(1, last + 1)]
+    return "\n".join(lines) + "\n"
 
 
-def _refused(what: str, line: int, where: str, suggestion: str = "") -> MeshError:
+def _make_error(what: str, line: int, where: str, suggestion: str = "") -> MeshError:
     allowed = "is not among the commands that are allowed in a .geo file"
     trust = "If you trust the file, pass --trust-geo, or trust=True to Cloth.read."
     return MeshError(f"{what} in line {line}", allowed, where, f"{suggestion} {trust}".strip())
 
 
-def _tokens(text: str, where: str) -> Iterator[Token]:
-    if len(text) > MOST_CHARACTERS:
-        raise MeshError(f"{len(text)} characters", f"must be at most {MOST_CHARACTERS}", where)
+def _read_tokens(text: str, where: str) -> Iterator[Token]:
+    """Yield the tokens without spaces and comments; texts get double quotes."""
     if match := _CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
-        raise _refused(f"the control character {match[0][0]!r}", line, where)
+        raise _make_error(f"the control character {match[0][0]!r}", line, where)
     place = 0
     line = 1
     while place < len(text):
         match = _TOKEN.match(text, place)
         if not match:
-            raise _refused(f"the character {text[place]!r}", line, where)
+            raise _make_error(f"the character {text[place]!r}", line, where)
         kind = str(match.lastgroup)
         word = match[0]
         if kind == "text":
             if len(word) > LONGEST_TEXT or _LOOP_WORDS.search(word):
-                raise _refused(f"the text {word[:40]}", line, where)
+                raise _make_error(f"the text {word[:40]}", line, where)
             word = f'"{word[1:-1]}"'
         if kind != "space":
             yield Token(kind, word, line)
@@ -115,50 +120,70 @@ def _tokens(text: str, where: str) -> Iterator[Token]:
 
 @dataclass
 class _Checker:
-    """One pass over the tokens of a file."""
+    """One pass over the tokens of a file.
+
+    Attributes
+    ----------
+    tokens
+        The tokens in their order.
+    where
+        The file, for messages.
+    variables
+        Names that the file has defined so far.
+    statement
+        The words of the statement so far.
+    """
 
     tokens: list[Token]
     where: str
     variables: set[str] = field(default_factory=set)
-    seen: set[str] = field(default_factory=set)  # the words of the statement so far
+    statement: set[str] = field(default_factory=set)
 
     def check(self) -> None:
         """Raise `MeshError` for the first token that is not allowed."""
         for i, (kind, text, _) in enumerate(self.tokens):
-            before = self._join(i - 4, i)
+            before = self._join_tokens(i - 4, i)
             if text == ";":
-                self.seen.clear()
+                self.statement.clear()
             elif kind == "text" and not _TEXT.search(f"{before} {text}"):
                 raise self._error(f"the text {text}", i)
             elif text == ".":
-                self._point(i, before)
+                self._check_option(i, before)
             elif kind == "word" and not before.endswith(" ."):
-                self._word(text, i, before)
-                self.seen.add(text)
+                self._check_word(text, i, before)
+                self.statement.add(text)
 
-    def _join(self, begin: int, end: int) -> str:
+    def _join_tokens(self, begin: int, end: int) -> str:
         return " ".join(token.text for token in self.tokens[max(begin, 0) : end])
 
     def _error(self, what: str, i: int, suggestion: str = "") -> MeshError:
-        return _refused(what, self.tokens[i].line, self.where, suggestion)
+        return _make_error(what, self.tokens[i].line, self.where, suggestion)
 
-    def _point(self, i: int, before: str) -> None:
-        """Check Mesh.Algorithm, Geometry.Tolerance or Field[1].SizeMin; the threads are not set."""
+    def _check_option(self, i: int, before: str) -> None:
+        """Check the names around a point at i, as in Mesh.Algorithm or Field[1].SizeMin.
+
+        Allowed are options of Mesh and Geometry, but not the number of threads, and of fields.
+        """
         group = before.rpartition(" ")[2]
-        name = self._join(i + 1, i + 2)
-        is_field = group == "]" and "Field" in self.seen
+        name = self._join_tokens(i + 1, i + 2)
+        is_field = group == "]" and "Field" in self.statement
         if not is_field and (group not in ("Mesh", "Geometry") or "Threads" in name):
             raise self._error(f"{group}.{name}", i)
 
-    def _word(self, word: str, i: int, before: str) -> None:
-        after = self._join(i + 1, i + 2)
-        is_kind = "Field" in self.seen and before.endswith("] =")  # Field[1] = Box
+    def _check_word(self, word: str, i: int, before: str) -> None:
+        """Check a word at i: a command, a new variable, or a variable that has a value."""
+        after = self._join_tokens(i + 1, i + 2)
+        is_kind = "Field" in self.statement and before.endswith("] =")  # Field[1] = Box
         is_start = bool(_STARTED.search(before))
+        if is_start:
+            defines_variable = self._is_assigned(i)
+        else:
+            defines_variable = self._is_defined(before, after)
         if word in WORDS or (word in ("Mesh", "Geometry") and after == "."):
             pass  # a command or an option
         elif word == "Mesh" and is_start and after in ("1", "2"):
             pass  # Mesh 2;
-        elif self._is_assigned(i) if is_start else self._is_defined(before, after):
+        elif defines_variable:
             self.variables.add(word)
         elif is_start or is_kind or word not in self.variables:
             raise self._error(word, i, did_you_mean(word, WORDS))
@@ -166,7 +191,7 @@ class _Checker:
     def _is_defined(self, before: str, after: str) -> bool:
         """Return whether a word is a variable of For i In {1:4} or DefineConstant[i = 1]."""
         is_counted = f" {before}".endswith(" For") and after == "In"
-        return is_counted or ("DefineConstant" in self.seen and after in "=,][()~")
+        return is_counted or ("DefineConstant" in self.statement and after in "=,][()~")
 
     def _is_assigned(self, i: int) -> bool:
         """Return whether x = …, x[1] += … or x~{1} = … stands at i."""

@@ -19,28 +19,45 @@ import numpy as np
 
 from fecloth import validation
 from fecloth.errors import InputError, MeshError
-from fecloth.mesh.gmsh_import import DRAWINGS, RawMesh, check_cells, from_geo, from_msh, gmsh_plane
+from fecloth.mesh.gmsh_import import (
+    DRAWINGS,
+    RawMesh,
+    check_cells,
+    from_geo,
+    from_msh,
+    gmsh_plane,
+)
 from fecloth.mesh.grading import Grading
 from fecloth.mesh.indices import validated_indices
 
-TIME_LIMIT = 300.0  # s, of wall time
-MEMORY_SHARE = 0.5  # of the machine's memory
-MOST_NODES = 3 * validation.MOST_TRIANGLES
+TIME_LIMIT = 300.0  # s of wall time by default; users can raise it
+MEMORY_SHARE = 0.5  # of the machine's memory; the rest is for the process that waits
+MOST_NODES = 3 * validation.MOST_TRIANGLES  # as many as triangles without common nodes have
 _ERRORS = {"InputError": InputError, "MeshError": MeshError}
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
     """Mesh or read a file in a child process, which ends with this function, however it ends.
 
-    The task is ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
-    path}``, ``{"surface": path}``, also by meshio, or ``{"draw": a name of `DRAWINGS`, "sizes":
-    its arguments}``; "geo" and "draw" may have a `grading`, a list of the fields of `Grading`.
-    Unless `confined` is false, the process writes no file. It is killed after `time_limit`
-    seconds; `where` is the file, for messages.
+    Raises the `InputError` or `MeshError` of the child, and `MeshError` if it takes longer than
+    `time_limit` [s] or ends without a mesh.
+
+    Parameters
+    ----------
+    task
+        One of ``{"geo": path, "h": … or None, "confined": …}``, ``{"msh": path}``, ``{"meshio":
+        path}``, ``{"surface": path}`` (also by meshio) and ``{"draw": a name of `DRAWINGS`,
+        "sizes": its arguments}``. "geo" and "draw" may have a "grading", a list of the fields
+        of `Grading`. The process may write files only if "confined" is false.
+    where
+        The file, for messages.
+    time_limit
+        Seconds after which the process is killed.
     """
     validation.positive("time_limit", time_limit, "s", where)
-    package = Path(__file__).parents[2]  # -P: a module in the current folder must not be imported
+    package = Path(__file__).parents[2]
     path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
+    # -P: modules in the current folder must not be imported.
     command = [sys.executable, "-P", "-m", __name__]
     options: Any = {"capture_output": True, "env": os.environ | {"PYTHONPATH": path}}
     request = json.dumps(task | {"where": where, "seconds": time_limit}).encode()
@@ -52,16 +69,17 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
         remedy = "Take a larger h, or raise the limit: --mesh-time SECONDS, time_limit in Python."
         raise MeshError(what, allowed, where, remedy) from None
     if done.returncode:
-        raise _broken(done, where)
-    result = _unpacked(done.stdout)
+        raise _make_error(done, where)
+    result = _unpack(done.stdout)
     if "error" in result:
         raise _ERRORS[result["error"]](*result["arguments"])
     return RawMesh(**result)
 
 
-def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
-    last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-    why = last[0] if last else f"status {done.returncode}"
+def _make_error(done: subprocess.CompletedProcess, where: str) -> MeshError:
+    """Return the error of a process that has ended without a mesh, with its last words."""
+    last_words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    why = last_words or f"status {done.returncode}"
     if done.returncode < 0:
         with suppress(ValueError):
             why = f"{signal.Signals(-done.returncode).name}; {why}"
@@ -69,8 +87,8 @@ def _broken(done: subprocess.CompletedProcess, where: str) -> MeshError:
     return MeshError(f"reading has ended without a mesh ({why})", where=where, remedy=remedy)
 
 
-def _packed(result: dict) -> bytes:
-    """Return dicts and lists of arrays and texts as an .npz file: a JSON header, and the arrays."""
+def _pack(result: dict) -> bytes:
+    """Return dicts and lists of arrays and texts as an .npz file: a JSON header and arrays."""
     arrays: list[np.ndarray] = []
 
     def place(array: np.ndarray) -> dict:
@@ -83,7 +101,8 @@ def _packed(result: dict) -> bytes:
     return stream.getvalue()
 
 
-def _unpacked(data: bytes) -> dict:
+def _unpack(data: bytes) -> dict:
+    """Return what `_pack` has packed."""
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
 
         def find(item: dict) -> Any:
@@ -101,19 +120,21 @@ def main() -> None:
     os.dup2(2, 1)
     task = json.load(sys.stdin)
     with suppress(ImportError, OSError):  # `gmsh_model` says what is missing
-        # before the limits: Python may write its bytecode
-        importlib.import_module("meshio" if {"meshio", "surface"} & task.keys() else "gmsh")
-    _limit(task["seconds"], task.get("confined", True))
+        # Imported before the limits, because Python may write its bytecode.
+        by_meshio = task.keys() & {"meshio", "surface"}
+        importlib.import_module("meshio" if by_meshio else "gmsh")
+    _limit_process(task["seconds"], task.get("confined", True))
     try:
-        result = vars(_mesh(task))
+        result = vars(_carry_out(task))
     except InputError as error:
         arguments = [error.what, error.allowed, error.where, error.remedy]
         result = {"error": type(error).__name__, "arguments": arguments}
     with os.fdopen(output, "wb") as stream:
-        stream.write(_packed(result))
+        stream.write(_pack(result))
 
 
-def _mesh(task: dict) -> RawMesh:
+def _carry_out(task: dict) -> RawMesh:
+    """Return the mesh of a task, see `in_child`."""
     where = task["where"]
     grading = [Grading(**fields) for fields in task.get("grading", ())]
     match task:
@@ -128,7 +149,7 @@ def _mesh(task: dict) -> RawMesh:
     return from_geo(Path(task["geo"]), task["h"], where, grading)
 
 
-def _limit(seconds: float, confined: bool) -> None:
+def _limit_process(seconds: float, confined: bool) -> None:
     """Limit time and memory, and end with the parent; a confined process writes no file."""
     with suppress(ImportError):  # Windows
         import resource
@@ -149,39 +170,46 @@ def _limit(seconds: float, confined: bool) -> None:
 
 def surface_from_meshio(path: Path, where: str) -> RawMesh:
     """The nodes and triangles of a file, which may hold other cells."""
-    mesh = _meshio_mesh(path, where)
-    xyz = mesh.points
-    triangles = _triangles(mesh)
-    n = len(xyz)
-    m = len(triangles)
-    return RawMesh(xyz, triangles, {}, {}, np.arange(n), np.arange(m), np.zeros(n, dtype=bool))
+    mesh = _read_by_meshio(path, where)
+    n = len(mesh.points)
+    return _make_raw(mesh, {}, {}, geometric=np.zeros(n, dtype=bool))
 
 
 def from_meshio(path: Path, where: str) -> RawMesh:
     """The mesh of a file of triangles, lines and points, with its sets."""
-    mesh = _meshio_mesh(path, where)
+    mesh = _read_by_meshio(path, where)
     known = ("triangle", "line", "vertex")
     check_cells({b.type: len(b) for b in mesh.cells if b.type not in known}, where)
-    triangles = _triangles(mesh)
-    nodes, edges = _meshio_sets(mesh, where)
+    node_sets, edge_sets = _meshio_sets(mesh, where)
     n = len(mesh.points)
-    m = len(triangles)
     geometric = np.zeros(n, dtype=bool)
     for block in mesh.cells:
         if block.type != "triangle":
             used = validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
             geometric[used] = True
-    return RawMesh(mesh.points, triangles, nodes, edges, np.arange(n), np.arange(m), geometric)
+    return _make_raw(mesh, node_sets, edge_sets, geometric)
 
 
-def _triangles(mesh: Any) -> np.ndarray:
+def _make_raw(mesh: Any, node_sets: dict, edge_sets: dict, geometric: np.ndarray) -> RawMesh:
+    """Return the nodes and triangles of meshio's mesh, numbered from 0, with these sets."""
     blocks = [block.data for block in mesh.cells if block.type == "triangle"]
     if blocks:
-        return np.concatenate(blocks)
-    return np.empty((0, 3), dtype=int)
+        triangles = np.concatenate(blocks)
+    else:
+        triangles = np.empty((0, 3), dtype=int)
+    return RawMesh(
+        xyz=mesh.points,
+        triangles=triangles,
+        node_sets=node_sets,
+        edge_sets=edge_sets,
+        node_ids=np.arange(len(mesh.points)),
+        triangle_ids=np.arange(len(triangles)),
+        geometric=geometric,
+    )
 
 
-def _meshio_mesh(path: Path, where: str) -> Any:
+def _read_by_meshio(path: Path, where: str) -> Any:
+    """Return meshio's mesh of a file; raise `MeshError` if there is none."""
     import meshio
 
     suffix = path.suffix.lower()
@@ -197,8 +225,9 @@ def _meshio_mesh(path: Path, where: str) -> Any:
         mesh.points = np.asarray(mesh.points, dtype=float)
     except MemoryError as error:
         what = "the file takes too much memory"
+        allowed = "must fit in half of the machine's memory"
         remedy = "Is it damaged? Take a coarser mesh."
-        raise MeshError(what, "must fit in half of the machine's memory", where, remedy) from error
+        raise MeshError(what, allowed, where, remedy) from error
     except (Exception, SystemExit) as error:  # meshio exits on a file that it cannot read
         reason = " ".join(output.getvalue().split()) or error
         raise MeshError(f"meshio cannot read the file ({reason})", where=where) from error
@@ -208,7 +237,10 @@ def _meshio_mesh(path: Path, where: str) -> Any:
 
 
 def _meshio_sets(mesh: Any, where: str) -> tuple[dict, dict]:
-    """Node indices and node pairs of point sets, cell sets and named gmsh:physical groups."""
+    """Return the node indices and the node pairs of each set, by its name.
+
+    The sets are meshio's point sets and cell sets, and the named groups of "gmsh:physical".
+    """
     nodes = {name: [np.asarray(s)] for name, s in mesh.point_sets.items()}
     edges: dict[str, list[np.ndarray]] = {}
     cells = {name: list(s) for name, s in mesh.cell_sets.items() if not name.startswith("gmsh:")}

@@ -18,7 +18,25 @@ _DIMENSIONS = ("point", "curve", "surface")
 
 @dataclass(frozen=True)
 class RawMesh:
-    """Arrays of a file before validation; the sets map names to lists of indices or pairs."""
+    """Arrays of a file before validation.
+
+    Attributes
+    ----------
+    xyz
+        (n, 3) coordinates [m]; some files have two coordinates.
+    triangles
+        (m, 3) node indices.
+    node_sets
+        Name of each set to arrays of node indices, which together are the set.
+    edge_sets
+        Name of each set to arrays (k, 2) of node indices.
+    node_ids, triangle_ids
+        Numbers of the nodes (n,) and triangles (m,) in the file, for messages.
+    geometric
+        (n,) bool: nodes that are removed if no triangle uses them.
+    triangle_sets
+        Name of each region to its triangle indices.
+    """
 
     xyz: np.ndarray
     triangles: np.ndarray
@@ -26,12 +44,16 @@ class RawMesh:
     edge_sets: dict[str, list[np.ndarray]]
     node_ids: np.ndarray
     triangle_ids: np.ndarray
-    geometric: np.ndarray  # (n,) bool: nodes to be removed if no triangle uses them
+    geometric: np.ndarray
     triangle_sets: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
-    """Mesh the surface that ``draw(gmsh.model.geo)`` builds; its sets serve the grading only."""
+    """Mesh the surface that ``draw(gmsh.model.geo)`` builds.
+
+    Its physical groups are only places for the `grading`; the mesh has no sets. Raises
+    `MeshError`, with the name `where`, if Gmsh fails.
+    """
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
         gmsh.model.geo.synchronize()
@@ -41,13 +63,19 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
             gmsh.model.mesh.generate(2)
         _, xyz, triangles, _ = _gmsh_arrays(gmsh, where)
     used, triangles = np.unique(triangles, return_inverse=True)  # removes the centres of circles
-    nodes = np.arange(len(used))
-    cells = np.arange(len(triangles) // 3)
-    is_unused = np.zeros(len(used), dtype=bool)
-    return RawMesh(xyz[used], triangles.reshape(-1, 3), {}, {}, nodes, cells, is_unused)
+    return RawMesh(
+        xyz=xyz[used],
+        triangles=triangles.reshape(-1, 3),
+        node_sets={},
+        edge_sets={},
+        node_ids=np.arange(len(used)),
+        triangle_ids=np.arange(len(triangles) // 3),
+        geometric=np.zeros(len(used), dtype=bool),
+    )
 
 
-COARSE = 4.0  # edges longer than so many h are a failure of Gmsh; its longest are about 1.6 h
+# Edges longer than this many h are a failure of Gmsh: its longest edges are about 1.6 h.
+LONGEST_EDGE_OVER_H = 4.0
 
 
 def _draw_disk(geo, radius: float, h: float) -> None:
@@ -72,28 +100,33 @@ DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _dr
 
 
 def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
-    """Mesh a geometry file, with edge length h [m] unless h is None; `where` names it in errors."""
+    """Mesh a geometry file, with the edge length h [m] unless h is None.
+
+    In a file with ``DefineConstant[ h = … ]`` the constant gets the value h. Raises `MeshError`,
+    with the name `where`, if Gmsh cannot read or mesh the file, and `InputError` for a wrong h.
+    """
     text = path.read_text(encoding="utf-8", errors="replace")
-    if text.splitlines()[-1:] and not text.endswith("\n") and text.splitlines()[-1].count(";") > 1:
+    last_line = text.rpartition("\n")[2]  # empty if the file ends with a line end
+    if last_line.count(";") > 1:
         what = "the last line has several statements and no line end"
         allowed = "Gmsh reads only the first statement of such a line"
         raise MeshError(what, allowed, where, "End the file with a new line.")
-    constant = re.search(r"DefineConstant\s*\[[^\]]*\bh\s*=", text)
+    defines_h = re.search(r"DefineConstant\s*\[[^\]]*\bh\s*=", text)
     with gmsh_model() as gmsh:
         if h is not None:
             validation.length("h", h, where)
-            if constant:
+            if defines_h:
                 gmsh.parser.setNumber("h", [float(h)])
         with _as_mesh_error("Gmsh cannot read the file", where):
             gmsh.merge(str(path))
         if h is not None:
-            _limit_size(gmsh, h, where, uniform=not constant and not grading)
+            _limit_size(gmsh, h, where, uniform=not defines_h and not grading)
             if grading:
                 set_sizes(gmsh, grading, h, where)
         with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
         mesh = _from_gmsh(gmsh, where)
-    if h is not None and not constant:
+    if h is not None and not defines_h:
         refuse_coarse(mesh, h, where)
     return mesh
 
@@ -102,13 +135,14 @@ def refuse_coarse(mesh: RawMesh, h: float, where: str) -> None:
     """Refuse a mesh with edges far longer than h [m], where Gmsh gave up and did not say so."""
     corners = mesh.xyz[mesh.triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-    if longest > COARSE * h:
+    if longest > LONGEST_EDGE_OVER_H * h:
         what = f"Gmsh made edges of {longest:.3g} m where h = {h:.3g} m"
         remedy = "It fails so for millions of triangles: take a larger h."
         raise MeshError(what, "must be about h", where, remedy)
 
 
 def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
+    """Refuse an h [m] that does not fit the geometry; with `uniform`, let all edges have it."""
     box = gmsh.model.getBoundingBox(-1, -1)
     lengths = np.sort(np.subtract(box[3:], box[:3]))
     if np.isfinite(lengths).all() and lengths[2] > 0:
@@ -138,8 +172,10 @@ def from_msh(path: Path, where: str) -> RawMesh:
 def _gmsh_arrays(gmsh, where: str):
     """Sorted node tags, coordinates, triangles as node indices, and triangle tags."""
     mesh = gmsh.model.mesh
-    others = [kind for kind in mesh.getElementTypes() if kind not in (1, 2, 15)]
-    counts = {mesh.getElementProperties(k)[0]: len(mesh.getElementsByType(k)[0]) for k in others}
+    counts = {}
+    for kind in mesh.getElementTypes():
+        if kind not in (1, 2, 15):  # lines, triangles and points
+            counts[mesh.getElementProperties(kind)[0]] = len(mesh.getElementsByType(kind)[0])
     check_cells(counts, where)
     tags, xyz, _ = mesh.getNodes(returnParametricCoord=False)
     order = np.argsort(tags)
@@ -151,15 +187,26 @@ def _gmsh_arrays(gmsh, where: str):
 
 
 def _from_gmsh(gmsh, where: str) -> RawMesh:
+    """Return the mesh of the current model with its physical groups as sets."""
+    model = gmsh.model
     ids, xyz, triangles, triangle_ids = _gmsh_arrays(gmsh, where)
-    if any(len(gmsh.model.getPhysicalGroupsForEntity(*s)) > 1 for s in gmsh.model.getEntities(2)):
+    surfaces = model.getEntities(2)
+    if any(len(model.getPhysicalGroupsForEntity(dim, tag)) > 1 for dim, tag in surfaces):
+        # Format 2.2 has a triangle of several groups several times: the first one stays.
         first = np.sort(np.unique(triangles, axis=0, return_index=True)[1])
         triangles = triangles[first]
         triangle_ids = triangle_ids[first]
-    nodes, edges = _gmsh_sets(gmsh, ids, where)
-    regions = _gmsh_regions(gmsh, triangles, ids)
-    geometric = np.ones(len(ids), dtype=bool)
-    return RawMesh(xyz, triangles, nodes, edges, ids, triangle_ids, geometric, regions)
+    node_sets, edge_sets = _gmsh_sets(gmsh, ids, where)
+    return RawMesh(
+        xyz=xyz,
+        triangles=triangles,
+        node_sets=node_sets,
+        edge_sets=edge_sets,
+        node_ids=ids,
+        triangle_ids=triangle_ids,
+        geometric=np.ones(len(ids), dtype=bool),
+        triangle_sets=_gmsh_regions(gmsh, triangles, ids),
+    )
 
 
 def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
@@ -200,8 +247,11 @@ def _gmsh_sets(gmsh, ids, where):
 
 
 def _check_no_empty_groups(gmsh, groups, where):
-    # Gmsh does not list a group without entities, but returns the name for its tag. Therefore
-    # all tags up to a limit are tried; this takes 1 µs per tag.
+    """Raise `MeshError` for a physical group without entities.
+
+    Gmsh does not list such a group, but returns the name for its tag. Therefore all tags up to
+    a limit are tried; this takes 1 µs per tag.
+    """
     tag_limit = min(10_000, max([1000, *(tag + 100 for _, tag in groups)]))
     for dim, kind in enumerate(_DIMENSIONS):
         for tag in range(1, tag_limit):
@@ -212,7 +262,10 @@ def _check_no_empty_groups(gmsh, groups, where):
 
 
 def check_cells(counts: dict[str, int], where: str) -> None:
-    """Raise `MeshError` for cells that are no 3-node triangles, lines or points (type: count)."""
+    """Raise `MeshError` if a file has other cells than 3-node triangles, lines and points.
+
+    `counts` maps the type of those other cells to their number.
+    """
     if counts:
         listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
         remedy = "Split quadrilaterals, and mesh with order 1."
@@ -221,6 +274,7 @@ def check_cells(counts: dict[str, int], where: str) -> None:
 
 @contextlib.contextmanager
 def _as_mesh_error(what: str, where: str, remedy: str = "") -> Iterator[None]:
+    """Raise a `MeshError` with these words in place of any error of the block."""
     try:
         yield
     except Exception as error:  # Gmsh raises nothing more specific

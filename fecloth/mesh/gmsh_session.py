@@ -39,14 +39,17 @@ def _import_gmsh():
 
 
 def is_open() -> bool:
-    """Whether the user has a session of Gmsh in this process, which a mesh of ours would change."""
+    """Whether the user has an open session of Gmsh in this process, which we must not change."""
     gmsh = sys.modules.get("gmsh")
     return gmsh is not None and bool(gmsh.isInitialized())
 
 
 @contextlib.contextmanager
 def gmsh_model() -> Iterator:
-    """Gmsh with a new, empty model, in a process without an open session."""
+    """Yield Gmsh with a new, empty model; the process must have no open session.
+
+    Raises `MeshError` if Gmsh cannot be imported.
+    """
     gmsh = _import_gmsh()
     # With interruptible=True Gmsh would replace Python's handler of Ctrl-C permanently.
     with _signal_handlers_restored():
@@ -61,9 +64,12 @@ def gmsh_model() -> Iterator:
 
 @contextlib.contextmanager
 def _signal_handlers_restored() -> Iterator[None]:
-    # Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once.
-    # Signals that arrive in between are delayed, if the system supports it and no other thread
-    # handles them.
+    """Restore the signal handlers at the end of the block.
+
+    Gmsh replaces them: then SIGTERM, or writing to a closed pipe, ends the process at once.
+    Signals that arrive in between are delayed, if the system supports it and no other thread
+    handles them.
+    """
     names = ("SIGTERM", "SIGPIPE", "SIGHUP")  # nohup ignores SIGHUP
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old_mask = None
@@ -81,5 +87,6 @@ def _signal_handlers_restored() -> Iterator[None]:
 
 
 def set_options(gmsh, options: dict[str, float]) -> None:
+    """Set numbers among the options of Gmsh, such as "Mesh.Algorithm"."""
     for name, value in options.items():
         gmsh.option.setNumber(name, value)

@@ -1,8 +1,8 @@
-"""Local edge lengths: smaller triangles towards points, corners and sets, as Gmsh size fields."""
+"""Local edge lengths: smaller triangles towards points and sets, as size fields of Gmsh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from fecloth.mesh.gmsh_session import set_options
 from fecloth.quantities.arguments import checks_arguments
 from fecloth.quantities.units import LENGTH
 
-SMALLEST = 1e-3  # of h, at a set: along a curve smaller edges make too many triangles
-SMALLEST_AT_POINT = 1e-5  # of h; smaller edges change no result
-STEEPEST = 0.9  # power
-MOST_SAMPLES = 100_000  # points on a curve from which distances are measured
+LEAST_FACTOR_AT_SET = 1e-3  # of h: along a curve smaller edges make too many triangles
+LEAST_FACTOR_AT_POINT = 1e-5  # of h: smaller edges change no result
+LARGEST_POWER = 0.9  # near 1 the smallest edges, h (h/d)^(power/(1 − power)), go to zero
+MOST_SAMPLES = 100_000  # points on a curve from which Gmsh measures distances, for its memory
 
 
 @checks_arguments
@@ -34,8 +34,8 @@ class Grading:
     Source: Babuška, Kellogg and Pitkäranta (1979), Direct and inverse error estimates for finite
     elements with mesh refinements, Numer. Math. 33, 447–471.
 
-    Raises `InputError` for both or neither of `where` and `point`, a distance or power out of
-    range.
+    Raises `InputError` if both or neither of `where` and `point` are given, and for a distance
+    or power out of range.
 
     Parameters
     ----------
@@ -66,17 +66,16 @@ class Grading:
             raise InputError("a grading", "needs either `where` or `point`", "Grading")
         if self.where is not None and not isinstance(self.where, str):
             raise InputError(f"where = {self.where!r}", "must be the name of a set", "Grading")
-        point = (0.0, 0.0) if self.point is None else self.point
-        if not (isinstance(point, list | tuple) and len(point) == 2 and all(map(is_number, point))):
-            raise InputError(f"point = {point!r}", "must be (X, Y), two finite numbers", "Grading")
+        if self.point is not None:
+            _check_point(self.point)
         validation.length("distance", self.distance, "Grading")
-        if not (is_number(self.power) and 0 < self.power <= STEEPEST):
-            allowed = f"must be above 0 and at most {STEEPEST}"
+        if not (is_number(self.power) and 0 < self.power <= LARGEST_POWER):
+            allowed = f"must be above 0 and at most {LARGEST_POWER}"
             raise InputError(f"power = {self.power!r}", allowed, "Grading")
 
     def smallest(self, h: float) -> float:
         """Return the edge length at the place, relative to h."""
-        least = SMALLEST if self.point is None else SMALLEST_AT_POINT
+        least = LEAST_FACTOR_AT_SET if self.point is None else LEAST_FACTOR_AT_POINT
         return max(min(1.0, h / self.distance) ** (self.power / (1 - self.power)), least)
 
     def factors(self, r: np.ndarray, h: float) -> np.ndarray:
@@ -84,16 +83,23 @@ class Grading:
         return np.minimum(1, np.maximum((r / self.distance) ** self.power, self.smallest(h)))
 
 
+def _check_point(point: Any) -> None:
+    is_pair = isinstance(point, list | tuple) and len(point) == 2
+    if not (is_pair and all(map(is_number, point))):
+        allowed = "must be (X, Y), two finite numbers"
+        raise InputError(f"point = {point!r}", allowed, "Grading")
+
+
 def check_gradings(gradings: Sequence[Grading], where: str) -> None:
     """Raise `InputError` for anything but a list or tuple of `Grading`."""
-    example = 'a list of Grading("corners", distance=0.1)'
-    validation.instance("grading", gradings, (list, tuple), example, where)
+    example = 'Grading("corners", distance=0.1)'
+    validation.instance("grading", gradings, (list, tuple), f"a list of {example}", where)
     for grading in gradings:
-        validation.instance("grading", grading, Grading, 'Grading("corners", distance=0.1)', where)
+        validation.instance("grading", grading, Grading, example, where)
 
 
 def set_sizes(gmsh, gradings: Sequence[Grading], h: float, where: str) -> None:
-    """Let Gmsh take the smallest of h and the edge lengths of all gradings, and no other sizes."""
+    """Let Gmsh take the smallest of h [m] and the edge lengths of all gradings, and no others."""
     fields = gmsh.model.mesh.field
     if len(fields.list()):
         raise MeshError("grading", "is for files without size fields of their own", where)
@@ -120,18 +126,21 @@ def _size_field(gmsh, grading: Grading, h: float, where: str) -> int:
 
 
 def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
+    """Add the field of the distance to the set of a grading; return its tag."""
     points, curves = _entities(gmsh, grading.where, where)
     box = gmsh.model.getBoundingBox(-1, -1)
     widest = max(np.subtract(box[3:], box[:3]))
     samples = min(int(2 * widest / (h * grading.smallest(h))) + 2, MOST_SAMPLES)
-    tag = gmsh.model.mesh.field.add("Distance")
-    gmsh.model.mesh.field.setNumbers(tag, "PointsList", points)
-    gmsh.model.mesh.field.setNumbers(tag, "CurvesList", curves)
-    gmsh.model.mesh.field.setNumber(tag, "Sampling", samples)
+    fields = gmsh.model.mesh.field
+    tag = fields.add("Distance")
+    fields.setNumbers(tag, "PointsList", points)
+    fields.setNumbers(tag, "CurvesList", curves)
+    fields.setNumber(tag, "Sampling", samples)
     return int(tag)
 
 
 def _entities(gmsh, name: str | None, where: str) -> tuple[list[int], list[int]]:
+    """Return the tags of the points and curves of a set; raise `InputError` if there is none."""
     groups: dict[str, tuple[list[int], list[int]]] = {}
     for dim, tag in gmsh.model.getPhysicalGroups():
         if dim < 2:

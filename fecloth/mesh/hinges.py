@@ -14,30 +14,44 @@ class Hinges:
 
     A hinge is the edge from its node 0 to its node 1. Node 2 is the opposite corner of the
     triangle to the left of 0 → 1, and node 3 the opposite corner of the triangle to the right.
+
+    Attributes
+    ----------
+    nodes
+        (h, 4) int32 node indices.
+    sides
+        (h, 2) indices of the left and the right triangle.
+    vector
+        (h, 2) vectors from node 0 to node 1 in the reference plane [m].
+    areas
+        (h, 2) reference areas of the two triangles [m²].
+    feet
+        (h, 2) feet of the heights from nodes 2 and 3 on the edge: 0 at node 0, 1 at node 1.
     """
 
-    nodes: np.ndarray  # (h, 4) int32 node indices
-    sides: np.ndarray  # (h, 2) indices of the left and the right triangle
-    vector: np.ndarray  # (h, 2) vector from node 0 to node 1 in the reference plane [m]
-    areas: np.ndarray  # (h, 2) reference areas of the two triangles [m²]
-    # (h, 2) feet of the heights from nodes 2 and 3 on the edge: 0 at node 0, 1 at node 1.
+    nodes: np.ndarray
+    sides: np.ndarray
+    vector: np.ndarray
+    areas: np.ndarray
     feet: np.ndarray
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
-        """Find the hinges of triangles (m, 3) between nodes X (n, 2), by their left triangles."""
-        start = triangles.ravel().astype(np.int64)
-        end, opposite = (np.roll(triangles, -s, axis=1).ravel().astype(np.int64) for s in (1, 2))
+        """Find the hinges of triangles (m, 3) between nodes X (n, 2), ordered by left triangle."""
         n = len(X)
-        order = np.argsort(end * n + start)
-        backward = (end * n + start)[order]  # the key of the same edge seen from the other side
-        position = np.minimum(np.searchsorted(backward, start * n + end), len(order) - 1)
+        corners = triangles.astype(np.int64)
+        start, end, opposite = (np.roll(corners, -shift, axis=1).ravel() for shift in range(3))
+        key = start * n + end
+        twin_key = end * n + start  # of the same edge in the other triangle
+        order = np.argsort(twin_key)
+        position = np.minimum(np.searchsorted(twin_key[order], key), len(order) - 1)
         twin = order[position]
-        has_twin = backward[position] == start * n + end
+        has_twin = twin_key[twin] == key
         left = np.flatnonzero(has_twin & (np.arange(len(start)) < twin))
         right = twin[left]
         nodes = np.stack([start[left], end[left], opposite[left], opposite[right]], axis=1)
-        return cls._from_nodes(X, nodes.astype(np.int32), np.stack([left // 3, right // 3], axis=1))
+        sides = np.stack([left // 3, right // 3], axis=1)
+        return cls._from_nodes(X, nodes.astype(np.int32), sides)
 
     @classmethod
     def _from_nodes(cls, X, nodes, sides) -> Self:
@@ -72,11 +86,21 @@ class Hinges:
 
 @dataclass(frozen=True, eq=False)
 class HalfEdges:
-    """The edges of each triangle: half-edge 3 t + i leads from corner i of t to the next corner."""
+    """The edges of each triangle: half-edge 3 t + i leads from corner i of t to the next corner.
 
-    X: np.ndarray  # (n, 2) node coordinates [m]
-    triangles: np.ndarray  # (m, 3) corners, counter-clockwise
-    hinges: Hinges  # the interior edges of the same triangles
+    Attributes
+    ----------
+    X
+        (n, 2) node coordinates [m].
+    triangles
+        (m, 3) corners, counter-clockwise.
+    hinges
+        The interior edges of the same triangles.
+    """
+
+    X: np.ndarray
+    triangles: np.ndarray
+    hinges: Hinges
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
@@ -88,8 +112,8 @@ class HalfEdges:
         """(h, 2) half-edges of each interior edge: in the left and in the right triangle."""
         nodes = self.hinges.nodes
         sides = self.hinges.sides
-        at = [np.argmax(self.triangles[sides[:, s]] == nodes[:, s, None], axis=1) for s in (0, 1)]
-        return 3 * sides + np.stack(at, axis=1)
+        is_start = self.triangles[sides] == nodes[:, :2, None]  # (h, 2, 3)
+        return 3 * sides + np.argmax(is_start, axis=2)
 
     @cached_property
     def hinge(self) -> np.ndarray:
@@ -113,7 +137,7 @@ class HalfEdges:
 
     @cached_property
     def curvature_of_slopes(self) -> np.ndarray:
-        """(m, 3, 3) B with κ = B α for (κ₁₁, κ₂₂, 2κ₁₂) [1/m] and the slopes α of the three edges.
+        """(m, 3, 3) B with κ = B α, from the slopes α of three edges to (κ₁₁, κ₂₂, 2κ₁₂) [1/m].
 
         κ = Σ l_i/A α_i n_i n_iᵀ, where α_i is the angle from the triangle to the normal that
         belongs to edge i, and n_i the unit normal of the edge in the plane, which points out of
@@ -122,18 +146,19 @@ class HalfEdges:
         """
         e = self.vector
         length = np.hypot(e[..., 0], e[..., 1])
-        n1, n2 = e[..., 1] / length, -e[..., 0] / length
+        n1 = e[..., 1] / length
+        n2 = -e[..., 0] / length
         rows = np.stack([n1 * n1, n2 * n2, 2.0 * n1 * n2], axis=1)
         return rows * (length / self.area[:, None])[:, None, :]
 
     @cached_property
     def slopes_of_curvature(self) -> np.ndarray:
-        """(3m, 3) row a with α = a · (κ₁₁, κ₂₂, 2κ₁₂) of each half-edge where κ is constant [m]."""
+        """(3m, 3) row a of each half-edge, α = a · (κ₁₁, κ₂₂, 2κ₁₂) for a constant κ [m]."""
         return np.linalg.inv(self.curvature_of_slopes).reshape(-1, 3)
 
     @cached_property
     def at_node(self) -> sparse.csr_matrix:
-        """(n, m) 1 where a triangle has the node for a corner."""
+        """(n, m) matrix with 1 where the node is a corner of the triangle."""
         m = len(self.triangles)
         data = np.ones(3 * m), (self.triangles.ravel(), np.repeat(np.arange(m), 3))
         return sparse.csr_matrix(data, shape=(len(self.X), m))

@@ -1,4 +1,4 @@
-"""Nodal fields: their values at material points, norms of their differences, loads and masses."""
+"""Nodal fields: values at material points, norms of differences, loads and masses."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from fecloth import validation
 from fecloth.errors import InputError, MeshError
 
-NEAREST = 12  # triangles that are searched for a point before all others
+CANDIDATES = 12  # nearest triangles that are searched for a point before all others
 
 
 def nodal_values(cloth, values) -> np.ndarray:
@@ -25,9 +25,9 @@ def nodal_values(cloth, values) -> np.ndarray:
 def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
     """(p, n) matrix that evaluates a nodal field at material points (p, 2) [m].
 
-    At a point outside the mesh by less than an edge length, as between two polygons of one disk,
-    the polynomial of the nearest triangle counts. Raises `MeshError` if a point lies farther
-    outside.
+    A point may lie outside the mesh by less than an edge length, as between two polygons of one
+    disk; there the polynomial of the nearest triangle is used. Raises `MeshError` if a point
+    lies farther outside or is not finite.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     return _evaluators(cloth, points, locate(cloth.X, cloth.triangles, points))[0]
@@ -36,12 +36,13 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
 def _evaluators(cloth, points: np.ndarray, cells: np.ndarray) -> list[sparse.csr_matrix]:
     """(p, n) matrices that give a nodal field, ∂/∂X₁ and ∂/∂X₂ at points (p, 2) in triangles."""
     basis = cloth.basis(1)
-    local = basis.mapping.invF(points.T[:, :, None], tind=cells)
-    shapes = [basis.elem.gbasis(basis.mapping, local, a, tind=cells)[0] for a in range(basis.Nbfun)]
+    mapping = basis.mapping
+    local = mapping.invF(points.T[:, :, None], tind=cells)
+    shapes = [basis.elem.gbasis(mapping, local, a, tind=cells)[0] for a in range(basis.Nbfun)]
     columns = basis.element_dofs[:, cells]
     place = np.tile(np.arange(len(points)), len(columns)), columns.ravel()
-    parts = [shapes, *([phi.grad[i] for phi in shapes] for i in (0, 1))]
     size = len(points), basis.N
+    parts = [shapes, [phi.grad[0] for phi in shapes], [phi.grad[1] for phi in shapes]]
     return [sparse.csr_matrix((np.ravel(part), place), shape=size) for part in parts]
 
 
@@ -53,17 +54,18 @@ def interpolate(cloth, values: np.ndarray, points: np.ndarray) -> np.ndarray:
 def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
 
-    scikit-fem's finder is not used because it rejects points outside a polygonal border. The
-    `NEAREST` triangles, by the distance of their centroids, are searched first.
+    scikit-fem's finder is not used because it rejects points outside a polygonal border. Some
+    `CANDIDATES`, whose centroids are nearest, are searched first. Raises `MeshError` for points
+    that are not finite, or farther from the nearest triangle than its longest edge.
     """
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1)))
         what = f"material points[{bad}] = {points[bad].tolist()}"
         raise MeshError(what, "must be finite", "Cloth.interpolate")
     corners = X[triangles]
-    nearest = min(NEAREST, len(triangles))
-    _, candidates = cKDTree(corners.mean(axis=1)).query(points, nearest)
-    candidates = candidates.reshape(len(points), nearest)
+    count = min(CANDIDATES, len(triangles))
+    _, candidates = cKDTree(corners.mean(axis=1)).query(points, count)
+    candidates = candidates.reshape(len(points), count)
     depth = _depth(corners[candidates], points[:, None])
     cells = candidates[np.arange(len(points)), np.argmax(depth, axis=1)]
     depth = depth.max(axis=1)
@@ -72,7 +74,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
         all_depths = _depth(corners, points[p])
         if all_depths.max() < 0:
             all_depths = -_distance(corners, points[p])
-        cells[p], depth[p] = np.argmax(all_depths), all_depths.max()
+        cells[p] = np.argmax(all_depths)
+        depth[p] = all_depths.max()
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     outside = np.flatnonzero(depth < -edges[cells])
     if outside.size:
@@ -84,8 +87,10 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
 
 
 def _depth(corners, points):
-    """Smallest signed distance [m] of points from the three edge lines, positive inside."""
-    # `corners` (..., 3, 2) are counter-clockwise.
+    """Smallest signed distance [m] of points from the three edge lines, positive inside.
+
+    The `corners` (..., 3, 2) are counter-clockwise.
+    """
     tail = corners
     head = np.roll(corners, -1, axis=-2)
     edge = head - tail
@@ -99,7 +104,8 @@ def _distance(corners, point):
     edge = np.roll(corners, -1, axis=1) - corners
     offset = point - corners
     ratio = np.einsum("eai,eai->ea", offset, edge) / np.einsum("eai,eai->ea", edge, edge)
-    return np.linalg.norm(offset - np.clip(ratio, 0.0, 1.0)[..., None] * edge, axis=2).min(axis=1)
+    nearest = np.clip(ratio, 0.0, 1.0)[..., None] * edge  # point of each edge, from its start
+    return np.linalg.norm(offset - nearest, axis=2).min(axis=1)
 
 
 def l2_norm(cloth, values: np.ndarray) -> float:
@@ -111,8 +117,8 @@ def l2_norm(cloth, values: np.ndarray) -> float:
 def l2_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
     """√∫ |a − b|² dA for nodal fields a on this cloth and b on `other`.
 
-    The integral is over the cloth with more triangles, by a rule exact to degree 4: exact if
-    every edge of the coarser mesh is made of edges of the finer mesh.
+    The integral is over the cloth with more triangles, by a rule that is exact to degree 4. So
+    it is exact if every edge of the coarser mesh consists of edges of the finer mesh.
     """
     weights, (value_a, *_), (value_b, *_) = _on_common_points(cloth, a, other, b)
     return float(np.sqrt(np.sum(weights[:, None] * (value_a - value_b) ** 2)))
@@ -127,7 +133,8 @@ def h1_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
 
 def _on_common_points(cloth, a, other, b):
     """Weights of the finer cloth's quadrature; value, ∂/∂X₁ and ∂/∂X₂ of each field there."""
-    a, b = nodal_values(cloth, a), nodal_values(other, b)
+    a = nodal_values(cloth, a)
+    b = nodal_values(other, b)
     if a.shape[1:] != b.shape[1:]:
         what = f"fields of shapes {a.shape} and {b.shape}"
         raise InputError(what, "must have the same number of components", "Cloth.l2_difference")
@@ -204,7 +211,9 @@ def at_points(function, basis, shape, name: str) -> np.ndarray:
     points = basis.global_coordinates()  # (2, m, q)
     flat = points.reshape(2, -1).T
     values = np.asarray(function(flat), dtype=float)
-    tail = values.shape[1:] if shape is None else shape
+    tail = shape
+    if tail is None:
+        tail = values.shape[1:]
     if values.shape != (len(flat), *tail) or not np.isfinite(values).all():
         expected = ", ".join(["p", *map(str, shape or ("...",))])
         what = f"the function's values of shape {values.shape} at {flat.shape} points"
@@ -226,12 +235,12 @@ def weighted_load(cloth, density: np.ndarray) -> np.ndarray:
 def mass(cloth, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
     """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped.
 
-    The lumped one is the diagonal of each triangle's consistent mass, scaled to the mass of
-    the triangle: a third of it at each node of P1, which are the row sums; 1/19 at the corners
-    and 16/57 at the midpoints of P2, whose row sums would be zero at the corners.
+    The lumped mass is the diagonal of each triangle's consistent mass, scaled to the mass of
+    the triangle. For P1 each node gets a third of it, as by row sums. For P2 a corner gets 1/19
+    and a midpoint 16/57; row sums would be zero at the corners.
 
-    Frequencies of a taut square converge with order 2 on P1 and on lumped P2 (with a third of
-    the error), with order 4 on consistent P2.
+    The frequencies of a taut square converge with order 2 on P1 and on lumped P2 (with a third
+    of the error of P1), and with order 4 on consistent P2.
 
     Source: Hinton, Rock and Zienkiewicz (1976), A note on mass lumping and related processes
     in the finite element method, Earthquake Engng Struct. Dyn. 4, 245–249.
@@ -245,8 +254,10 @@ def mass(cloth, kind: str | None = None, density: np.ndarray | None = None) -> s
     density : (m,) array, optional
         ρ of each triangle [kg/m²]. Default: 1.
     """
-    density = np.ones(len(cloth.triangles)) if density is None else density
-    kind = cloth.usual_mass if kind is None else kind
+    if density is None:
+        density = np.ones(len(cloth.triangles))
+    if kind is None:
+        kind = cloth.usual_mass
     validation.one_of("mass", kind, ("lumped", "consistent"), "Cloth.mass")
     if kind == "lumped":
         return sparse.diags(diagonal_mass(cloth, density), format="csr")

@@ -15,7 +15,7 @@ from fecloth.mesh.geo_commands import check_geo
 from fecloth.mesh.gmsh_child import TIME_LIMIT, in_child
 from fecloth.mesh.gmsh_import import RawMesh
 from fecloth.mesh.grading import Grading, check_gradings
-from fecloth.mesh.indices import validated_indices
+from fecloth.mesh.indices import MAX_LISTED, validated_indices
 
 
 def read(
@@ -57,19 +57,23 @@ def read(
 
     Notes
     -----
-    All triangles of the file belong to the cloth, in a physical surface or not. Nodes of no
-    triangle are removed if they only define the geometry: in ``.geo`` and ``.msh`` files all of
-    them (centres of circles, construction curves), in others the nodes of vertex and line cells. A
-    set that contains a removed node is an error. Nodes at exactly the same position are merged in
-    ``.stl`` files only, because this format has no shared nodes. A triangle of several groups, as
-    in ``.msh`` 2.2, is read once.
+    All triangles of the file belong to the cloth, in a physical surface or not. A triangle of
+    several groups, as in ``.msh`` 2.2, is read once.
+
+    Nodes of no triangle are removed if they only define the geometry. In ``.geo`` and ``.msh``
+    files these are all such nodes (centres of circles, construction curves), in other files the
+    nodes of vertex and line cells. A set that contains a removed node is an error.
+
+    Nodes at exactly the same position are merged in ``.stl`` files only, because this format
+    has no shared nodes.
     """
     path = Path(path)
     if not path.is_file():
         raise MeshError("no such file", where=str(path), remedy="Use the path of a mesh file.")
     suffix = path.suffix.lower()
     if h is not None and suffix != ".geo":
-        what = f"h = {h!r} for a file {f'of type {suffix}' if suffix else 'without suffix'}"
+        kind = f"of type {suffix}" if suffix else "without suffix"
+        what = f"h = {h!r} for a file {kind}"
         raise InputError(what, "is allowed for a .geo file only", str(path), "Omit h.")
     check_gradings(grading, str(path))
     if grading and h is None:
@@ -91,8 +95,12 @@ def _from_geo(
     if h is not None:
         validation.length("h", h, where)
         h = float(h)
-    plain = [asdict(each) for each in grading]
-    task = {"geo": str(path.resolve()), "h": h, "confined": not trust, "grading": plain}
+    task = {
+        "geo": str(path.resolve()),
+        "h": h,
+        "confined": not trust,
+        "grading": [asdict(place) for place in grading],
+    }
     if trust:
         return in_child(task, where, time_limit)
     text = check_geo(path.read_text(encoding="utf-8-sig", errors="replace"), where)
@@ -121,33 +129,51 @@ def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
         allowed = f"must be at most {validation.MOST_TRIANGLES}"
         remedy = "Take a coarser mesh."
         raise MeshError(amount(len(t), "triangle"), allowed, where, remedy)
-    nodes = {k: np.concatenate(v) if v else np.empty(0, int) for k, v in raw.node_sets.items()}
-    edges = {k: np.concatenate(v) for k, v in raw.edge_sets.items()}
+    no_part = [np.empty(0, int)]
+    nodes = {k: np.concatenate(parts or no_part) for k, parts in raw.node_sets.items()}
+    edges = {k: np.concatenate(parts) for k, parts in raw.edge_sets.items()}
     in_mesh = ~raw.geometric
     in_mesh[t[(t >= 0) & (t < n)]] = True
-    if not in_mesh.all() and t.size and t.min() >= 0 and t.max() < n:
+    are_valid = t.size and t.min() >= 0 and t.max() < n  # `from_arrays` refuses the others
+    if are_valid and not in_mesh.all():
         new = np.cumsum(in_mesh) - 1
         for name, members in nodes.items():
             members = validated_indices(name, members, n, (), where)
-            outside = raw.node_ids[members[~in_mesh[members]]]
-            if outside.size:
-                what = f"set {name!r} contains {amount(outside.size, 'node')} outside all triangles"
-                what += f": {', '.join(map(str, outside[:5]))}"
-                raise MeshError(what, where=where, remedy="Embed them in the surface.")
+            _check_inside(name, raw.node_ids[members[~in_mesh[members]]], where)
             nodes[name] = new[members]
         t = new[t]
         edges = {name: new[pairs] for name, pairs in edges.items()}
     else:
         in_mesh[:] = True
-    ids = raw.node_ids[in_mesh]
-    xyz = raw.xyz[in_mesh]
-    regions = raw.triangle_sets
-    return FlatMesh.from_arrays(xyz, t, nodes, edges, where, ids, raw.triangle_ids, regions)
+    return FlatMesh.from_arrays(
+        raw.xyz[in_mesh],
+        t,
+        node_sets=nodes,
+        edge_sets=edges,
+        where=where,
+        node_ids=raw.node_ids[in_mesh],
+        triangle_ids=raw.triangle_ids,
+        triangle_sets=raw.triangle_sets,
+    )
+
+
+def _check_inside(name: str, outside: np.ndarray, where: str) -> None:
+    """Raise `MeshError` if a set has nodes outside all triangles."""
+    if outside.size:
+        what = f"set {name!r} contains {amount(outside.size, 'node')} outside all triangles"
+        what += f": {', '.join(map(str, outside[:MAX_LISTED]))}"
+        raise MeshError(what, where=where, remedy="Embed them in the surface.")
 
 
 def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read a surface in space: nodes (n, 3), equal ones united, and triangles (m, 3)."""
-    path, where = Path(path), str(path)
+    """Read a surface in space by meshio: nodes (n, 3) [m] and triangles (m, 3).
+
+    Nodes at exactly the same position are united, and triangles with two equal corners are left
+    out. Raises `MeshError` for a file that is missing or has no triangles, and for coordinates
+    that are not finite.
+    """
+    where = str(path)
+    path = Path(path)
     if not path.is_file():
         raise MeshError("no such file", where=where)
     raw = in_child({"surface": str(path.resolve())}, where)

@@ -2,8 +2,9 @@
 
 Around each corner a polynomial is fitted, by least squares, to the values at points of the
 triangles there. In a triangle the polynomials of its three corners are blended by the
-barycentric coordinates. A finite element solution has its best derivatives at such points; so
-the difference between the smooth field and the given one estimates the error of the given one.
+barycentric coordinates. A finite element solution has its best derivatives at such points. So
+the difference between the smooth field and the given field estimates the error of the given
+field.
 
 Source: Zienkiewicz and Zhu (1987), A simple error estimator and adaptive procedure for practical
 engineering analysis, for the estimate, and (1992), The superconvergent patch recovery and a
@@ -17,22 +18,38 @@ import scipy.sparse as sparse
 
 from fecloth.mesh.elements import ELEMENTS, blocks
 
-TERMS = {1: 3, 2: 6}  # coefficients of a polynomial by its degree
-LEAST = 0.02  # pivot, in patch sizes; below it (its square for degree 2) the patch is widened
-SINGULAR = 1e-9  # pivot below which the points do not tell a coefficient
-AT_ONCE = 1 << 14  # triangles or patches: their arrays take up to 50 MB
+TERMS = {1: 3, 2: 6}  # number of coefficients of a polynomial by its degree
+# A patch whose least pivot is smaller is widened; the pivot is in patch sizes, and for degree 2
+# its limit is the square of this.
+LEAST_GOOD_PIVOT = 0.02
+# A pivot below this is round-off: the points do not determine its coefficient, which is zero.
+LEAST_PIVOT = 1e-9
+BLOCK_SIZE = 1 << 14  # triangles or patches at once: their arrays take up to 50 MB
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Where a field is given in each triangle, and where the smooth one is compared with it."""
+    """Where a field is given in each triangle, and where the smooth field is compared with it.
 
-    degree: int  # of the polynomials
-    points: np.ndarray  # (q, 3) barycentric coordinates of the given values
-    # (r, 3) points of comparison, and their shares (r,) of the area.
+    Attributes
+    ----------
+    degree
+        Degree of the polynomials.
+    points
+        (q, 3) barycentric coordinates of the points where the field is given.
+    rule
+        (r, 3) barycentric coordinates of the points of comparison.
+    weights
+        (r,) shares of the area for the points of comparison.
+    extend
+        (r, q) matrix from the values at `points` to the given field at the points of `rule`.
+    """
+
+    degree: int
+    points: np.ndarray
     rule: np.ndarray
     weights: np.ndarray
-    extend: np.ndarray  # (r, q) the given field at them from its values at the `points`
+    extend: np.ndarray
 
 
 THREE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
@@ -46,57 +63,76 @@ QUADRATIC = Samples(2, SIX, SIX, 2 * _SIX[1], np.eye(6))
 def recovery_gap(
     X: np.ndarray, triangles: np.ndarray, group: np.ndarray, values: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m, r, c) the smooth field minus the given one, at the rule's points of each triangle.
+    """(m, r, c) the smooth field minus the given field, at the points of `samples.rule`.
 
-    X (n, 2) [m] are coordinates, `triangles` (m, 3) corners, and `values` (m, q, c) the given
-    field at the points of `samples`. The `group` (m,) is equal where the field is smooth across
-    edges; a fit takes triangles of one group.
-    the node of each pair of a node and a group (s,), and the pair of each corner (m, 3)
+    A node has one polynomial for each group of triangles around it. In the code a pair is a
+    node and a group.
+
+    Parameters
+    ----------
+    X
+        (n, 2) coordinates of the nodes [m].
+    triangles
+        (m, 3) corners.
+    group
+        (m,) equal where the field is smooth across edges; a fit takes triangles of one group.
+    values
+        (m, q, c) the given field at the points of `samples`.
+    samples
+        Where the field is given and compared.
     """
     groups = int(group.max()) + 1
-    pairs, corner = np.unique(triangles * np.int64(groups) + group[:, None], return_inverse=True)
+    keys = triangles * np.int64(groups) + group[:, None]
+    pairs, pair_of_corner = np.unique(keys, return_inverse=True)
     node = pairs // groups
-    corner = corner.reshape(-1, 3)
-    size, fit = _fit_all(X, triangles, node, corner, values, samples)
+    pair_of_corner = pair_of_corner.reshape(-1, 3)
+    size, fit = _fit_all(X, triangles, node, pair_of_corner, values, samples)
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
-    for part in blocks(len(triangles), AT_ONCE):
+    for part in blocks(len(triangles), BLOCK_SIZE):
         at = samples.rule @ X[triangles[part]]
-        around = corner[part]
-        for i in range(3):  # the three polynomials, by the barycentric coordinates
-            s = around[:, i]
-            terms = _monomials((at - X[node[s], None]) / size[s, None, None], samples.degree)
-            gap[part] += samples.rule[:, i, None] * np.einsum("tri,tic->trc", terms, fit[s])
+        for i in range(3):  # the polynomials of the corners, weighted by barycentric coordinates
+            pair = pair_of_corner[part, i]
+            local = (at - X[node[pair], None]) / size[pair, None, None]
+            polynomial = np.einsum("tri,tic->trc", _monomials(local, samples.degree), fit[pair])
+            gap[part] += samples.rule[:, i, None] * polynomial
     return gap
 
 
-def _fit_all(X, triangles, node, corner, values, samples) -> tuple[np.ndarray, np.ndarray]:
-    """Length (s,) [m] and coefficients (s, d, c) around pairs; patches too small are widened."""
+def _fit_all(X, triangles, node, pair_of_corner, values, samples) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (s,) [m] and coefficients (s, d, c) of the polynomials of all pairs.
+
+    The first patch of a pair has its triangles. Where they do not determine the polynomial well,
+    the patch gets the triangles around these, up to two times.
+    """
     m = len(triangles)
     s = len(node)
-    rows = corner.ravel(), np.repeat(np.arange(m), 3)
-    around = sparse.csr_matrix((np.ones(3 * m), rows), shape=(s, m))
+    place = pair_of_corner.ravel(), np.repeat(np.arange(m), 3)
+    around = sparse.csr_matrix((np.ones(3 * m), place), shape=(s, m))
     size = np.zeros(s)
     fit = np.zeros((s, TERMS[samples.degree], values.shape[2]))
-    left = np.arange(s)
+    remaining = np.arange(s)
     patch = around
     for ring in range(3):
-        poor = np.zeros(len(left), bool)
-        for part in blocks(len(left), AT_ONCE):
-            fitted = _fit(X[node[left[part]]], X[triangles], values, samples, patch[part])
-            size[left[part]], fit[left[part]], pivot, few = fitted
-            poor[part] = few | (pivot < LEAST**samples.degree)
-        left = left[poor]
-        if ring == 2 or not len(left):
+        is_poor = np.zeros(len(remaining), bool)
+        for part in blocks(len(remaining), BLOCK_SIZE):
+            pairs = remaining[part]
+            fitted = _fit(X[node[pairs]], X[triangles], values, samples, patch[part])
+            size[pairs], fit[pairs], pivot, too_few = fitted
+            is_poor[part] = too_few | (pivot < LEAST_GOOD_PIVOT**samples.degree)
+        remaining = remaining[is_poor]
+        if ring == 2 or not len(remaining):
             break
-        patch = patch[poor] @ around.T @ around
+        patch = patch[is_poor] @ around.T @ around
     return size, fit
 
 
 def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
     """(…, d) 1, x, y at points (…, 2), and of degree 2 also x², xy, y²."""
-    x, y = at[..., 0], at[..., 1]
+    x, y = np.moveaxis(at, -1, 0)
     terms = [np.ones_like(x), x, y]
-    return np.stack(terms if degree == 1 else [*terms, x * x, x * y, y * y], axis=-1)
+    if degree == 2:
+        terms += [x * x, x * y, y * y]
+    return np.stack(terms, axis=-1)
 
 
 def _fit(centre, corners, values, samples, patch):
@@ -120,14 +156,17 @@ def _fit(centre, corners, values, samples, patch):
 
 
 def _solve(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least pivots (k,) of A (k, d, d + c), and A₁⁻¹ A₂ (k, d, c) of its two parts."""
-    # By Gauss and Jordan. The coefficient of a pivot below `SINGULAR` is zero.
+    """Return the least pivots (k,) and A₁⁻¹ A₂ (k, d, c) for A = (A₁, A₂) (k, d, d + c).
+
+    By the elimination of Gauss and Jordan. The coefficient of a pivot below `LEAST_PIVOT` is
+    zero. A is overwritten.
+    """
     least = np.full(len(A), np.inf)
     d = A.shape[1]
     for i in range(d):
         pivot = A[:, i, i].copy()
         least = np.minimum(least, pivot)
-        row = A[:, i] / np.where(pivot > SINGULAR, pivot, np.inf)[:, None]
+        row = A[:, i] / np.where(pivot > LEAST_PIVOT, pivot, np.inf)[:, None]
         A -= A[:, :, i, None] * row[:, None]
         A[:, i] = row
     return least, A[:, :, d:]

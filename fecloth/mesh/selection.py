@@ -11,16 +11,25 @@ Where = str | np.ndarray | list[int] | Callable[[np.ndarray], np.ndarray]
 
 
 def nodes(cloth, where: Where) -> np.ndarray:
-    """Indices of the nodes in a named set, where a predicate on X holds, or of a list.
+    """Return the indices of nodes, each once.
 
-    Each index occurs once. A list of indices keeps its order; otherwise the indices ascend. A
-    named curve or region of P2 triangles includes the midpoints of its edges. Raises
-    `InputError` if the set is unknown, an index is out of range, or no node is selected.
+    A list of indices keeps its order; otherwise the indices ascend. A named curve or region of
+    P2 triangles includes the midpoints of its edges. Raises `InputError` if the set is unknown,
+    an index is out of range, or no node is selected.
+
+    Parameters
+    ----------
+    where
+        The name of a node set, a list of indices, (n,) booleans, or a function of the
+        coordinates X (n, 2) [m] that returns indices or booleans.
     """
     if isinstance(where, str):
         known(f"node set {where!r}", where, sorted(cloth.node_sets), "Cloth.nodes")
         return cloth.node_sets[where]
-    selected = np.atleast_1d(where(cloth.X) if callable(where) else where)
+    if callable(where):
+        selected = np.atleast_1d(where(cloth.X))
+    else:
+        selected = np.atleast_1d(where)
     if not selected.size:
         raise _empty_selection(cloth, where)
     if selected.dtype == bool and selected.shape == (len(cloth.X),):
@@ -40,10 +49,15 @@ def nodes(cloth, where: Where) -> np.ndarray:
 
 
 def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Indices of the triangles in a named region, or where a predicate on centroids holds.
+    """Return the indices of triangles.
 
-    The predicate takes the centroids (m, 2) [m] and returns (m,) booleans. Raises `InputError`
-    if the region is unknown or contains no triangle.
+    Raises `InputError` if the region is unknown or contains no triangle.
+
+    Parameters
+    ----------
+    where
+        The name of a region, or a function of the centroids (m, 2) [m] that returns (m,)
+        booleans.
     """
     if callable(where):
         selected = np.flatnonzero(where(cloth.X[cloth.triangles].mean(axis=1)))
@@ -56,7 +70,9 @@ def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray
 
 
 def _empty_selection(cloth, where) -> InputError:
-    by = "" if hasattr(where, "__qualname__") else f" by {brief(where)}"
-    (left, low), (right, high) = cloth.X.min(axis=0), cloth.X.max(axis=0)
+    is_function = hasattr(where, "__qualname__")
+    by = "" if is_function else f" by {brief(where)}"
+    left, low = cloth.X.min(axis=0)
+    right, high = cloth.X.max(axis=0)
     span = f"The nodes have X from {left:.6g} to {right:.6g} m, Y from {low:.6g} to {high:.6g} m."
     return InputError(f"no node is selected{by}", "at least one is needed", "Cloth.nodes", span)

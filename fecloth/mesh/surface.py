@@ -11,24 +11,28 @@ from scipy.spatial import cKDTree
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.elements import ELEMENTS
 
-ROUND_OFF = 1e-14  # of the coordinates: the rounding error of their differences
-MOST_NEIGHBOURS = 500
-SAMPLE = 500
+# Rounding error of the difference of two coordinates, over the larger of them: some units in the
+# last place, 2.2e-16.
+COORDINATE_ERROR = 1e-14
+MOST_NEIGHBOURS = 500  # on the average; a regular sheet has 17, and its pairs fit into memory
+SAMPLE_SIZE = 500  # triangles for this average: all would take a third of the time of a search
 
 
 def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
     """Count the pairs that `find_intersections` finds; None where it returns None."""
     pairs = find_intersections(triangles, x)
-    return None if pairs is None else len(pairs)
+    if pairs is None:
+        return None
+    return len(pairs)
 
 
 def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
     """Find the pairs (p, 2) of triangles that pass through each other.
 
-    A pair intersects if an edge of one crosses the inside of the other: five volumes of
-    tetrahedra must exceed the round-off of the coordinates, so triangles that touch, or overlap
-    in a plane, do not count, nor do pairs with a common node. The time is proportional to the
-    triangles (s, 3).
+    A pair intersects if an edge of one triangle crosses the inside of the other. Five volumes of
+    tetrahedra must then exceed the round-off of the coordinates. So triangles that touch, or
+    overlap in a plane, do not count. Pairs with a common node do not count, either. The time is
+    proportional to the number of triangles (s, 3).
 
     Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others
     near it on the average, as in a cloth that has collapsed.
@@ -47,24 +51,25 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
     for i, (mine, tree) in enumerate(zip(classes, trees, strict=True)):
         for other, another in zip(classes[: i + 1], trees, strict=False):
             reach = radii[mine].max() + radii[other].max()
-            if _neighbours(tree, another, reach) > MOST_NEIGHBOURS:
+            if _mean_neighbours(tree, another, reach) > MOST_NEIGHBOURS:
                 return None
             left, right = _pairs(tree, another, reach)
             first, second = _overlapping(triangles, corners, mine[left], other[right])
-            a, b = corners[first], corners[second]
+            a = corners[first]
+            b = corners[second]
             crosses = _crosses(a, b) | _crosses(b, a)
             intersecting.append(np.column_stack([first[crosses], second[crosses]]))
     return np.concatenate(intersecting)
 
 
-def _neighbours(tree: cKDTree, another: cKDTree, reach: float) -> float:
-    """Estimate how many points of another tree are within reach of a point of the first."""
-    sample = cKDTree(tree.data[:: 1 + tree.n // SAMPLE])
+def _mean_neighbours(tree: cKDTree, another: cKDTree, reach: float) -> float:
+    """Estimate how many points of another tree are within reach of a point of the first tree."""
+    sample = cKDTree(tree.data[:: 1 + tree.n // SAMPLE_SIZE])
     return float(sample.count_neighbors(another, reach)) / sample.n
 
 
 def _pairs(tree: cKDTree, another: cKDTree, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points of two trees that are within reach of each other, or pairs of one tree."""
+    """Return pairs of points within reach: one point of each tree, or two of the same tree."""
     if tree is another:
         pairs = tree.query_pairs(reach, output_type="ndarray")
         return pairs[:, 0], pairs[:, 1]
@@ -91,7 +96,7 @@ def _overlapping(
 
 def _crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return whether an edge of each triangle a (p, 3, 3) crosses the inside of triangle b."""
-    error = ROUND_OFF * np.maximum(abs(a).max(axis=(1, 2)), abs(b).max(axis=(1, 2)))
+    error = COORDINATE_ERROR * np.maximum(abs(a).max(axis=(1, 2)), abs(b).max(axis=(1, 2)))
     below = _side(b[:, :1], b[:, 1:2], b[:, 2:], a, error[:, None])
     pair, edge = np.nonzero(below * np.roll(below, -1, axis=1) < 0)
     p = a[pair, edge]
@@ -118,13 +123,22 @@ def _side(
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Flat triangles between the nodes of a cloth: its triangles of P1, four for each of P2."""
+    """Flat triangles between the nodes of a cloth: the triangles of P1, or four for each of P2.
 
-    triangles: np.ndarray  # (s, 3) nodes
-    sides: np.ndarray  # (h, 2) the two triangles at each interior edge
+    Attributes
+    ----------
+    triangles
+        (s, 3) nodes.
+    sides
+        (h, 2) the two triangles at each interior edge.
+    """
+
+    triangles: np.ndarray
+    sides: np.ndarray
 
     @classmethod
     def from_cloth(cls, cloth: Cloth) -> Self:
+        """Return the surface of a cloth."""
         if cloth.element == "P1":
             return cls(cloth.triangles, cloth.hinges.sides)
         edges = cloth.edge_slopes.edges
@@ -152,7 +166,7 @@ class Surface:
         return int(((against == neighbours) & (neighbours > 1)).sum())
 
     def count_intersections(self, x: np.ndarray) -> int | None:
-        """Count the pairs of triangles that pass through each other; see `find_intersections`."""
+        """Count the pairs of triangles that intersect, see `find_intersections`."""
         return count_intersections(self.triangles, x)
 
 
@@ -161,19 +175,29 @@ class Enclosure:
     """A surface of triangles and a cap over each of its rims: what is needed for its volume.
 
     A cap has the triangles between the edges of a rim and the mean of its nodes. So the volume
-    of a dome is that between the dome and the plane of its rim.
+    of a dome is the volume between the dome and the plane of its rim.
+
+    Attributes
+    ----------
+    triangles
+        (m, k) nodes of P1 or P2, in the order of `Cloth.cells`.
+    rim
+        (r, 2) edges that have a triangle on one side only, in the direction of that triangle;
+        for P2 (r, 3), with the midpoints in the last column.
+    centre
+        (rims, n) matrix from nodal positions to the mean of each rim.
+    part
+        (r,) index of the rim of each edge.
     """
 
-    triangles: np.ndarray  # (m, k) nodes in the order of `Cloth.cells`: P1 or P2
-    # (r, 2) edges that have a triangle on one side only, in the direction of that triangle;
-    # for P2 (r, 3): their midpoints follow.
+    triangles: np.ndarray
     rim: np.ndarray
-    centre: sparse.csr_matrix  # (rims, n) matrix from nodal positions to the mean of each rim
-    part: np.ndarray  # (r,) rim of each edge
+    centre: sparse.csr_matrix
+    part: np.ndarray
 
     @classmethod
     def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Self:
-        """Find the rims of triangles (m, 3), or P2 (m, 6), over so many nodes."""
+        """Find the rims of triangles (m, 3), or P2 (m, 6), between this number of nodes."""
         cells = triangles.astype(np.int64)
         corners = cells[:, :3]
         midpoints = cells[:, 3:].reshape(3 * len(cells), -1)
@@ -194,15 +218,18 @@ class Enclosure:
         V is positive where the oriented normals point out of it. Triangles and edges of P2 are
         curved; the rule of its energy is exact for V.
         """
-        kind = ELEMENTS["P1" if self.triangles.shape[1] == 3 else "P2"]
-        places = x[self.triangles]
+        is_quadratic = self.triangles.shape[1] == 6
+        element = ELEMENTS["P2" if is_quadratic else "P1"]
+        nodes = x[self.triangles]
         total = 0.0
-        for N, slopes, weight in zip(kind.values, kind.slopes, kind.rule[1], strict=True):
-            at, *sides = (np.einsum("k,eki->ei", c, places) for c in (N, *slopes))
-            total += weight / 3 * np.vdot(at, np.cross(*sides))
+        _, weights = element.rule
+        for N, slopes, weight in zip(element.values, element.slopes, weights, strict=True):
+            point, x_xi, x_eta = (np.einsum("k,eki->ei", c, nodes) for c in (N, *slopes))
+            total += weight / 3 * np.vdot(point, np.cross(x_xi, x_eta))
         # A cap to c: ⅙ c · ∫ r' × r dt; r has the ends a, b and the bulge m − (a + b)/2.
-        a, b = x[self.rim[:, 0]], x[self.rim[:, 1]]
+        a = x[self.rim[:, 0]]
+        b = x[self.rim[:, 1]]
         swept = np.cross(b, a)
-        if self.rim.shape[1] == 3:
+        if is_quadratic:
             swept -= 4 / 3 * np.cross(x[self.rim[:, 2]] - (a + b) / 2, b - a)
         return float(total + np.vdot((self.centre @ x)[self.part], swept) / 6)

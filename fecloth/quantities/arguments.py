@@ -10,7 +10,8 @@ from fecloth.quantities.units import Dimension, Measured, in_si
 
 Target = TypeVar("Target", bound=Callable[..., Any])
 
-ANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)  # *values, **named
+# The kinds of *values and **named.
+ANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 OLD_NAMES = {"Pressure": {"p": "pressure"}}
 """By class: arguments that had another name in earlier versions, which is still accepted."""
@@ -20,11 +21,11 @@ MADE_BY = {
     "Cloth": "Make one by Cloth.rectangle(width, height, h), Cloth.disk(radius, h) or Cloth.read.",
     "Fabric": 'Published ones are made by Fabric.preset("cotton"); Fabric.presets() has the names.',
 }
-"""By class: what makes an object of it in the usual way."""
+"""By class: the usual way to make an object of it."""
 
 
 def by_new_names(owner: str, named: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments by their names of today; `InputError` for one that is given by both."""
+    """Return the arguments by their new names; refuse one that is given by both names."""
     new = OLD_NAMES.get(owner, {})
     for old in new.keys() & named.keys():
         if new[old] in named:
@@ -38,9 +39,11 @@ def checks_arguments(target: Target) -> Target:
 
     A number may be a text with a unit where the type has a dimension, as
     ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
-    `InputError` that has all arguments.
+    `InputError` that lists all arguments.
     """
-    create: Any = vars(target)["__init__"] if isinstance(target, type) else target
+    create: Any = target
+    if isinstance(target, type):
+        create = vars(target)["__init__"]
 
     @functools.wraps(create)
     def checked(*positional: Any, **named: Any) -> Any:
@@ -71,9 +74,11 @@ def _bind(
         return signature.bind(*positional, **named)
     except TypeError:
         what, remedy = _misfit(signature, positional, named)
-    names = _names(target, required=True), _names(target, required=False)
-    verbs = ("needs", "may have")
-    takes = [f"it {verb} {text}" for verb, text in zip(verbs, names, strict=True) if text]
+    takes = []
+    if required := _list_arguments(target, required=True):
+        takes.append(f"it needs {required}")
+    if optional := _list_arguments(target, required=False):
+        takes.append(f"it may have {optional}")
     allowed = ", and ".join(takes) or "it takes no arguments"
     remedy = remedy or MADE_BY.get(target.__qualname__, "")
     raise InputError(what, allowed, target.__qualname__, remedy) from None
@@ -82,9 +87,15 @@ def _bind(
 def _misfit(
     signature: inspect.Signature, positional: tuple[Any, ...], named: dict[str, Any]
 ) -> tuple[str, str]:
-    """What does not fit, and the remedy."""
-    parameters = {n: each for n, each in signature.parameters.items() if each.kind not in ANY}
-    by_place = [name for name, each in parameters.items() if each.kind != each.KEYWORD_ONLY]
+    """Return what does not fit, and the remedy."""
+    parameters = {
+        name: parameter
+        for name, parameter in signature.parameters.items()
+        if parameter.kind not in ANY
+    }
+    by_place = [
+        n for n, parameter in parameters.items() if parameter.kind != parameter.KEYWORD_ONLY
+    ]
     unknown = [name for name in named if name not in parameters]
     if unknown and len(parameters) == len(signature.parameters):
         return f"argument {unknown[0]!r} is unknown", did_you_mean(unknown[0], parameters)
@@ -94,20 +105,24 @@ def _misfit(
     if twice:
         return f"{twice[0]} is given twice, by its place and by its name", ""
     given = {*by_place[: len(positional)], *named}
-    missing = [n for n, each in parameters.items() if each.default is each.empty and n not in given]
-    return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing", ""
+    needed = [n for n, parameter in parameters.items() if parameter.default is parameter.empty]
+    missing = [name for name in needed if name not in given]
+    verb = "is" if len(missing) == 1 else "are"
+    return f"{' and '.join(missing)} {verb} missing", ""
 
 
-def _names(target: Callable[..., Any], required: bool) -> str:
+def _list_arguments(target: Callable[..., Any], required: bool) -> str:
     """List the required arguments with their units, or the arguments that may be left out."""
-    return ", ".join(
-        f"{name} [{field.dimensions[0].si}]" if len(field.dimensions) == 1 else name
-        for name, field in _fields(target).items()
-        if (field.default is inspect.Parameter.empty) == required
-    )
+    listed = []
+    for name, field in _fields(target).items():
+        if (field.default is inspect.Parameter.empty) == required:
+            unit = f" [{field.dimensions[0].si}]" if len(field.dimensions) == 1 else ""
+            listed.append(name + unit)
+    return ", ".join(listed)
 
 
 def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments in SI, where their types have dimensions."""
     fields = _fields(target)
     named = {name: value for name, value in values.items() if name in fields}
     with errors_of(target.__qualname__):
@@ -116,7 +131,7 @@ def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, An
 
 @functools.cache
 def _fields(target: Callable[..., Any]) -> dict[str, Measured]:
-    """The arguments of the class or function, without `self` and `cls`."""
+    """Return what the arguments of the class or function hold, without `self` and `cls`."""
     hints = get_type_hints(target, include_extras=True)
     fields = {}
     for name, parameter in inspect.signature(target).parameters.items():

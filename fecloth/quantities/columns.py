@@ -17,13 +17,15 @@ from fecloth.validation import file_problem
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
 COMMAS = "write commas between columns, and decimal points"
 PLAIN = {"": 1.0, "-": 1.0, "1": 1.0, "%": 1e-2}  # units of numbers without a dimension
-DIMENSIONS = {each.si: each for each in reversed(units.DIMENSIONS.values())}  # the first counts
+# By SI unit; of several dimensions with this unit the first.
+DIMENSIONS = {dimension.si: dimension for dimension in reversed(units.DIMENSIONS.values())}
 
 
 def factor_to_si(name: str, unit: str | None, si: str) -> float:
-    """The value of a unit in SI; `InputError` if it is not a unit of a quantity with this SI unit.
+    """Return the value of a unit in SI.
 
-    A column without a unit is refused where its quantity has one.
+    Raises `InputError` if quantities with this SI unit do not have the unit, or if the column
+    has no unit and its quantity has one.
     """
     if not si:
         if (unit or "") not in PLAIN:
@@ -44,20 +46,31 @@ def factor_to_si(name: str, unit: str | None, si: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class DataTable:
-    """Columns as they are written, with the numbers of their lines."""
+    """Columns as they are written, with the numbers of their lines.
 
-    where: str  # the file, for messages
-    cells: Mapping[str, tuple[str | None, Sequence[Any]]]  # name → (unit, cells)
-    lines: Sequence[int]  # the line of each row, from 1
+    Attributes
+    ----------
+    where
+        The file, for messages.
+    cells
+        Name of each column → its unit, or None, and its cells.
+    lines
+        Number of the line of each row, from 1.
+    """
+
+    where: str
+    cells: Mapping[str, tuple[str | None, Sequence[Any]]]
+    lines: Sequence[int]
 
     def __contains__(self, name: str) -> bool:
         return name in self.cells
 
     def numbers(self, name: str, si: str | None, plain: bool = False) -> np.ndarray:
-        """The values of a column in SI; None for `si`, and no unit if `plain`, takes what is there.
+        """Return the values of a column in SI.
 
-        It raises `InputError` for a column that is not there, an unknown unit, and a cell that
-        is no finite number.
+        If `si` is None, the values are as they are written; so are values without a unit if
+        `plain` is true. Raises `InputError` for a column that is missing, an unknown unit, and a
+        cell that is not a finite number.
         """
         if name not in self.cells:
             allowed = f"is not in the file, which has {', '.join(self.cells)}"
@@ -75,6 +88,7 @@ class DataTable:
         return factor * np.array(values)
 
     def _number(self, name: str, cell: Any, line: int) -> float:
+        """Return the number in a cell; raise `InputError` if it is none or not finite."""
         try:
             value = float(cell)
         except (TypeError, ValueError):
@@ -86,18 +100,28 @@ class DataTable:
 
 
 def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> DataTable:
-    """Read a CSV file, or a mapping of names with units to values."""
+    """Read a CSV file, or a mapping of names with units to values.
+
+    Raises `InputError` for anything but columns of one length with names of their own; `label`
+    is the name of a mapping in messages.
+    """
     if not isinstance(data, str | Path | Mapping):
-        raise InputError(f"data = {brief(data)}", "must be a path, or a mapping of columns", label)
+        allowed = "must be a path, or a mapping of columns"
+        raise InputError(f"data = {brief(data)}", allowed, label)
     if isinstance(data, Mapping):
         columns = [(str(name), list(values)) for name, values in data.items()]
         lengths = {len(values) for _, values in columns}
         if len(lengths) != 1:
             raise InputError("data", "needs columns of one length", label)
         return _table(label, columns, range(1, 1 + lengths.pop()))
-    if problem := file_problem(Path(data)):
-        raise InputError(problem[0], "must be a CSV file", str(data), problem[1])
-    content = Path(data).read_text(encoding="utf-8-sig", errors="replace")
+    return _read_csv(Path(data), where=str(data))
+
+
+def _read_csv(path: Path, where: str) -> DataTable:
+    """Read a CSV file; empty lines, and lines that begin with #, are left out."""
+    if problem := file_problem(path):
+        raise InputError(problem[0], "must be a CSV file", where, problem[1])
+    content = path.read_text(encoding="utf-8-sig", errors="replace")
     numbered = [
         (number, line)
         for number, line in enumerate(content.splitlines(), 1)
@@ -106,25 +130,25 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
     rows = list(csv.reader(line for _, line in numbered))
     if len(rows) < 2:
         allowed = "it needs a line of names, then lines of numbers"
-        raise InputError("too few lines", allowed, str(data))
+        raise InputError("too few lines", allowed, where)
     if ";" in numbered[0][1]:
-        raise InputError("columns between semicolons", COMMAS, str(data))
+        raise InputError("columns between semicolons", COMMAS, where)
     for (number, _), row in zip(numbered, rows, strict=True):
         if len(row) != len(rows[0]):
             what = f"line {number} has {len(row)} cells"
             allowed = f"must have {len(rows[0])}, as the first line; {COMMAS}"
-            raise InputError(what, allowed, str(data))
+            raise InputError(what, allowed, where)
     columns = [(name, list(cells)) for name, *cells in zip(*rows, strict=True)]
-    return _table(str(data), columns, [number for number, _ in numbered[1:]])
+    return _table(where, columns, [number for number, _ in numbered[1:]])
 
 
 def _table(where: str, columns: Sequence[tuple[str, list[Any]]], lines: Sequence[int]) -> DataTable:
+    """Return the table of columns, pairs of a head "name [unit]" and cells."""
     cells: dict[str, tuple[str | None, Sequence[Any]]] = {}
     for head, values in columns:
         match = _HEAD.fullmatch(head)
-        name = match["name"] if match else ""
-        if not match or name in cells:
+        if not match or match["name"] in cells:
             allowed = "must be a name of its own, with its unit: name [unit]"
             raise InputError(f"column {head!r}", allowed, where)
-        cells[name] = match["unit"], values
+        cells[match["name"]] = match["unit"], values
     return DataTable(where, cells, lines)

@@ -1,10 +1,10 @@
-"""Arithmetic written as text, e.g. "0.1*sin(2*pi*t)": parsed once, and never executed as code."""
+"""Arithmetic written as text, as "0.1*sin(2*pi*t)": parsed once, never executed as code."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,12 +32,14 @@ class Formula:
         Names that it may use.
     condition
         Whether the value must be true or false instead of a number.
+    by
+        The object is the derivative of the formula by these variables, one after the other.
     """
 
     text: str
     variables: tuple[str, ...] = ()
     condition: bool = False
-    by: tuple[str, ...] = ()  # what is meant is the derivative by one of these after the other
+    by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.by:
@@ -56,7 +58,10 @@ class Formula:
         return Formula, (self.text, self.variables, self.condition, self.by)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
-        """Value at the variables, broadcast against each other; a float if all are scalars."""
+        """Return the value at the variables, which are broadcast; a float if all are scalars.
+
+        Raises `InputError` for a value that is not finite.
+        """
         arrays = [np.asarray(values[name], dtype=float) for name in self.variables]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
         if not shape:
@@ -66,35 +71,38 @@ class Formula:
         finite = np.isfinite(value)
         if not finite.all():
             place = tuple(np.argwhere(~finite)[0])
-            self._refuse(value[place], [np.broadcast_to(a, shape)[place] for a in arrays])
+            numbers = [np.broadcast_to(array, shape)[place] for array in arrays]
+            raise self._error(value[place], numbers)
         return value.copy()
 
     def at(self, *numbers: float) -> float:
-        """Value at one float for each variable, in their order; faster than a call."""
+        """Return the value at one float for each variable, in their order; faster than a call.
+
+        Raises `InputError` for a value that is not finite.
+        """
         with np.errstate(all="ignore"):
             value = self._value([*map(np.float64, numbers)])
         if not math.isfinite(value):
-            self._refuse(value, numbers)
+            raise self._error(value, numbers)
         number: float = value.item()
         return number
 
     def derivative(self, variable: str) -> "Formula":
-        """The exact derivative by a variable, to be called as the formula itself.
+        """Return the exact derivative by a variable, as a formula.
 
-        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0. A value
-        that is not finite is refused.
+        On a kink or a jump it is the derivative on one side of it, and 0 for abs at 0.
         """
         return replace(self, by=(*self.by, variable))
 
-    def _refuse(self, value: float, numbers: Sequence[float]) -> NoReturn:
+    def _error(self, value: float, numbers: Sequence[float]) -> InputError:
+        """Return the error for a value at these numbers that is not finite."""
+        what = f"formula {self.text!r} is {value:g}"
         if self.by:
-            what = f"the derivative by {' and '.join(self.by)} of "
-        else:
-            what = ""
-        pairs = zip(self.variables, numbers, strict=True)
-        at = ", ".join(f"{name} = {number:g}" for name, number in pairs)
-        what += f"formula {self.text!r} is {value:g}" + (f" at {at}" if at else "")
-        raise InputError(what, "must be finite", "Formula")
+            what = f"the derivative by {' and '.join(self.by)} of {what}"
+        if self.variables:
+            pairs = zip(self.variables, numbers, strict=True)
+            what += " at " + ", ".join(f"{name} = {number:g}" for name, number in pairs)
+        return InputError(what, "must be finite", "Formula")
 
 
 _parse = lru_cache(maxsize=256)(parse)

@@ -14,22 +14,38 @@ CONSTANTS = {"pi": math.pi}
 
 
 def smoothstep(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> np.ndarray:
-    """0 up to t = a, 1 from t = b on, and between them the cubic s²(3 − 2s), without a kink."""
+    """Return 0 up to t = a, 1 from t = b on, and s²(3 − 2s) between, s = (t − a)/(b − a)."""
     s = np.clip((np.asarray(t) - a) / (np.asarray(b) - a), 0.0, 1.0)
     return s * s * (3 - 2 * s)
 
 
 def power(a: Any, b: Any) -> Any:
-    """a ** b; exponents get a place each, as NumPy rounds differently where one is for many."""
-    return a ** (np.array(np.broadcast_arrays(a, b)[1]) if np.ndim(b) else b)
+    """Return a ** b; the result for an element does not depend on the other elements.
+
+    NumPy rounds differently where one exponent is for many numbers. Therefore an array of
+    exponents is broadcast first.
+    """
+    if np.ndim(b):
+        b = np.array(np.broadcast_arrays(a, b)[1])
+    return a**b
 
 
 class Function(NamedTuple):
-    """A function that formulas may have."""
+    """A function that formulas may have.
 
-    value: Callable[..., Any]  # of numbers and of arrays
+    Attributes
+    ----------
+    value
+        The function of numbers or arrays.
+    arguments
+        Names of its arguments.
+    meaning
+        Its value, in words.
+    """
+
+    value: Callable[..., Any]
     arguments: tuple[str, ...]
-    meaning: str  # its value, in words
+    meaning: str
 
 
 _OF_ONE = {
@@ -65,6 +81,10 @@ BINARY: dict[type[ast.operator], Callable[..., Any]] = {
     ast.Pow: power,
     ast.Mod: np.mod,
 }
+BOOLEAN: dict[type[ast.boolop], Callable[..., Any]] = {
+    ast.And: np.logical_and,
+    ast.Or: np.logical_or,
+}
 COMPARE: dict[type[ast.cmpop], Callable[..., Any]] = {
     ast.Lt: np.less,
     ast.LtE: np.less_equal,
@@ -77,17 +97,19 @@ Closure = Callable[[Sequence[Any]], Any]
 
 
 def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = False) -> Closure:
-    """The closure of a checked syntax tree; one that is `derived` takes a `Dual`, too.
+    """Return the closure of a checked syntax tree; if `derived`, it also takes values `Dual`.
 
-    It is called with NumPy's errors ignored. All is in doubles, so that no power grows without
-    limit.
+    Call it with NumPy's errors ignored. All arithmetic is in doubles, so that no power grows
+    without limit.
     """
 
     def inner(part: ast.AST) -> Closure:
         return compile_tree(part, variables, derived)
 
     def apply(key: object, function: Callable[..., Any], *parts: ast.AST) -> Closure:
-        return _apply(_with_duals(key, function) if derived else function, *map(inner, parts))
+        if derived:
+            function = _with_duals(key, function)
+        return _apply(function, *map(inner, parts))
 
     match node:
         case ast.Constant(value=int() | float() as number):
@@ -103,12 +125,12 @@ def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = Fals
         case ast.BinOp(left=left, op=op, right=right):
             return apply(type(op), BINARY[type(op)], left, right)
         case ast.BoolOp(op=op, values=parts):
-            join = np.logical_and if isinstance(op, ast.And) else np.logical_or
+            join = BOOLEAN[type(op)]
             return reduce(partial(_apply, join), map(inner, parts))
         case ast.Compare(left=left, ops=ops, comparators=others):
             pairs = zip(ops, (left, *others), others, strict=False)
-            each = [apply(type(op), COMPARE[type(op)], a, b) for op, a, b in pairs]
-            return reduce(partial(_apply, np.logical_and), each)
+            comparisons = [apply(type(op), COMPARE[type(op)], a, b) for op, a, b in pairs]
+            return reduce(partial(_apply, np.logical_and), comparisons)
         case ast.Call(func=ast.Name(id=name), args=parts):
             return apply(name, FUNCTIONS[name].value, *parts)
     raise AssertionError(f"unchecked node {node!r}")
@@ -119,6 +141,7 @@ def _constant(value: Any) -> Closure:
 
 
 def _apply(function: Callable[..., Any], *parts: Closure) -> Closure:
+    """Return the closure of a function of closures; fast for one and two of them."""
     if len(parts) == 1:
         (a,) = parts
         return lambda v: function(a(v))
@@ -128,7 +151,7 @@ def _apply(function: Callable[..., Any], *parts: Closure) -> Closure:
     return lambda v: function(*[part(v) for part in parts])
 
 
-# --- derivatives ----------------------------------------------------------------------------------
+# --- derivatives --------------------------------------------------------------------------
 
 _X = "min(max((c - a)/(b - a), 0), 1)"  # of smoothstep(a, b, c)
 _PARTIALS: dict[object, tuple[str, ...]] = {  # by each of the arguments a, b, c
@@ -155,17 +178,18 @@ _PARTIALS: dict[object, tuple[str, ...]] = {  # by each of the arguments a, b, c
         f"6*{_X}*(1 - {_X})/(b - a)",
     ),
 }
-_CHOICES = {  # da, db, dc are the derivatives of the arguments
-    "where": "where(a, db, dc)",
-    "min": "where(a < b, da, db)",
-    "max": "where(a > b, da, db)",
-}
 
 
 class Dual(NamedTuple):
     """A value, and its derivative by one of the variables.
 
-    For a derivative of a derivative both may be duals of another, higher level.
+    Attributes
+    ----------
+    value, slope
+        The value and its derivative. In a derivative of a derivative both may be duals of a
+        higher level.
+    level
+        Number of derivatives taken before.
     """
 
     value: Any
@@ -174,7 +198,7 @@ class Dual(NamedTuple):
 
 
 def derivative(closure: Closure, place: int, level: int) -> Closure:
-    """The derivative by the variable at a place; the level is the number of derivatives before.
+    """Return the derivative by the variable at a place; before it, `level` others were taken.
 
     At a kink or a jump the derivative is taken on one side: it is 0 for abs, sign and floor, the
     derivative of the second argument for min and max, and the derivative of the chosen part for
@@ -192,6 +216,12 @@ def _is_dual(value: Any, level: int) -> bool:
     return isinstance(value, Dual) and value.level == level
 
 
+def _value_of(value: Any, level: int) -> Any:
+    if _is_dual(value, level):
+        return value.value
+    return value
+
+
 def _slope_of(value: Any, level: int) -> Any:
     if _is_dual(value, level):
         return value.slope
@@ -199,24 +229,26 @@ def _slope_of(value: Any, level: int) -> Any:
 
 
 def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that follows the chain rule, too, with the partial derivatives of its key."""
+    """Return a function that also takes duals, with the partial derivatives of the key."""
 
-    def apply(*given: Any) -> Any:
-        level = min((each.level for each in given if isinstance(each, Dual)), default=None)
-        if level is None:
-            return function(*given)
-        values = [each.value if _is_dual(each, level) else each for each in given]
+    def apply(*arguments: Any) -> Any:
+        levels = [argument.level for argument in arguments if isinstance(argument, Dual)]
+        if not levels:
+            return function(*arguments)
+        level = min(levels)
+        values = [_value_of(argument, level) for argument in arguments]
         if key in _RULES_OF_CHOICES:
-            slopes = [_slope_of(each, level) for each in given]
+            slopes = [_slope_of(argument, level) for argument in arguments]
             return Dual(apply(*values), _RULES_OF_CHOICES[key]([*values, *slopes]), level)
-        slope = None
-        for each, rule in zip(given, _RULES.get(key, ()), strict=False):
-            if _is_dual(each, level):
-                term = _multiply(rule(values), each.slope)
-                slope = term if slope is None else _add(slope, term)
-        if slope is None:
+        # The chain rule: the sum of partial derivatives times slopes.
+        terms = [
+            _multiply(partial_derivative(values), argument.slope)
+            for argument, partial_derivative in zip(arguments, _RULES.get(key, ()), strict=False)
+            if _is_dual(argument, level)
+        ]
+        if not terms:
             return apply(*values)
-        return Dual(apply(*values), slope, level)
+        return Dual(apply(*values), reduce(_add, terms), level)
 
     return apply
 
@@ -225,15 +257,17 @@ _add = _with_duals(ast.Add, operator.add)
 _multiply = _with_duals(ast.Mult, operator.mul)
 
 
-def _rule(text: str, variables: str) -> Closure:
-    return compile_tree(ast.parse(text, mode="eval").body, tuple(variables.split()), derived=True)
+def _rule(text: str, variables: tuple[str, ...]) -> Closure:
+    return compile_tree(ast.parse(text, mode="eval").body, variables, derived=True)
 
 
 _RULES = {
-    key: [_rule(text, " ".join("abc"[: len(texts)])) for text in texts]
+    key: [_rule(text, tuple("abc"[: len(texts)])) for text in texts]
     for key, texts in _PARTIALS.items()
 }
+# Of functions that choose an argument; da, db, dc are the derivatives of the arguments.
 _RULES_OF_CHOICES: dict[object, Closure] = {
-    name: _rule(text, "a b c da db dc" if name == "where" else "a b da db")
-    for name, text in _CHOICES.items()
+    "where": _rule("where(a, db, dc)", ("a", "b", "c", "da", "db", "dc")),
+    "min": _rule("where(a < b, da, db)", ("a", "b", "da", "db")),
+    "max": _rule("where(a > b, da, db)", ("a", "b", "da", "db")),
 }

@@ -19,7 +19,7 @@ from fecloth.quantities.time_function import OfTime, TimeFunction, scalar
 class Rotation:
     """x(t) = p + R(t) R(t₀)ᵀ (x(t₀) − p): nodes turn by an angle about an axis through a point p.
 
-    Raises `InputError` for a point or an axis that are not three finite numbers, an axis of no
+    Raises `InputError` for a point or an axis that is not three finite numbers, an axis of zero
     length, and an angle that is neither a formula of t nor a function.
 
     Parameters
@@ -64,12 +64,14 @@ class Rotation:
         return validation.direction("axis", self.axis, "Rotation")
 
     def matrix(self, t: float, since: float | None = None) -> np.ndarray:
-        """(3, 3) rotation by the angle, or by its change `since` a time."""
-        angle = self._angle(t) - (0.0 if since is None else self._angle(since))
+        """(3, 3) rotation by the angle at the time t [s], or by its change `since` a time."""
+        angle = self._angle(t)
+        if since is not None:
+            angle = angle - self._angle(since)
         matrix: np.ndarray = transform.Rotation.from_rotvec(angle * self._unit).as_matrix()
         return matrix
 
     def rate(self, t: float) -> np.ndarray:
-        """(3,) angular velocity [rad/s]."""
+        """(3,) angular velocity [rad/s] at the time t [s]."""
         rate: np.ndarray = self._angle.rate(t) * self._unit
         return rate

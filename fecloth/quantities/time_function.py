@@ -16,27 +16,39 @@ from fecloth.quantities.formula import Formula
 OfTime = float | str | Callable[[float], float]
 VectorOfTime = tuple[float | str, float | str, float | str] | Callable[[float], np.ndarray]
 
-DIFFERENCE_STEP = 1e-5  # s; the difference quotient of a function is then good to about 1e-10
+# Step of difference quotients [s]: about the cube root of the round-off of a double. There their
+# error is least, about 1e-10.
+DIFFERENCE_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class TimeFunction:
-    """A value that changes in time, ``value(t)``, always finite."""
+    """A value that changes in time, ``value(t)``.
 
-    # A function of t, or numbers and formulas.
+    A value that is not finite, or of another shape, raises `InputError`.
+
+    Attributes
+    ----------
+    parts
+        A function of t [s], or numbers and formulas of t.
+    shape
+        Shape of the value; () for a number.
+    name, where
+        Names of the value and of its place in messages, as in "Pressure: p(0.3) = nan".
+    """
+
     parts: Callable[[float], ArrayLike] | tuple[float | Formula, ...]
-    shape: tuple[int, ...]  # shape of the value; () for a number
-    # What errors call it, as in "Pressure: p(0.3) = nan".
+    shape: tuple[int, ...]
     name: str
     where: str
 
     def __call__(self, t: float) -> np.ndarray:
+        """Return the value at the time t [s], of the shape `shape`."""
         if callable(self.parts):
-            given = self.parts(t)
+            value = np.asarray(self.parts(t), dtype=float)
         else:
-            given = [_at(part, t) for part in self.parts]
-        value = np.asarray(given, dtype=float)
-        value = value if callable(self.parts) else value.reshape(self.shape)
+            numbers = [_at(part, t) for part in self.parts]
+            value = np.array(numbers, dtype=float).reshape(self.shape)
         if value.shape != self.shape or not np.isfinite(value).all():
             allowed = "must be finite" + (f" and of shape {self.shape}" if self.shape else "")
             raise InputError(f"{self.name}({t:g}) = {value!r}", allowed, self.where)
@@ -44,11 +56,15 @@ class TimeFunction:
 
     @property
     def is_constant(self) -> bool:
-        """Whether it is made of numbers alone."""
+        """Whether all parts are numbers."""
         return not callable(self.parts) and all(isinstance(part, float) for part in self.parts)
 
     def rate(self, t: float) -> np.ndarray:
-        """The derivative by t: exact for formulas, a central difference of a function."""
+        """Return the derivative by t [1/s].
+
+        It is exact for formulas. For a function, and where the derivative of a formula is not
+        finite, it is a central difference.
+        """
         if not callable(self.parts):
             with suppress(InputError):
                 return np.array([_at(rate, t) for rate in self._rates]).reshape(self.shape)
@@ -56,17 +72,24 @@ class TimeFunction:
 
     @cached_property
     def _rates(self) -> list[float | Formula]:
-        parts = () if callable(self.parts) else self.parts
-        return [part.derivative("t") if isinstance(part, Formula) else 0.0 for part in parts]
+        """The derivatives of numbers and formulas."""
+        assert not callable(self.parts)
+        rates: list[float | Formula] = []
+        for part in self.parts:
+            if isinstance(part, Formula):
+                rates.append(part.derivative("t"))
+            else:
+                rates.append(0.0)
+        return rates
 
 
 def difference_quotient(
     function: Callable[[float], Any], t: float, since: float = -math.inf
 ) -> np.ndarray:
-    """The derivative of a function of time by differences of second order, over 2e-5 s.
+    """Return the derivative of a function u of time by differences of second order.
 
-    It is central, (u(t + h) − u(t − h))/(2h), but (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h) where
-    t − h is before `since`.
+    With h = 1e-5 s it is the central difference (u(t + h) − u(t − h))/(2h). If t − h is before
+    `since`, it is (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h).
     """
     u = function
     h = DIFFERENCE_STEP
@@ -79,18 +102,29 @@ def difference_quotient(
 
 
 def scalar(value: OfTime, name: str, where: str) -> TimeFunction:
-    """A number, a formula of t, or a function of t."""
-    return TimeFunction(value if callable(value) else (_part(value, name, where),), (), name, where)
+    """Make a function of time from a number, a formula of t [s], or a function of t.
+
+    Raises `InputError`, with the names `name` and `where`, for another value.
+    """
+    if callable(value):
+        return TimeFunction(value, (), name, where)
+    return TimeFunction((_part(value, name, where),), (), name, where)
 
 
 def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
-    """Three numbers or formulas of t, or a function of t that returns three numbers."""
+    """Make a vector of time from three numbers or formulas of t [s], or a function of t.
+
+    The function returns three numbers. Raises `InputError`, with the names `name` and `where`,
+    for another value.
+    """
     if callable(value):
         return TimeFunction(value, (3,), name, where)
-    if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 3:
+    is_list = np.ndim(np.asarray(value, dtype=object)) == 1 and not isinstance(value, str)
+    if not is_list or len(value) != 3:
         allowed = "must be three numbers or formulas of t, or a function of t"
         raise InputError(f"{name} = {value!r}", allowed, where)
-    return TimeFunction(tuple(_part(part, name, where) for part in value), (3,), name, where)
+    parts = tuple(_part(part, name, where) for part in value)
+    return TimeFunction(parts, (3,), name, where)
 
 
 def _part(value: object, name: str, where: str) -> float | Formula:

@@ -1,5 +1,7 @@
-"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m". Fixed tables, no algebra of units:
-units.toml has their values in SI, and the sources.
+"""Units as people write them: "150 g/m^2", "5 ms", "9.6 uN*m".
+
+There are fixed tables and no algebra of units: units.toml has their values in SI, and the
+sources.
 
 The type of a field names its dimension, as in ``width: Annotated[float, LENGTH]``. From there
 `in_si` takes the units that a text may have, and error messages take the SI unit.
@@ -19,10 +21,17 @@ from fecloth.errors import InputError, did_you_mean, is_number
 
 @dataclass(frozen=True, eq=False)
 class Dimension:
-    """The units that a quantity may have."""
+    """The units that a quantity may have.
 
-    units: Mapping[str, float]  # name of each unit → its value in SI; the first one is the SI unit
-    # Other fields and their values, if the quantity has this dimension only with these values.
+    Attributes
+    ----------
+    units
+        Name of each unit → its value in SI; the first unit is the SI unit.
+    only
+        Names and values of other fields, if the quantity has this dimension only with them.
+    """
+
+    units: Mapping[str, float]
     only: tuple[tuple[str, object], ...] = ()
 
     @property
@@ -34,19 +43,20 @@ class Dimension:
         return self.si
 
     def where(self, **values: object) -> "Dimension":
-        """The same dimension, for a quantity that has it only if other fields have these values."""
+        """Return the same dimension for quantities that need these values of other fields."""
         return replace(self, only=tuple(values.items()))
 
     def holds(self, table: Mapping[str, object]) -> bool:
-        """Whether the quantity has this dimension beside the other fields of the table."""
+        """Whether the quantity has this dimension, given the other fields of its table."""
         return all(table.get(key) == value for key, value in self.only)
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], Any]) -> Any:
-        """The JSON schema of a quantity in a file: a text may stand in place of each number."""
+        """Return the JSON schema of a quantity: a text may stand in place of each number."""
         return _or_text(handler(schema))
 
 
 def _or_text(schema: Any) -> Any:
+    """Allow a text in a JSON schema wherever it has a number."""
     if isinstance(schema, list):
         return [_or_text(item) for item in schema]
     if not isinstance(schema, dict):
@@ -87,38 +97,51 @@ _SPELLINGS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "⋅": "*", "µ":
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text looks like a number with a unit, known or unknown. No formula does."""
+    """Whether a text looks like a number with a unit, known or unknown; no formula does."""
     match = _QUANTITY.fullmatch(text.strip())
     return match is not None and not match[2].startswith("/")
 
 
 def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> float:
-    """The value in SI of a number with one of the units of the dimension.
+    """Return the value in SI of a text with a number and a unit of the dimension.
 
     ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two
-    units means ``*``. Error messages have the `name` of the quantity, and what `other` text is
-    allowed, such as ", or a formula".
+    units means ``*``. The value is exact in decimals: 150 g/m^2 is 0.15 kg/m^2 and not
+    0.15000000000000002. Raises `InputError` for another text; the message has the `name` of the
+    quantity, and says what `other` text is allowed, such as ", or a formula".
     """
     units = dimension.units
     allowed = f"must be a number with one of the units {', '.join(units)}{other}"
     match = _QUANTITY.fullmatch(text.strip())
     if not match:
-        remedy = f'Write it like "1.5 {dimension.si}"; a number without a unit is in SI and has no '
-        raise InputError(f"{name} = {text!r}", allowed, "", remedy + "quotes.")
+        remedy = f'Write it like "1.5 {dimension.si}"; '
+        remedy += "a number without a unit is in SI and has no quotes."
+        raise InputError(f"{name} = {text!r}", allowed, remedy=remedy)
     number, unit = match.groups()
     unit = unit.translate(_SPELLINGS)
-    unit = f"1{unit}" if unit.startswith("/") else unit
+    if unit.startswith("/"):
+        unit = f"1{unit}"
     if unit not in units:
-        raise InputError(f"{name} = {text!r}", allowed, "", did_you_mean(unit, units))
+        raise InputError(f"{name} = {text!r}", allowed, remedy=did_you_mean(unit, units))
     value = float(Decimal(repr(float(number))) * Decimal(repr(units[unit])))
     if not is_number(value):
         raise InputError(f"{name} = {text!r}", "must be finite")
-    return value  # by exact decimals: 150 g/m^2 is 0.15 kg/m^2, not 0.15000000000000002
+    return value
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a field holds: its type, the dimensions that it may have, and its default."""
+    """What a field holds.
+
+    Attributes
+    ----------
+    hint
+        Its type.
+    dimensions
+        The dimensions that it may have.
+    default
+        Its default.
+    """
 
     hint: Any
     dimensions: tuple[Dimension, ...]
@@ -128,7 +151,11 @@ class Measured:
 def in_si(
     values: Mapping[str, Any], fields: Mapping[str, Measured], refuse_other_text: bool = True
 ) -> dict[str, Any]:
-    """The values, with each text that is a number with a unit replaced by its value in SI."""
+    """Return the values; a text that is a number with a unit becomes its value in SI.
+
+    Raises `InputError` for a text where only a number is allowed. Without `refuse_other_text` it
+    leaves a text that does not look like a number with a unit as it is.
+    """
     known = {key: field.default for key, field in fields.items()} | dict(values)
     read = dict(values)
     for key, value in values.items():
@@ -139,25 +166,25 @@ def in_si(
 
 
 def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse: bool) -> Any:
-    """The value in SI if it is a text where the type has a number; of a list each item."""
+    """Return a text in SI if its type allows a number; in a list, each item."""
     kinds = _kinds(hint)
     items = [get_args(kind)[0] for kind in kinds if get_origin(kind) in (tuple, Sequence)]
     if isinstance(value, tuple | list) and items:
         return type(value)(_value(key, item, items[0], dimension, refuse) for item in value)
     if not isinstance(value, str) or float not in kinds:
         return value
-    formula = str in kinds
-    word = any(get_origin(kind) is Literal for kind in kinds)
-    if (formula or word or not refuse) and not is_quantity(value):
+    may_be_formula = str in kinds
+    may_be_word = any(get_origin(kind) is Literal for kind in kinds)
+    if (may_be_formula or may_be_word or not refuse) and not is_quantity(value):
         return value
-    return quantity(key, value, dimension, ", or a formula" if formula else "")
+    other = ", or a formula" if may_be_formula else ""
+    return quantity(key, value, dimension, other)
 
 
 def _kinds(hint: Any) -> list[Any]:
-    """The members of a union of types, without annotations."""
+    """Return the members of a union of types, without annotations."""
     if get_origin(hint) is Annotated:
         return _kinds(get_args(hint)[0])
-    union = get_origin(hint) in (Union, types.UnionType)
-    if union:
+    if get_origin(hint) in (Union, types.UnionType):
         return [kind for arg in get_args(hint) for kind in _kinds(arg)]
     return [hint]

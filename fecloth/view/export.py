@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fecloth import validation
 from fecloth.errors import InputError
 from fecloth.output.atomic_files import replace_file, replacing
 from fecloth.output.frame_reader import Series, clip_to_drawable, straight
 from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.view.checker_pattern import material_coordinates
 
-FPS = 24.0
-MOST_FPS = 1000.0
+FPS = 24.0  # of a scene by default, as in USD
 HEAD = """#usda 1.0
 (
     defaultPrim = "World"
@@ -78,16 +78,19 @@ def export(folder: str | Path, target: str | Path, fps: float | None = None) -> 
         return _write_objs(series, target)
     if target.suffix != ".usda":
         raise InputError(f"-o {target}", "must end in .usda or .obj")
-    fps = FPS if fps is None else fps
-    if not 0 < fps <= MOST_FPS:
-        raise InputError(f"fps = {fps:g}", f"must be > 0 and at most {MOST_FPS:g}")
+    if fps is None:
+        fps = FPS
+    validation.positive("fps", fps, "", "")
     with replacing(target) as part, part.open("w", encoding="utf-8") as file:
         file.writelines(_usd(series, fps))
     return (target,)
 
 
 def node_normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit normals (n, 3) at nodes: the sums over their triangles by area; z without an area."""
+    """Return unit normals (n, 3) at nodes, the means over their triangles by area.
+
+    A node whose triangles have no area gets the z axis.
+    """
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     total = np.zeros_like(points)
     for corner in triangles.T:
@@ -97,21 +100,23 @@ def node_normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def texture_coordinates(X: np.ndarray) -> np.ndarray:
-    """(X − min X)/L of flat coordinates (n, 2): the longer side L is 1 long."""
+    """Return (X − min X)/L of flat coordinates X (n, 2), with the longer side L of the cloth."""
     return (X - X.min(axis=0)) / np.ptp(X, axis=0).max()
 
 
 def _read(series: Series, i: int) -> Obstacles:
-    """Points and straight triangles of the cloth in frame i."""
+    """Return the points and straight triangles of the cloth in frame i."""
     frame = series.read(i)
     return Obstacles(clip_to_drawable(frame.points), straight(frame.cells))
 
 
 def _rows(form: str, values: np.ndarray) -> str:
+    """Return the rows of an array as text, each in the form, as "v %.7g %.7g %.7g"."""
     return form * len(values) % tuple(values.ravel().tolist())
 
 
 def _write_objs(series: Series, target: Path) -> tuple[Path, ...]:
+    """Write a .obj file for each frame; refuse to leave files of a longer run beside them."""
     count = len(series.times)
     *files, beyond = (target.with_name(f"{target.stem}_{i:04d}.obj") for i in range(count + 1))
     if beyond.exists():
@@ -127,15 +132,17 @@ def _write_objs(series: Series, target: Path) -> tuple[Path, ...]:
 
 
 def _obj(name: str, mesh: Obstacles, st: np.ndarray, corner: str, before: int = 0) -> str:
-    """An object of a .obj file, whose nodes are numbered from before + 1."""
+    """Return an object of a .obj file, whose nodes are numbered from before + 1.
+
+    `st` are its texture coordinates, and `corner` is the form of a corner of a triangle, as
+    "%d//%d" with the numbers of the node and of its normal.
+    """
     numbers = (mesh.triangles + before + 1).repeat(corner.count("%"), axis=1)
-    rows = (
-        ("v %.7g %.7g %.7g\n", mesh.points),
-        ("vt %.7g %.7g\n", st),
-        ("vn %.7g %.7g %.7g\n", node_normals(*mesh)),
-        (f"f {corner} {corner} {corner}\n", numbers),
-    )
-    return f"o {name}\n" + "".join(_rows(form, values) for form, values in rows)
+    text = f"o {name}\n"
+    text += _rows("v %.7g %.7g %.7g\n", mesh.points)
+    text += _rows("vt %.7g %.7g\n", st)
+    text += _rows("vn %.7g %.7g %.7g\n", node_normals(mesh.points, mesh.triangles))
+    return text + _rows(f"f {corner} {corner} {corner}\n", numbers)
 
 
 def _usd(series: Series, fps: float) -> Iterator[str]:
@@ -147,16 +154,15 @@ def _usd(series: Series, fps: float) -> Iterator[str]:
     yield f"        texCoord2f[] primvars:st = {_tuples(st)} {AT_NODES}    }}\n"
     surfaces = [read_obstacles(series.folder, i) or NOTHING for i in range(len(codes))]
     if len(surfaces[-1].points):
-        points, triangles = (
-            _changes(codes, list(arrays)) for arrays in zip(*surfaces, strict=True)
-        )
-        yield from _mesh("Obstacles", points, triangles, surfaces.__getitem__)
+        moves = _changes(codes, [surface.points for surface in surfaces])
+        changes = _changes(codes, [surface.triangles for surface in surfaces])
+        yield from _mesh("Obstacles", moves, changes, surfaces.__getitem__)
         yield "    }\n"
     yield "}\n"
 
 
 def _changes(codes: list[float], arrays: list[np.ndarray]) -> list[float]:
-    """The time codes that a file must have: the first alone if the arrays are all the same."""
+    """Return the time codes that a file needs: only the first if all arrays are the same."""
     if any(not np.array_equal(arrays[0], other) for other in arrays):
         return codes
     return codes[:1]
@@ -165,13 +171,16 @@ def _changes(codes: list[float], arrays: list[np.ndarray]) -> list[float]:
 def _mesh(
     name: str, codes: list[float], changes: list[float], read: Callable[[int], Obstacles]
 ) -> Iterator[str]:
-    """Yield a mesh with the time codes of its positions and of its triangles; without its end."""
+    """Yield a mesh, without its end, with time codes of its positions and of its triangles."""
     yield MESH.format(name=name)
     attributes: dict[str, tuple[list[float], Callable[[Obstacles], str]]] = {
         "int[] faceVertexCounts": (changes, lambda mesh: str([3] * len(mesh.triangles))),
         "int[] faceVertexIndices": (changes, lambda mesh: str(mesh.triangles.ravel().tolist())),
         "point3f[] points": (codes, lambda mesh: _tuples(mesh.points)),
-        "normal3f[] normals": (codes, lambda mesh: _tuples(node_normals(*mesh))),
+        "normal3f[] normals": (
+            codes,
+            lambda mesh: _tuples(node_normals(mesh.points, mesh.triangles)),
+        ),
     }
     for attribute, (times, text) in attributes.items():
         yield f"        {attribute}.timeSamples = {{\n"
@@ -181,5 +190,6 @@ def _mesh(
 
 
 def _tuples(values: np.ndarray) -> str:
+    """Return the rows of an array as a list of tuples in the syntax of USD."""
     form = f"({', '.join(['%.7g'] * values.shape[1])}), "
     return f"[{_rows(form, values)[:-2]}]"

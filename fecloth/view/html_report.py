@@ -21,7 +21,7 @@ from fecloth.output.obstacle_frames import Obstacles
 from fecloth.view.svg_chart import chart, observed_charts
 from fecloth.view.web_page import fill_template, pack_frames, shown_fields, title_of
 
-MOST_ROWS = 4000  # of a table that are read for a chart
+MOST_ROWS = 4000  # of a table that are read for a chart, so that long runs do not delay it
 STRETCHES = ("smallest", "1 %", "median", "99 %", "largest")  # columns of strains.csv
 COLUMNS = ("t", "total")  # of the ledger that are no curve of it
 PHASES = ("mesh", "bind", "compile", "choose", "assemble", "factor", "solve", "record", "output")
@@ -32,16 +32,36 @@ TABLES = ("steps", "energies", "observed", "strains")
 def write_report(
     folder: Path, summary: Mapping, frame: Frame, obstacles: Obstacles | None = None
 ) -> Path:
-    """Write ``folder``/report.html from summary.json and the last frame; returns it."""
+    """Write ``folder``/report.html and return its path.
+
+    Parameters
+    ----------
+    folder
+        The folder of the run, with its tables.
+    summary
+        The contents of summary.json.
+    frame, obstacles
+        The last frame of the run, and its obstacles.
+    """
     tables = {name: read_table(folder / f"{name}.csv") for name in TABLES}
     data = pack_frames([frame], shown_fields(frame), summary.get("unit", " s"), [obstacles])
-    charts = _static_charts(tables) if _is_static(summary) else _charts(tables)
-    words = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
+    if _is_static(summary):
+        charts = _static_charts(tables)
+    else:
+        charts = _charts(tables)
+    note = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
+    if summary.get("method"):
+        note += f"; {summary['method']}"
+    status = summary["status"]
+    badge = status
+    if doubtful(summary):
+        status += ", with warnings"
+        badge = "warned"
     values = {
         "title": title_of(folder),
-        "status": summary["status"] + (", with warnings" if doubtful(summary) else ""),
-        "badge": "warned" if doubtful(summary) else summary["status"],
-        "note": (f"{words}; {summary['method']}" if summary.get("method") else words),
+        "status": status,
+        "badge": badge,
+        "note": note,
         "model": _model(folder),
         "warnings": _warnings(folder, summary),
         "tiles": _tiles(summary, tables),
@@ -58,18 +78,23 @@ def write_report(
 
 
 def _text(file: Path) -> str:
+    """Return the text of a file, or "" if there is none."""
     if file.is_file():
         return file.read_text(encoding="utf-8")
     return ""
 
 
 def read_table(file: Path, most: float = MOST_ROWS) -> dict[str, np.ndarray]:
-    """Columns of a .csv of numbers; of more rows than `most` every k-th row and the last."""
+    """Return the columns of a .csv of numbers, {} without rows.
+
+    Of more rows than `most` it has every k-th row and the last row.
+    """
     head, *rows = _text(file).splitlines() or [""]
     if not rows:
         return {}
     sample = rows[:: math.ceil(len(rows) / min(most, len(rows)))]
-    sample += [rows[-1]] if sample[-1] is not rows[-1] else []
+    if sample[-1] is not rows[-1]:
+        sample.append(rows[-1])
     given: dict[str, Any] = {"delimiter": ",", "ndmin": 2, "encoding": None}
     values = np.loadtxt(sample, converters=lambda cell: float(cell or "nan"), **given)
     return dict(zip(head.split(","), values.T.copy(), strict=True))
@@ -81,28 +106,31 @@ def doubtful(summary: Mapping) -> bool:
 
 
 def _model(folder: Path) -> str:
+    """Return the fabrics and terms of the scene in words, or "" without a fabric."""
     scene = tomllib.loads(_text(folder / "scene.resolved.toml"))
     if not (fabric := scene.get("fabric")):
         return ""
-    fabrics = {"Fabric": fabric} if "areal_density" in fabric else fabric
+    regions = fabric
+    if "areal_density" in fabric:
+        regions = {"Fabric": fabric}
+    words = [f"{name}: {_constants(constants)}" for name, constants in regions.items()]
     terms = ", ".join(term["type"] for term in scene.get("terms", ())) or "none"
-    return "; ".join(
-        [*(f"{name}: {_constants(f)}" for name, f in fabrics.items()), f"terms: {terms}"]
-    )
+    return "; ".join([*words, f"terms: {terms}"])
 
 
 def _constants(fabric: Mapping) -> str:
-    """The main constants of a fabric; values along warp and weft as 1 × 2."""
+    """Return the main constants of a fabric in words; pairs of warp and weft as 1 × 2."""
     words = [f"{1000 * fabric['areal_density']:.4g} g/m²"]
     for key, unit in (("tensile_stiffness", "N/m"), ("bending_rigidity", "N m")):
         if value := fabric.get(key):
-            values = value if isinstance(value, list) else [value]
-            words.append(f"{key.split('_')[0]} {' × '.join(f'{v:.4g}' for v in values)} {unit}")
+            numbers = value if isinstance(value, list) else [value]
+            text = " × ".join(f"{number:.4g}" for number in numbers)
+            words.append(f"{key.partition('_')[0]} {text} {unit}")
     return ", ".join(words)
 
 
 def _warnings(folder, summary) -> Iterator[dict[str, str]]:
-    """Return the failure, the warnings of the summary, and warnings that only the log has."""
+    """Yield the failure, the warnings of the summary, and warnings that only the log has."""
     if text := summary.get("error"):
         yield {"kind": "note failed", "text": str(text)}
     lines = _text(folder / "run.log").splitlines()
@@ -112,6 +140,7 @@ def _warnings(folder, summary) -> Iterator[dict[str, str]]:
 
 
 def _tiles(summary, tables) -> dict[str, str]:
+    """Return the main results by their titles, as text."""
     seconds = summary["seconds"]["total"]
     tiles = {
         "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary.get('unit', ' s')}",
@@ -124,8 +153,9 @@ def _tiles(summary, tables) -> dict[str, str]:
         "frames": f"{summary['frames']}",
     }
     if strains := tables["strains"]:
-        extremes = strains["smallest"].min(), strains["largest"].max()
-        tiles["stretch, all frames"] = "{:.4g} – {:.4g}".format(*extremes)
+        smallest = strains["smallest"].min()
+        largest = strains["largest"].max()
+        tiles["stretch, all frames"] = f"{smallest:.4g} – {largest:.4g}"
     if (pairs := summary.get("intersecting_pairs")) is not None:
         tiles["pairs that intersect"] = str(pairs)
     if turned := summary.get("inverted_triangles"):
@@ -136,7 +166,7 @@ def _tiles(summary, tables) -> dict[str, str]:
 
 
 def _is_static(summary) -> bool:
-    """Whether t is the part of the loads."""
+    """Return whether the run was static: then t is the part of the loads."""
     return summary.get("unit", " s") != " s"
 
 
@@ -145,21 +175,22 @@ def _doubts(summary, steps) -> dict[str, str]:
     if not _is_static(summary):
         energy = _unexplained(summary, steps)
         return {"energy unexplained": energy, "error in time": _error(summary, "time")}
+    words = summary["time_error_in_words"].removeprefix("equilibrium: ")
     least = summary.get("least_eigenvalue")
     if least is None:
-        return {"equilibrium": summary["time_error_in_words"].removeprefix("equilibrium: ")}
-    words = summary["time_error_in_words"].removeprefix("equilibrium: ").partition(";")[0]
+        return {"equilibrium": words}
+    words = words.partition(";")[0]
     return {"equilibrium": words, "least eigenvalue of K": f"{least:.4g} N/m"}
 
 
 def _error(summary, of):
-    """The estimate of the error in time or space without its first words; older runs have none."""
+    """Return the estimate of the error in time or space in words; older runs have none."""
     words = summary.get(f"{of}_error_in_words", "no estimate").removeprefix(f"error in {of}")
     return words.partition(";")[0].partition(", as")[0].removeprefix(":").strip()
 
 
 def _unexplained(summary, steps):
-    """The ledger's remainder, and how much that is of what has moved."""
+    """Return the ledger's remainder, and its part of the energy that has moved."""
     words = f"{summary['ledger']['remainder']:.2g} J"
     if "drift" in steps:
         return f"{words}, {100 * abs(steps['drift'][-1]):.2g} %"
@@ -167,15 +198,20 @@ def _unexplained(summary, steps):
 
 
 def _numbers(summary) -> dict[str, str]:
-    rest = {
-        key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
-        for key, value in summary.items()
-        if key not in ("error", "warning", "warnings", "seconds", "versions", "ledger")
-    }
-    return rest | {name: str(value) for name, value in summary.get("versions", {}).items()}
+    """Return the entries of the summary that have no other place on the page, as text."""
+    elsewhere = ("error", "warning", "warnings", "seconds", "versions", "ledger")
+    numbers = {}
+    for key, value in summary.items():
+        if key in elsewhere:
+            continue
+        if not isinstance(value, str):
+            value = json.dumps(value, ensure_ascii=False, default=str)
+        numbers[key] = value
+    return numbers | {name: str(value) for name, value in summary.get("versions", {}).items()}
 
 
 def _charts(tables) -> list[str]:
+    """Return the charts of a run over time."""
     steps, energies, observed, strains = (tables[name] for name in TABLES)
     figures = [*observed_charts(observed), _energies(energies), _remainder(energies)]
     if strains:
@@ -183,7 +219,8 @@ def _charts(tables) -> list[str]:
         figures.append(chart("Principal stretches, at the frames", curves, "t [s]", "stretch"))
     if steps:
         at = steps["t"]
-        figures.append(chart("Step size", {"dt": (at, steps["dt"])}, "t [s]", "dt [s]", log=True))
+        sizes = {"dt": (at, steps["dt"])}
+        figures.append(chart("Step size", sizes, "t [s]", "dt [s]", log=True))
         counts = {"Newton": (at, steps["newton"]), "linear": (at, steps["linear"])}
         counts = {name: curve for name, curve in counts.items() if curve[1].any()}
         figures.append(chart("Iterations a step", counts, "t [s]", "iterations", log=True))
@@ -191,7 +228,7 @@ def _charts(tables) -> list[str]:
 
 
 def _static_charts(tables) -> list[str]:
-    """Return the charts over the part of the loads; no energy can stay unexplained there."""
+    """Return the charts over the part of the loads, without steps and unexplained energy."""
     chosen = tables | {"steps": {}}
     drawn = [figure for figure in _charts(chosen) if "Energy that stays" not in figure]
     return [figure.replace("t [s]", "part of the loads") for figure in drawn]
@@ -208,10 +245,11 @@ def _energies(table):
 
 
 def _remainder(table):
+    """Draw the energy that the ledger cannot explain."""
     if not table:
         return ""
-    curve = table["t"], np.abs(table["remainder"])
-    return chart("Energy that stays unexplained", {"|remainder|": curve}, "t [s]", "[J]", log=True)
+    curves = {"|remainder|": (table["t"], np.abs(table["remainder"]))}
+    return chart("Energy that stays unexplained", curves, "t [s]", "[J]", log=True)
 
 
 def _bars(seconds) -> Iterator[dict[str, str]]:
@@ -221,4 +259,5 @@ def _bars(seconds) -> Iterator[dict[str, str]]:
     shares["other"] = max(total - sum(shares.values()), 0.0)
     for name, value in shares.items():
         width = f"{100 * value / max(shares.values()):.1f}"
-        yield {"name": name, "width": width, "text": f"{value:.3g} s · {100 * value / total:.0f} %"}
+        text = f"{value:.3g} s · {100 * value / total:.0f} %"
+        yield {"name": name, "width": width, "text": text}

@@ -25,26 +25,47 @@ from fecloth.output.obstacle_frames import Obstacles, read_obstacles
 from fecloth.validation import known
 from fecloth.view import checker_pattern
 from fecloth.view.checker_pattern import CHECKS
-from fecloth.view.web_page import PERCENT, View, ground_of, unit_of, view_of
+from fecloth.view.web_page import CLIPPED_PERCENT, View, ground_of, unit_of, view_of
 
 SUFFIXES = (".mp4", ".gif", ".png")
-FPS = 5.0, 30.0  # limits of the frame rate of a movie in real time
-HALF_ANGLE = math.radians(15.0)
+# Limits of the frame rate of a movie in real time: slower ones are slides, faster ones not seen.
+SLOWEST_FPS = 5.0
+FASTEST_FPS = 30.0
+HALF_ANGLE = math.radians(15.0)  # of the camera
 LIGHT = np.array([0.35, -0.5, 0.9]) / np.linalg.norm([0.35, -0.5, 0.9])
-PAPER, FLOOR, SHADOW = (246, 247, 249), (226, 230, 234), "#c3c8cd"
+PAPER = "#f6f7f9"
+FLOOR = "#e2e6ea"
+SHADOW = "#c3c8cd"
 OBSTACLE = "#d9d4cb"
-PER_FRAME = 4000  # sampled values and positions of a frame, to fit colours and camera
+# Sampled values and positions of a frame, to fit colours and camera: all of a run take memory.
+SAMPLES_PER_FRAME = 4000
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Settings of all frames of a movie."""
+    """Settings of all frames of a movie.
+
+    Attributes
+    ----------
+    field
+        A name of `frame_reader.FIELDS`, or "checks".
+    view
+        Direction of the camera.
+    distance
+        Distance of the camera [m].
+    colours
+        Values at the ends of the colour bar; None for the checker pattern.
+    ground
+        Height of the ground [m].
+    size
+        Width and height [pixels].
+    """
 
     field: str
-    view: View  # direction of the camera
-    distance: float  # of the camera [m]
-    colours: tuple[float, float] | None  # ends of the colour bar; None for the checker pattern
-    ground: float  # height of the ground [m]
+    view: View
+    distance: float
+    colours: tuple[float, float] | None
+    ground: float
     size: tuple[int, int]
 
 
@@ -58,10 +79,23 @@ def render(
 ) -> Path:
     """Draw a run and return the path of the file.
 
-    The `target` is a .mp4 or .gif of all frames, or a .png of the frame nearest to the `time`
-    [s], by default of the last one. The `field` is a name of `frame_reader.FIELDS`, or "checks"
-    for squares along warp and weft; the `size` is in pixels, even for a .mp4; `fps`, frames per
-    second, is real time by default, within `FPS`.
+    Raises `InputError` for arguments out of range, and if the packages of the extra [view] are
+    not installed.
+
+    Parameters
+    ----------
+    folder
+        The folder of a run.
+    target
+        A .mp4 or .gif of all frames, or a .png of one frame.
+    field
+        A name of `frame_reader.FIELDS`, or "checks" for squares along warp and weft.
+    size
+        Width and height [pixels], even numbers for a .mp4.
+    fps
+        Frames per second; by default in real time, from 5 to 30.
+    time
+        Time [s] of the frame of a .png; the nearest frame is drawn, by default the last frame.
     """
     target = Path(target)
     _check_arguments(target, field, size, fps, time)
@@ -71,8 +105,10 @@ def render(
     if target.suffix == ".png":
         frames = [series.at(time)]
     if fps is None:
-        length = series.times[-1] - series.times[0]
-        fps = float(np.clip((len(frames) - 1) / length if length else FPS[0], *FPS))
+        fps = SLOWEST_FPS
+        if length := series.times[-1] - series.times[0]:
+            real_time = (len(frames) - 1) / length
+            fps = float(np.clip(real_time, SLOWEST_FPS, FASTEST_FPS))
     quiet = _import_package("pyvista").vtk_verbosity("error")  # VTK warns without a display
     with quiet:
         _write(target, fps, size, _draw_frames(series, frames, shot))
@@ -80,10 +116,12 @@ def render(
 
 
 def _check_arguments(target: Path, field, size, fps, time) -> None:
+    """Raise `InputError` for arguments of `render` that are out of range."""
     known(f"field {field!r}", field, (*frame_reader.FIELDS, CHECKS))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
-    if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and any(s % 2 for s in size)):
+    is_odd = any(side % 2 for side in size)
+    if min(size) < 16 or max(size) > 8192 or (target.suffix == ".mp4" and is_odd):
         allowed = "must be 16 to 8192 pixels, even for .mp4"
         raise InputError(f"size {size[0]}x{size[1]}", allowed)
     if fps is not None and not 0 < fps <= 240:
@@ -93,6 +131,7 @@ def _check_arguments(target: Path, field, size, fps, time) -> None:
 
 
 def _import_package(name: str):
+    """Return a package of the extra [view]; raise `InputError` if it is not installed."""
     import importlib
 
     try:
@@ -110,10 +149,9 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
         return
     imageio = _import_package("imageio.v2")
     file = io.BytesIO()
+    movie = {}
     if target.suffix == ".gif":
         movie = {"duration": 1000 / fps, "loop": 0}
-    else:
-        movie = {}
     with imageio.get_writer(file, format=target.suffix, **movie) as writer:
         for image in images:
             writer.append_data(image)
@@ -123,9 +161,10 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
 def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
     """Pipe the images to ffmpeg; raise OSError if it fails."""
     ffmpeg = _import_package("imageio_ffmpeg").get_ffmpeg_exe()
-    source = "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:g}"
-    output = "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", "-f", "mp4", "-y", str(part)
-    command = [ffmpeg, "-v", "error", *source, "-i", "pipe:0", *output]
+    width, height = size
+    source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps:g} -i pipe:0"
+    movie = "-c:v libx264 -crf 10 -pix_fmt yuv420p -f mp4 -y"
+    command = [ffmpeg, "-v", "error", *source.split(), *movie.split(), str(part)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         with suppress(BrokenPipeError):  # ffmpeg has ended; its message has the reason
             for image in images:
@@ -133,7 +172,8 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
         words = process.communicate()[1].decode(errors="replace").strip()
     if process.returncode:
         too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)
-        if number := errno.EFBIG if too_large else DiskFull.errno_in(words):
+        number = errno.EFBIG if too_large else DiskFull.errno_in(words)
+        if number:
             raise OSError(number, os.strerror(number))
         raise OSError(f"ffmpeg ended with {process.returncode}: {words}")
 
@@ -148,8 +188,8 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
         frame = series.read(i)
         if field != CHECKS:
             shown = frame_reader.field_values(frame, field)
-            values.append(shown[:: 1 + len(shown) // PER_FRAME])
-        points.append(frame.points[:: 1 + len(frame.points) // PER_FRAME])
+            values.append(shown[:: 1 + len(shown) // SAMPLES_PER_FRAME])
+        points.append(frame.points[:: 1 + len(frame.points) // SAMPLES_PER_FRAME])
         lows.append(frame.points.min(axis=0))
         highs.append(frame.points.max(axis=0))
     low = np.min(lows, axis=0)
@@ -158,31 +198,39 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
     colours = None
     if values:
         drawn = frame_reader.clip_to_drawable(np.concatenate(values))
-        colours = tuple(np.percentile(drawn, PERCENT))
-    distance = _camera_distance(view, np.concatenate(points), size[0] / size[1])
-    bodies = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
-    return Shot(field, view, distance, colours, ground_of(low, high, bodies), size)
+        colours = tuple(np.percentile(drawn, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]))
+    width, height = size
+    obstacles = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
+    return Shot(
+        field=field,
+        view=view,
+        distance=_camera_distance(view, np.concatenate(points), width / height),
+        colours=colours,
+        ground=ground_of(low, high, obstacles),
+        size=size,
+    )
 
 
 def _axes(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the unit vectors to the camera, to the right and up in the picture."""
     a = view.azimuth
     e = view.elevation
-    back = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    to_camera = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([-math.sin(a), math.cos(a), 0.0])
-    return back, right, np.cross(back, right)
+    return to_camera, right, np.cross(to_camera, right)
 
 
 def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
     """Return the distance at which all points fit, with a margin for the colour bar."""
-    back, right, up = _axes(view)
+    to_camera, right, up = _axes(view)
     p = points - view.box.mean(axis=0)
     tan = math.tan(HALF_ANGLE)
-    wide = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
-    return float(np.max(1.15 * wide + p @ back))
+    away = np.maximum(np.abs(p @ right) / (tan * aspect), np.abs(p @ up) / tan)
+    return float(np.max(1.15 * away + p @ to_camera))
 
 
 def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:
+    """Yield the pictures (h, w, 3) of frames."""
     pyvista = _import_package("pyvista")
     first = series.read(frames[0])
     triangles = frame_reader.straight(first.cells)
@@ -216,31 +264,43 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
 
 
 def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
-    """Show the obstacles in place of the obstacles of the last frame."""
+    """Show these obstacles in place of the obstacles in the previous frame."""
     if obstacles is None or not len(obstacles.points):
         plotter.remove_actor("obstacles")
         return
     points = obstacles.points.astype(float)
     mesh = pyvista.PolyData.from_regular_faces(points, obstacles.triangles)
-    smooth = {"smooth_shading": True, "split_sharp_edges": True, "ambient": 0.35, "diffuse": 0.75}
-    plotter.add_mesh(mesh, color=OBSTACLE, name="obstacles", reset_camera=False, **smooth)
+    plotter.add_mesh(
+        mesh,
+        color=OBSTACLE,
+        name="obstacles",
+        reset_camera=False,
+        smooth_shading=True,
+        split_sharp_edges=True,
+        ambient=0.35,
+        diffuse=0.75,
+    )
 
 
 def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> None:
+    """Give the cloth the positions and the field of a frame; a cell has several parts for P2."""
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
         X = checker_pattern.material_coordinates(frame)
         cloth.active_texture_coordinates = X / (2 * checker_pattern.square_side(X))
-    elif len(values := frame_reader.field_values(frame, shot.field)) == len(frame.points):
-        cloth.point_data["shown"] = values
     else:
-        cloth.cell_data["shown"] = np.repeat(values, parts)
+        values = frame_reader.field_values(frame, shot.field)
+        if len(values) == len(frame.points):
+            cloth.point_data["shown"] = values
+        else:
+            cloth.cell_data["shown"] = np.repeat(values, parts)
     cloth.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
 
 
 def _make_plotter(pyvista, shot: Shot):
+    """Return a plotter with camera, lights and ground."""
     plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
-    plotter.set_background(tuple(c / 255 for c in PAPER))
+    plotter.set_background(PAPER)
     middle = shot.view.box.mean(axis=0)
     size = float(np.linalg.norm(np.diff(shot.view.box, axis=0)))
     eye = middle + shot.distance * _axes(shot.view)[0]
@@ -254,13 +314,15 @@ def _make_plotter(pyvista, shot: Shot):
     floor = pyvista.Disc(center=centre, inner=0.0, outer=4 * size, r_res=40, c_res=72)
     far = np.linalg.norm(floor.points[:, :2] - middle[:2], axis=1) / (4 * size)
     share = np.clip((1 - far) / 0.7, 0, 1)[:, None]
-    floor["rgb"] = (share * FLOOR + (1 - share) * PAPER).astype(np.uint8)
+    near_colour, far_colour = (np.array(pyvista.Color(name).int_rgb) for name in (FLOOR, PAPER))
+    floor["rgb"] = (share * near_colour + (1 - share) * far_colour).astype(np.uint8)
     plotter.add_mesh(floor, scalars="rgb", rgb=True, lighting=False)
     plotter.camera.clipping_range = 0.05 * shot.distance, shot.distance + 12 * size
     return plotter
 
 
 def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
+    """Show the cloth with its field, or with the checker pattern."""
     matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
     if shot.field == CHECKS:
         texture = pyvista.Texture(checker_pattern.weave_texture())
@@ -274,11 +336,27 @@ def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
 
 
 def _colour_bar(shot: Shot) -> dict:
-    """Return the colour bar: a third of a wide picture, up to 0.8 of a tall one, fonts to fit."""
-    field, (width, height) = frame_reader.FIELDS[shot.field], shot.size
-    long = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))
-    scale = min(height / 720, long * width / (0.34 * 1280))
-    title = f"{field.title} [{field.unit}]" if field.unit else field.title
-    fonts = {"title_font_size": round(16 * scale), "label_font_size": round(13 * scale)}
-    place = {"width": long, "height": 0.1, "position_x": 0.97 - long, "position_y": 0.02}
-    return {"title": title, "color": "#1b2027", "n_labels": 2, "fmt": "%.4g", **fonts, **place}
+    """Return the arguments of the colour bar.
+
+    It takes a third of the width of a wide picture, and up to 0.8 of a tall picture. The fonts
+    have their usual size in a picture of 1280 × 720 pixels.
+    """
+    field = frame_reader.FIELDS[shot.field]
+    width, height = shot.size
+    share = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))  # of the width
+    scale = min(height / 720, share * width / (0.34 * 1280))
+    title = field.title
+    if field.unit:
+        title += f" [{field.unit}]"
+    return {
+        "title": title,
+        "color": "#1b2027",
+        "n_labels": 2,
+        "fmt": "%.4g",
+        "title_font_size": round(16 * scale),
+        "label_font_size": round(13 * scale),
+        "width": share,
+        "height": 0.1,
+        "position_x": 0.97 - share,
+        "position_y": 0.02,
+    }

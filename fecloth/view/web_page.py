@@ -35,29 +35,53 @@ def _environment() -> Any:
 
 
 def render(template: str, values: Mapping[str, object]) -> str:
-    """Return a template with its values; texts are escaped, and what `render` returns is not."""
+    """Return a template with its values; texts are escaped, but not results of `render`."""
     from markupsafe import Markup
 
     return Markup(_environment().get_template(template).render(values))
 
 
-MOST_BYTES = 60e6
+MOST_BYTES = 60e6  # of frames in a page, which a browser has to load at once
 SHOWN = (
-    *("larger_stretch", "smaller_stretch", "speed", "displacement", "energy_density"),
-    *("contact_pressure", "slip"),
+    "larger_stretch",
+    "smaller_stretch",
+    "speed",
+    "displacement",
+    "energy_density",
+    "contact_pressure",
+    "slip",
 )
-PERCENT = 0.5, 99.5  # percentiles of the values at the ends of a colour bar
-AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(16.0)  # from the front and the side
-FLAT = 0.25  # height over width below which the camera looks from higher up
+CLIPPED_PERCENT = 0.5  # of the values beyond each end of a colour bar, so that no peak sets it
+# The camera is in front and to the side, and higher up if the cloth is flat.
+AZIMUTH = math.radians(-62.0)
+ELEVATION = math.radians(16.0)
+ELEVATION_OF_FLAT = math.radians(35.0)
 VIRIDIS = (  # at eleven equal steps; Smith and van der Walt 2015, CC0
-    *((68, 1, 84), (72, 36, 117), (65, 68, 135), (53, 95, 141), (42, 120, 142), (33, 145, 140)),
-    *((34, 168, 132), (68, 191, 112), (122, 209, 81), (189, 223, 38), (253, 231, 37)),
+    (68, 1, 84),
+    (72, 36, 117),
+    (65, 68, 135),
+    (53, 95, 141),
+    (42, 120, 142),
+    (33, 145, 140),
+    (34, 168, 132),
+    (68, 191, 112),
+    (122, 209, 81),
+    (189, 223, 38),
+    (253, 231, 37),
 )
 
 
 @dataclass(frozen=True)
 class View:
-    """Camera direction: angles [rad] about the centre of a box (2, 3) [m]."""
+    """Direction of a camera.
+
+    Attributes
+    ----------
+    box
+        (2, 3) two corners of the box that it looks at [m].
+    azimuth, elevation
+        Angles of the camera about the centre of the box [rad].
+    """
 
     box: np.ndarray
     azimuth: float
@@ -65,14 +89,19 @@ class View:
 
 
 def view_of(low: np.ndarray, high: np.ndarray) -> View:
-    """Return a view of the box between two corners (3,); a flat box from higher up."""
+    """Return a view of the box between two corners (3,); a flat box is seen from higher up.
+
+    A box is flat if from `ELEVATION` its front looks lower than its top.
+    """
     width, depth, height = high - low
-    flat = height < FLAT * max(width, depth)
-    return View(np.array([low, high]), AZIMUTH, math.radians(35.0) if flat else ELEVATION)
+    elevation = ELEVATION
+    if height < math.tan(ELEVATION) * max(width, depth):
+        elevation = ELEVATION_OF_FLAT
+    return View(np.array([low, high]), AZIMUTH, elevation)
 
 
 def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles | None]) -> float:
-    """Height of the ground [m]: below the cloth's box, and below obstacles that are not far."""
+    """Return the height of the ground [m]: below the cloth's box and below near obstacles."""
     size = float(np.linalg.norm(high - low))
     shown = [surface.points for surface in obstacles if surface and len(surface.points)]
     feet = [float(points[:, 2].min()) for points in shown]
@@ -80,7 +109,10 @@ def ground_of(low: np.ndarray, high: np.ndarray, obstacles: Iterable[Obstacles |
 
 
 def write_view(folder: str | Path) -> Path:
-    """Write ``folder``/view.html, which opens at the last frame, and return its path."""
+    """Write ``folder``/view.html, which opens at the last frame, and return its path.
+
+    Raises `InputError` for a folder without frames.
+    """
     series = frame_reader.Series.open(folder)
     fields = shown_fields(series.read(0))
     frames = select_frames(series, len(fields))
@@ -104,23 +136,25 @@ def shown_fields(frame: frame_reader.Frame) -> list[str]:
 
 
 def keep_shown(frame: frame_reader.Frame) -> frame_reader.Frame:
-    """Return the frame with the arrays of `SHOWN` alone, which take less memory."""
+    """Return the frame with only the arrays of `SHOWN`, which take less memory."""
     names = {frame_reader.FIELDS[name].array for name in SHOWN}
-    points, cells = (
-        {name: values for name, values in arrays.items() if name in names}
-        for arrays in (frame.point_data, frame.cell_data)
-    )
-    return replace(frame, point_data=points, cell_data=cells)
+
+    def keep(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {name: values for name, values in arrays.items() if name in names}
+
+    return replace(frame, point_data=keep(frame.point_data), cell_data=keep(frame.cell_data))
 
 
 def select_frames(series: frame_reader.Series, fields: int) -> list[int]:
     """Return the indices of evenly spaced frames that fit into `MOST_BYTES`."""
     first = series.read(0)
-    values = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
-    return series.spread(int(MOST_BYTES / (2 * 4 / 3 * values)))
+    numbers = 3 * len(first.points) + fields * max(len(first.points), len(first.cells))
+    bytes_of_frame = 2 * 4 / 3 * numbers  # two bytes each, in base64
+    return series.spread(int(MOST_BYTES / bytes_of_frame))
 
 
 def title_of(folder: Path) -> str:
+    """Return the title of the scene that was run, or else the name of the folder."""
     return _scene_of(folder).get("title") or folder.resolve().name
 
 
@@ -132,7 +166,7 @@ def unit_of(folder: Path) -> str:
 
 
 def _scene_of(folder: Path) -> dict:
-    """Return the tables of the scene that was run; none for other folders."""
+    """Return the tables of the scene that was run; {} for other folders."""
     scene = folder / "scene.resolved.toml"
     if scene.is_file():
         return tomllib.loads(scene.read_text(encoding="utf-8"))
@@ -140,7 +174,7 @@ def _scene_of(folder: Path) -> dict:
 
 
 def fill_template(template: str, data: dict, values: Mapping[str, object]) -> str:
-    """Return a template of page/ with style, script, data and the values; these are escaped."""
+    """Return a template of page/ with style, script, data and the values, which are escaped."""
     script = part("viewer.js").replace("VIRIDIS;", f"{json.dumps(VIRIDIS)};")
     script = script.replace("CHECKED;", f"{json.dumps(checker_pattern.SHADES)};")
     plain = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
@@ -156,10 +190,20 @@ def part(name: str) -> str:
 def pack_frames(
     frames, fields: Sequence[str], unit: str = " s", obstacles: Sequence[Obstacles | None] = ()
 ) -> dict:
-    """Return the data that viewer.js draws: numbers of `Frame`s of one mesh in base64, for JSON.
+    """Return the data that viewer.js draws, for JSON, with arrays in base64.
 
-    `fields` are names of `frame_reader.FIELDS`; `unit` follows the time of a frame; `obstacles`
-    are the obstacles of each frame.
+    Raises `InputError` if there is no frame.
+
+    Parameters
+    ----------
+    frames
+        `Frame`s of one mesh.
+    fields
+        Names of `frame_reader.FIELDS`.
+    unit
+        What follows the time of a frame.
+    obstacles
+        The obstacles in each frame.
     """
     times = []
     clouds = []
@@ -197,14 +241,14 @@ def pack_frames(
 
 
 def _obstacles(frames: Sequence[Obstacles | None]) -> list[dict]:
-    """Points and triangles of the obstacles, each with the first frame that shows them."""
+    """Return points and triangles of obstacles, each with the first frame that shows them."""
     packed: list[dict] = []
-    for i, one in enumerate(frames):
-        if one is None:
+    for i, obstacles in enumerate(frames):
+        if obstacles is None:
             continue
-        points = _to_base64(one.points.astype("<f4"))
+        points = _to_base64(obstacles.points.astype("<f4"))
         if not packed or packed[-1]["points"] != points:
-            triangles = _to_base64(one.triangles.astype("<u4"))
+            triangles = _to_base64(obstacles.triangles.astype("<u4"))
             packed.append({"from": i, "points": points, "triangles": triangles})
     return packed
 
@@ -230,14 +274,15 @@ def _field(name: str, values: np.ndarray, nodes: int) -> dict:
         "count": values.shape[1],
         "low": low,
         "high": high,
-        "shown": np.percentile(values, PERCENT).tolist(),
+        "shown": np.percentile(values, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]).tolist(),
         "values": _to_16_bits(values, low, high),
     }
 
 
 def _to_16_bits(values, low, high) -> str:
     """Return numbers as base64 of 16-bit fractions between `low` and `high`."""
-    span = np.where(np.subtract(high, low) > 0, np.subtract(high, low), 1.0)
+    span = np.subtract(high, low)
+    span = np.where(span > 0, span, 1.0)
     return _to_base64(np.round((values - low) / span * 65535).astype("<u2"))
 
 

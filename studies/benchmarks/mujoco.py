@@ -160,6 +160,7 @@ def mujoco_run(system: fc.System, dt: float, integrator: str, every: int) -> Cal
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
 
+    @harness.temporary_folder()
     def run(share):
         mujoco.mj_resetData(model, data)
         if integrator == "Euler":

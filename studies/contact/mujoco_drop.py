@@ -59,6 +59,7 @@ def run_fecloth(system: fc.System, method, dt: float) -> np.ndarray:
     return last.x
 
 
+@harness.temporary_folder()
 def run_mujoco(system: fc.System, integrator: str, dt: float) -> np.ndarray:
     """Return the positions (n, 3) at the end [m]; NaN where a run became unstable."""
     fabric = system.fabric

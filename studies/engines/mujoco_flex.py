@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from studies import harness
 from studies.engines.wave_time import crossing_time
 
 VERSION = f"MuJoCo {mujoco.__version__}"
@@ -26,6 +27,7 @@ STEP, MOST, AT_REST, RAMP = 1e-2, 2000, 1e-7, 50
 COURANT = 0.3
 
 
+@harness.temporary_folder()
 def run(case: Mapping[str, Any]) -> np.ndarray:
     """Return the positions (times, n, 3) [m] of a flex."""
     refuse(case)

@@ -11,6 +11,7 @@ import time
 import numpy as np
 
 from fecloth import study
+from studies import harness
 from studies.work_precision.grid import MESHES, STABLE, case
 from studies.work_precision.runs import LONG
 from studies.work_precision.scenes import PAPER, SAMPLES, SCENES, Scene
@@ -36,12 +37,13 @@ def run_mujoco(scene, model, element, h, method, step, linear) -> dict:
     gap = problem.t_end / SAMPLES
     each = int(np.ceil(gap / step - 1e-9))
     model_, data = make_model(problem, scene, gap / each, method.split()[1])
-    run_once(problem, model_, data, 2, each)  # warm
     spent = []
-    while len(spent) < 3 and (not spent or min(spent) < LONG):
-        begin = time.process_time()
-        paths = run_once(problem, model_, data, SAMPLES, each)
-        spent.append(time.process_time() - begin)
+    with harness.temporary_folder():
+        run_once(problem, model_, data, 2, each)  # warm
+        while len(spent) < 3 and (not spent or min(spent) < LONG):
+            begin = time.process_time()
+            paths = run_once(problem, model_, data, SAMPLES, each)
+            spent.append(time.process_time() - begin)
     row = {"nodes": len(problem.system.cloth.X), "triangles": len(problem.system.cloth.triangles)}
     row |= {"seconds": min(spent), "runs": len(spent), "steps": each * SAMPLES}
     if not np.isfinite(paths).all():

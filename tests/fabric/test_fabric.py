@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fecloth as fc
+from fecloth.errors import InputError
 
 stiffness = st.floats(1.0, 1e5)
 # ν₁₂ as a fraction of its limit √(Y₁/Y₂)
@@ -129,3 +130,11 @@ def test_a_pair_out_of_range(name, bad):
         with pytest.raises(fc.InputError) as caught:
             fc.Fabric(**(GOOD | {name: value}))
         assert f"{name} = {bad!r}: must be a finite number > 0" in str(caught.value)
+
+
+def test_constants_far_from_those_of_any_fabric_are_mistakes_in_a_unit():
+    for value in (2e-12, 5e11):
+        assert fc.Fabric(value, value).shear == value / 2
+    for value in (5e-13, 2e12):
+        with pytest.raises(InputError, match="Is the value in SI units"):
+            fc.Fabric(value, 1000.0)

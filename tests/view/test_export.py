@@ -124,8 +124,8 @@ def test_texture_coordinates_keep_the_shape():
     ("name", "more", "words"),
     [
         ("cloth.abc", [], r"must end in .usda or .obj"),
-        ("cloth.usda", ["--fps", "0"], r"fps = 0: must be > 0 and at most 1000"),
-        ("cloth.usda", ["--fps", "1250"], r"at most 1000"),
+        ("cloth.usda", ["--fps", "0"], r"fps = 0.0: must be finite and > 0"),
+        ("cloth.usda", ["--fps", "inf"], r"must be finite and > 0"),
         ("cloth.obj", ["--fps", "24"], r"applies only to a .usda"),
     ],
 )
@@ -135,8 +135,8 @@ def test_what_is_wrong_is_said(run, tmp_path, capsys, name, more, words):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_highest_rates_are_taken(run, tmp_path):
-    for fps in (800.0, 1000.0):
+def test_high_rates_are_taken(run, tmp_path):
+    for fps in (800.0, 1e6):
         assert "timeSamples" in fc.export(run, tmp_path / "a.usda", fps)[0].read_text()
 
 

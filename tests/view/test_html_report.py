@@ -15,7 +15,7 @@ from fecloth.output.frame_arrays import fields
 from fecloth.output.frame_reader import Frame
 from fecloth.simulation.shapes import stretch_row
 from fecloth.view.html_report import read_table, write_report
-from fecloth.view.svg_chart import chart
+from fecloth.view.svg_chart import WIDTH, chart
 
 SCENE = """
 title = "a <sheet> & its report"
@@ -92,10 +92,11 @@ def test_ticks_of_an_axis_differ():
 
 def test_labels_at_the_ends_of_the_axes_are_inside_the_picture():
     figure = chart("small", {"a": (np.array([0, 1e-4]), np.array([-1.25e-7, 2.5e-7]))}, "t", "y")
-    for x, anchor, text in re.findall('<text x="([0-9.]+)".*?anchor="(.*?)">(.*?)<', figure):
+    for x, anchor, text in re.findall('<text x="([-0-9.]+)".*?anchor="(.*?)">(.*?)<', figure):
         width = 7 * len(text)  # a digit of this size is 6.7 wide
         left = float(x) - width * {"end": 1.0, "middle": 0.5}[anchor]
-        assert 17 < left < left + width < 460  # the title of the axis is left of 17
+        # The margins are 72 and 22 wide, and the title of the axis is in the first 17.
+        assert 17 - 72 < left < left + width < WIDTH + 22
 
 
 def test_remainder_is_shown_as_a_share_of_the_moving_energy(run, tmp_path):
@@ -179,7 +180,7 @@ def test_charts_show_peaks_and_omit_values_without_a_logarithm():
     points = np.array([point.split() for point in path.split("L")], float)
     assert len(points) < 1100
     assert np.ptp(points[:, 1]) > 100
-    assert points[np.argmin(points[:, 1]), 0] == pytest.approx(58 + 392 * 0.54321, abs=0.5)
+    assert points[np.argmin(points[:, 1]), 0] == pytest.approx(WIDTH * 0.54321, abs=0.5)
     assert chart("none", {"y": (x, -y)}, "x", "y", log=True) == ""
     assert chart("one", {"y": (x[:1], y[:1])}, "x", "y") == ""
 
