@@ -8,16 +8,14 @@ studies/examples/term.py is a term in 30 lines.
 `TermTraits` on the class of the description say what the term is: all that the rest of fecloth
 knows of it. A description without traits is a term of no kind.
 
-`BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive
-from it and write the abilities that it has; a class that does not derive gets the missing
-abilities from `bound`.
+`BoundTerm` has all abilities of a bound term, which do nothing. The bound term of your own term
+derives from it and writes the abilities that it has.
 
 Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s]
 the time. They must not be changed, but for the one named as the result.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from operator import attrgetter
 from typing import Any, Protocol
 
@@ -72,8 +70,7 @@ class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
     A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`; `energy`
-    if it has one, and `power` if it is dissipative; without this base also `dissipative` and
-    `velocity_dependent`. All else does nothing here.
+    if it has one, and `power` if it is dissipative. All else does nothing here.
 
     Attributes
     ----------
@@ -364,11 +361,6 @@ class BoundTerm:
     keeps_distance = overrides("least_distance")  # it is contact that tells its distance
 
 
-ABILITIES = tuple(
-    name for name in vars(BoundTerm) if not name.startswith("_") and name not in ALWAYS
-)
-
-
 def has_own(term: BoundTerm, name: str) -> bool:
     """Whether a bound term has its own function in place of the function of `BoundTerm`."""
     own = getattr(term, name)
@@ -413,48 +405,47 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term, checked and complete."""
-    # Raises `InputError` if it lacks an attribute or a function that a `BoundTerm` must have.
-    made = term.bind(panel, slots)
+    """The bound term of a description, checked.
+
+    Raises `InputError` if it does not derive from `BoundTerm`, or lacks an attribute or a
+    function that a bound term must have.
+    """
+    call = f"{type(term).__name__}.bind(panel, slots)"
+    made = check_derived(term.bind(panel, slots), call)
     wanted = list(ALWAYS)
-    wanted += ["energy"] if getattr(made, "has_energy", False) else []
-    wanted += ["power"] if getattr(made, "dissipative", False) else []
+    if getattr(made, "has_energy", False):
+        wanted.append("energy")
+    if made.dissipative:
+        wanted.append("power")
     if missing := [name for name in wanted if _lacks(made, name)]:
-        what = f"{type(term).__name__}.bind(panel, slots) gives {with_article(type(made).__name__)}"
+        what = f"{call} gives {with_article(type(made).__name__)}"
         remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
-    return complete(made)
-
-
-def _lacks(made: Any, name: str) -> bool:
-    """Whether an object has no attribute of a name, or only the function of `BoundTerm`."""
-    is_function = callable(vars(BoundTerm).get(name))
-    return not hasattr(made, name) or (is_function and not has_own(made, name))
-
-
-def complete(made: Any) -> BoundTerm:
-    """A bound term, or the result of its `over_step`, with the abilities of `BoundTerm` it lacks.
-
-    Raises `InputError` for an object whose class is not a plain class of Python.
-    """
-    if isinstance(made, BoundTerm):
-        return made
-    missing = tuple(name for name in ABILITIES if not hasattr(made, name))
-    if missing:
-        try:
-            kind: Any = type(made)
-            object.__setattr__(made, "__class__", _completed(kind, missing))
-        except TypeError:
-            what = f"a bound term that is {with_article(type(made).__name__)}"
-            remedy = "Derive its class from fecloth.terms.protocol.BoundTerm."
-            raise InputError(
-                what, "must be an object of a class of its own", "System", remedy
-            ) from None
     return made
 
 
-@cache
-def _completed(kind: Any, missing: tuple[str, ...]) -> type:
-    """A class with the abilities of `BoundTerm` that are missing in another."""
-    about = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__}
-    return type(kind.__name__, (kind,), about | {name: vars(BoundTerm)[name] for name in missing})
+def check_derived(made: object, call: str) -> BoundTerm:
+    """What a function of a term made, if its class derives from `BoundTerm`.
+
+    `call` is the function with its arguments, for the `InputError` about any other object.
+    """
+    if isinstance(made, BoundTerm):
+        return made
+    kind = type(made)
+    raise InputError(
+        f"{call} gives {with_article(kind.__name__)}",
+        "must be an object of a class that derives from fecloth.BoundTerm",
+        "System",
+        f"Write `class {_suggest_name(kind)}(fc.BoundTerm):`.",
+    )
+
+
+def _suggest_name(kind: type) -> str:
+    """The name of a user's class, or another in place of the name of a class of Python itself."""
+    return "MyBound" if kind.__module__ == "builtins" else kind.__name__
+
+
+def _lacks(made: BoundTerm, name: str) -> bool:
+    """Whether a bound term has no attribute of a name, or only the function of `BoundTerm`."""
+    is_function = callable(vars(BoundTerm).get(name))
+    return not hasattr(made, name) or (is_function and not has_own(made, name))

@@ -249,7 +249,7 @@ def test_a_free_flight_keeps_the_energy_and_what_else_it_must(name):
 def test_a_term_of_ones_own_with_an_energy_is_served():
     """U = k/4 Σ z⁴ without anything about steps."""
 
-    class Quartic:
+    class Quartic(fc.BoundTerm):
         name, symmetric, has_energy = "Quartic", True, True
         dissipative = velocity_dependent = False
 
