@@ -16,9 +16,9 @@ from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
-from fecloth.terms.contact.friction import CREEP
+from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import starts_inside
-from fecloth.terms.contact.points import MOST, divisions, longest_edges, points_of
+from fecloth.terms.contact.points import MOST_PARTS, divisions, longest_edges, points_of
 from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.toolkit import ContactSets, is_installed
@@ -48,8 +48,10 @@ class BoundSkeleton(BoundTriangleContact):
             raise starts_inside(self.body, self.gap, where, nodes, depth[nodes])
 
 
-THIN = 4.0  # eighths of the longest edge: a shape that is not as wide acts by its skeleton
-LARGEST_GAP = 0.1  # of the extent of the cloth
+# The width of a shape, with the gap on both sides, over the distance of the points of a divided
+# edge, an eighth of it: a narrower shape acts by its skeleton. Chosen: some points then meet it.
+LEAST_WIDTH_OVER_PART = 4.0
+LARGEST_GAP_OVER_EXTENT = 0.1  # of the cloth; the gap is an error, and this one can be seen
 
 
 @dataclass(frozen=True)
@@ -147,37 +149,60 @@ class Obstacle:
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
         """The skeleton of a shape that is too thin for the points of the triangles, or None."""
-        part = float(longest_edges(cloth).max()) / MOST
-        gaps = 2 * self.gap
-        is_wide = self.shape.width + gaps >= THIN * part and self.shape.thinnest + gaps >= part
+        part = float(longest_edges(cloth).max()) / MOST_PARTS
+        width = self.shape.width + 2 * self.gap
+        thickness = self.shape.thinnest + 2 * self.gap
+        is_wide = width >= LEAST_WIDTH_OVER_PART * part and thickness >= part
         if is_wide or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 
     def bind(self, panel: Panel, slots) -> BoundObstacle | BoundSkeleton:
         cloth = panel.cloth
-        largest = LARGEST_GAP * cloth.extent
+        largest = LARGEST_GAP_OVER_EXTENT * cloth.extent
         if self.gap > largest:
             remedy = "The cloth rests about a gap away from the obstacle."
             allowed = f"must be at most {largest:.3g} m, a tenth of the extent of the cloth"
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
-        stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         if skeleton := self._skeleton(cloth):
-            thin = "an Obstacle that is thin against the edges of the triangles"
-            barrier.check_restitution(thin, self.restitution, of_pairs=True)
-            sized = float(self.gap), skeleton.thickness, stiffness, skeleton
-            sets = ContactSets.bind("Obstacle", cloth, *sized)
-            friction = self.friction, CREEP * cloth.extent
-            return BoundSkeleton("Obstacle", sets, *friction, self.shape, self.restitution)
+            return self._bind_skeleton(skeleton, panel)
         self._refuse_thin(cloth)
-        points = points_of(cloth, min(divisions(self.shape, self.gap, cloth), MOST), slots)
-        numbers = float(self.gap), stiffness, float(self.friction), CREEP * cloth.extent
-        return BoundObstacle(self.shape, *numbers, points, float(self.restitution))
+        parts = min(divisions(self.shape, self.gap, cloth), MOST_PARTS)
+        return BoundObstacle(
+            shape=self.shape,
+            gap=float(self.gap),
+            stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
+            friction=float(self.friction),
+            creep=CREEP_OVER_EXTENT * cloth.extent,
+            points=points_of(cloth, parts, slots),
+            restitution=float(self.restitution),
+        )
+
+    def _bind_skeleton(self, skeleton: Skeleton, panel: Panel) -> BoundSkeleton:
+        """The bound term of a thin shape, from its own points, edges and faces."""
+        thin = "an Obstacle that is thin against the edges of the triangles"
+        barrier.check_restitution(thin, self.restitution, of_pairs=True)
+        sets = ContactSets.bind(
+            "Obstacle",
+            panel.cloth,
+            gap=float(self.gap),
+            thickness=skeleton.thickness,
+            stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
+            fixed=skeleton,
+        )
+        return BoundSkeleton(
+            name="Obstacle",
+            sets=sets,
+            friction=self.friction,
+            creep=CREEP_OVER_EXTENT * panel.cloth.extent,
+            body=self.shape,
+            restitution=self.restitution,
+        )
 
     def _refuse_thin(self, cloth: Cloth) -> None:
         """Raise `InputError` for a shape that fits between the points of the triangles."""
         thinnest = self.shape.thinnest
-        part = float(longest_edges(cloth).max()) / MOST
+        part = float(longest_edges(cloth).max()) / MOST_PARTS
         width = thinnest + 2 * self.gap
         if width < part:
             kind = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
@@ -272,10 +297,25 @@ class MeshObstacle:
         cloth = panel.cloth
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = Skeleton(self.scale * nodes, NO_EDGES, triangles)
-        sets = ContactSets.bind("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
-        body = self._body if self._body.moves else None
-        friction = self.friction, CREEP * cloth.extent
-        return BoundMeshObstacle("MeshObstacle", sets, *friction, body, self.restitution)
+        sets = ContactSets.bind(
+            "MeshObstacle",
+            cloth,
+            gap=float(self.gap),
+            thickness=0.0,
+            stiffness=stiffness,
+            fixed=fixed,
+        )
+        body = None
+        if self._body.moves:
+            body = self._body
+        return BoundMeshObstacle(
+            name="MeshObstacle",
+            sets=sets,
+            friction=self.friction,
+            creep=CREEP_OVER_EXTENT * cloth.extent,
+            body=body,
+            restitution=self.restitution,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +326,7 @@ class BoundMeshObstacle(BoundTriangleContact):
         return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
-        """Its mesh, wherever the place is."""
+        """The whole mesh, wherever the place is."""
         faces = np.asarray(self.sets.mesh.faces)
         first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
         nodes = self.sets.fixed
@@ -295,5 +335,5 @@ class BoundMeshObstacle(BoundTriangleContact):
         return Triangles(nodes, faces[faces.min(axis=1) >= first] - first)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
-        """What intersects at x, and what is allowed, for an error."""
+        """The words of an error for a cloth that passes through the mesh, and what is allowed."""
         return "the cloth passes through the mesh at the start", "must start on one side"

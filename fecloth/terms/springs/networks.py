@@ -13,15 +13,28 @@ EDGE, WARP, WEFT, SHEAR, BEND = range(5)
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A network of springs between pairs of nodes."""
+    """A network of s springs between pairs of nodes.
 
-    nodes: np.ndarray  # (m, 2) int32
-    vectors: np.ndarray  # (m, 2) from node 0 to node 1 in the reference plane [m]
-    kind: np.ndarray  # (m,) EDGE (of no class), WARP or WEFT (stretch along X or Y), SHEAR or BEND
-    sides: np.ndarray  # (m, 2) the triangles whose area the spring has a share in; −1: none
+    Attributes
+    ----------
+    nodes
+        The two nodes (s, 2) of each spring, as int32.
+    vectors
+        The way (s, 2) from its node 0 to its node 1 in the flat cloth [m].
+    kind
+        The class (s,) of each spring: EDGE (of no class), WARP or WEFT (stretch along X or Y),
+        SHEAR or BEND.
+    sides
+        The triangles (s, 2) of whose area the spring has a share; −1 for none.
+    """
+
+    nodes: np.ndarray
+    vectors: np.ndarray
+    kind: np.ndarray
+    sides: np.ndarray
 
     def sum_over_sides(self, values: np.ndarray) -> np.ndarray:
-        """Sum values (m,) of triangles over the one or two at each spring: (s,)."""
+        """(s,) values (m,) of triangles, summed over the one or two at each spring."""
         return np.append(values, 0.0)[self.sides].sum(axis=1)
 
     def van_gelder_stiffness(self, panel: Panel) -> np.ndarray:
@@ -32,22 +45,23 @@ class Net:
     def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
         """Stiffness k (s,) [N/m] of a structural network.
 
-        `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives
-        it.
+        `stiffness` has a number for stretch, shear and bend, or None where the fabric gives it.
         """
         stretch, shear, bend = stiffness
+        given = {EDGE: stretch, WARP: stretch, WEFT: stretch, SHEAR: shear, BEND: bend}
         k = np.zeros(len(self.nodes))
-        for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):
-            for kind in kinds:
-                of_class = self.kind == kind
-                if of_class.any() and value is None:
-                    k[of_class] = self._derive_stiffness(panel, kind)[of_class]
-                elif of_class.any():
-                    k[of_class] = value
+        for kind, value in given.items():
+            is_of_class = self.kind == kind
+            if not is_of_class.any():
+                continue
+            if value is None:
+                k[is_of_class] = self._derive_stiffness(panel, kind)[is_of_class]
+            else:
+                k[is_of_class] = value
         return k
 
     def _derive_stiffness(self, panel, kind):
-        """Derive k (s,) from the fabric for the springs of a class; ignore k of other classes."""
+        """k (s,) from the fabric for the springs of a class; other springs have no use of it."""
         area = panel.cloth.weights.sum(axis=1)
         square = np.sum(self.vectors**2, axis=1)
         if kind == EDGE:
@@ -83,9 +97,11 @@ def edges(cloth: Cloth) -> Net:
 
 
 def structural(cloth: Cloth, shear: float | None = None, bend: float | None = None) -> Net:
-    """Make springs of Provot's classes on a grid, without springs of stiffness 0; else the edges.
+    """Make springs of Provot's classes on a grid; on other meshes, springs of the edges.
 
-    If `shear` is None there are shear springs; if `bend` is None there are no bend springs.
+    There are no springs of stiffness 0. With `shear` = None there are shear springs, with
+    `bend` = None there are no bend springs. Raises `InputError` for a stiffness of shear or
+    bend on a mesh that is no grid.
     """
     net = edges(cloth)
     dx, dy = np.abs(net.vectors.T)
@@ -108,20 +124,23 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
         for axis, is_along in ((0, across), (1, up)):
             nodes = _next_but_one(cloth.X[:, axis], net.nodes[is_along])
             parts.append((nodes, np.full(len(nodes), BEND), np.full(nodes.shape, -1)))
-    nodes, kind, sides = (np.concatenate(each) for each in zip(*parts, strict=True))
+    nodes, kind, sides = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     is_stiff = (kind != SHEAR) | (shear != 0.0)
     return _make_net(cloth, nodes[is_stiff], kind[is_stiff], sides[is_stiff])
 
 
 def _make_net(cloth, nodes, kind, sides) -> Net:
+    """The network of springs between nodes (s, 2) of a cloth."""
     nodes = np.ascontiguousarray(nodes, dtype=np.int32)
-    return Net(nodes, cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]], kind, sides)
+    vectors = cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]]
+    return Net(nodes, vectors, kind, sides)
 
 
 def _directions(vectors):
     """Find the distinct vectors, up to their sign and 1e-6 of the longest."""
     sign = np.where((vectors[:, 0] < 0) | ((vectors[:, 0] == 0) & (vectors[:, 1] < 0)), -1, 1)
-    return np.unique(np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6), axis=0)
+    rounded = np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6)
+    return np.unique(rounded, axis=0)
 
 
 def _is_grid(vectors, across, up, oblique) -> bool:
@@ -153,6 +172,7 @@ def _isotropic(fabric) -> np.ndarray:
     if warp != weft:
         what = f"tensile_stiffness = {fabric.tensile}"
         allowed = "must be one number: these springs do not know warp and weft"
-        remedy = 'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.'
+        pattern = 'the pattern "right" or "cross" without grain'
+        remedy = f'Use StVK, or kind = "structural" on {pattern}.'
         raise InputError(what, allowed, "Springs", remedy)
     return np.array([warp])
