@@ -43,8 +43,8 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.reductions import dot, mean
 from fecloth.terms.protocol import At, BoundTerm, taken_from
 
-# |N| over the sum of both energies: at or below it, N is the round-off of their difference, a few
-# times 2e-16, and no correction is due.
+# |N| over the sum of both energies. At or below it, N is the round-off of their difference, a
+# few times 2e-16, and no correction is due.
 ROUND_OFF_OVER_ENERGIES = 1e-15
 
 
@@ -135,7 +135,7 @@ class DiscreteGradient(BoundTerm):
 
 @dataclass(frozen=True, eq=False)
 class OverMean(BoundTerm):
-    """A term over a step from `start` to 2x − start, with the force of ``term.between(start, x)``.
+    """A term over a step from `start` to 2x − start: at x, ``term.between(start, x)``.
 
     The change of `between` with x is left out of the tangent, which is exact for a step without
     motion only.
