@@ -51,7 +51,7 @@ def integral(s: np.ndarray) -> np.ndarray:
 
 
 def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
-    """Raise `InputError` for numbers that no contact can have."""
+    """Raise `InputError` for a gap, friction or stiffness out of its range."""
     validation.positive("gap", gap, "m", where)
     validation.positive("friction", friction, "", where, or_zero=True)
     if stiffness != "auto" and not (is_number(stiffness) and stiffness > 0):

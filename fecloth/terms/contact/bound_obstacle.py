@@ -64,7 +64,7 @@ class BoundObstacle(BoundContact):
 
     @property
     def symmetric(self) -> bool:
-        """Whether there is no friction, which is not symmetric by itself, but over a step."""
+        """Whether there is no friction: its tangent is symmetric only over a step."""
         return not self.friction
 
     def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
@@ -85,7 +85,7 @@ class BoundObstacle(BoundContact):
                 yield Contacts(points, which, y=y[is_touching], s=s, approach=approach)
 
     def _approach(self, kind: int, which: np.ndarray, s: np.ndarray) -> Approach:
-        """How some of the points of a kind have come to the distances s (p,) over the gap."""
+        """How the points `which` of a kind come to the distances s (p,) over the gap."""
         if self.moved is None:
             return Approach(s0=s, a=np.zeros(len(s)))
         speeds = np.zeros(len(s))
@@ -96,22 +96,22 @@ class BoundObstacle(BoundContact):
         return Approach(s0=before / self.gap, a=c * self.gap / self.moved.dt)
 
     def distances(self, x: np.ndarray, t: float, kind: int, which: np.ndarray) -> np.ndarray:
-        """(p,) distances [m] of some of the points of a kind."""
+        """(p,) distances [m] of the points `which` of a kind."""
         y = self.shape.pose(t).to_body(self.points[kind].values(x, which))
         return self.shape.distance(y, t)
 
-    def slopes(self, at: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(self, contacts: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
-        gradient, hessian = self.shape.slopes(at.y, t)
+        gradient, hessian = self.shape.slopes(contacts.y, t)
         if self.shape.rotate is None:
             return gradient, hessian
         R = self.shape.pose(t).R
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
-    def normal_force(self, at: Contacts) -> np.ndarray:
+    def normal_force(self, contacts: Contacts) -> np.ndarray:
         """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
-        force = self.stiffness * at.areas * barrier.pressure(at.s)
-        return force * at.approach.factor(at.s)
+        force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
+        return force * contacts.approach.factor(contacts.s)
 
     def energy(self, x, t) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
@@ -128,40 +128,47 @@ class BoundObstacle(BoundContact):
 
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d [N], the force without friction."""
-        for at in self.touching(x, t):
-            if at.s.min() <= 0.0:
+        for contacts in self.touching(x, t):
+            if contacts.s.min() <= 0.0:
                 f += np.nan
                 return
-            gradient = self.slopes(at, t)[0]
-            at.points.add_force(at.which, self.normal_force(at)[:, None] * gradient, f)
+            gradient = self.slopes(contacts, t)[0]
+            contacts.points.add_force(
+                contacts.which, self.normal_force(contacts)[:, None] * gradient, f
+            )
 
     def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
-        for at in self.touching(x, t):
-            at.points.add_tangent(at.which, wx * self.push_tangent(at, t, definite), J)
+        for contacts in self.touching(x, t):
+            contacts.points.add_tangent(
+                contacts.which, wx * self.push_tangent(contacts, t, definite), J
+            )
         for sliding, w in rubbing:
-            contacts = sliding.at
+            contacts = sliding.contacts
             contacts.points.add_tangent(contacts.which, sliding.damping(w, weight), J)
 
-    def push_tangent(self, at: Contacts, t: float, definite: bool) -> np.ndarray:
+    def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
         """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
-        gradient, hessian = self.slopes(at, t)
-        steep = self.stiffness / self.gap * at.areas
-        steep *= at.approach.curvature(at.s)
+        gradient, hessian = self.slopes(contacts, t)
+        steep = self.stiffness / self.gap * contacts.areas
+        steep *= contacts.approach.curvature(contacts.s)
         K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
-            K -= self.normal_force(at)[:, None, None] * hessian
+            K -= self.normal_force(contacts)[:, None, None] * hessian
         return K
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
+        """The points of each kind that slide at x and t, with μ λ, normals and velocities."""
         pose = self.shape.pose(t)
         sliding = []
-        for at in self.touching(x, t):
-            gradient = self.slopes(at, t)[0]
+        for contacts in self.touching(x, t):
+            gradient = self.slopes(contacts, t)[0]
             steep = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-            limit = self.friction * self.normal_force(at) * steep
-            surface = self.shape.mean_velocity(at.y, pose.to_space(at.y), t, dt)
+            limit = self.friction * self.normal_force(contacts) * steep
+            surface = self.shape.mean_velocity(contacts.y, pose.to_space(contacts.y), t, dt)
             n = gradient / steep[:, None]
-            sliding.append(SlidingPoints(at, limit, n, surface, self.creep))
+            sliding.append(
+                SlidingPoints(contacts=contacts, limit=limit, n=n, surface=surface, eps=self.creep)
+            )
         return sliding
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
@@ -171,19 +178,20 @@ class BoundObstacle(BoundContact):
             return
         spin = np.cross(self.shape.rates(t)[1], np.eye(3)).T
         for sliding in self.lag(x, t, None):
-            contacts = sliding.at
+            contacts = sliding.contacts
             change = -self.friction * self.push_tangent(contacts, t, definite)
             K = sliding.stiffness(sliding.values(v), change, spin)
             contacts.points.add_tangent(contacts.which, wx * K, J)
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
+        """Work [J] on the cloth by a shape that deforms: the force times what the shape grows."""
         if not self.shape.deforms:
             return 0.0
         work = 0.0
-        for at in self.touching(x, t):
-            there = at.points.values(y, at.which)
+        for contacts in self.touching(x, t):
+            there = contacts.points.values(y, contacts.which)
             grown = self.shape.distance(there, t) - self.shape.distance(there, before)
-            work -= float(self.normal_force(at) @ grown)
+            work -= float(self.normal_force(contacts) @ grown)
         return work
 
     def over(self, moved: Touched) -> BoundObstacle:
@@ -215,9 +223,9 @@ class BoundObstacle(BoundContact):
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
         speeds = [0.0]
         pose = self.shape.pose(old.t)
-        for at in self.touching(x, t):
-            place = at.points.values(old.x, at.which)
-            v = at.points.values(old.v, at.which)
+        for contacts in self.touching(x, t):
+            place = contacts.points.values(old.x, contacts.which)
+            v = contacts.points.values(old.v, contacts.which)
             y = pose.to_body(place)
             n = self.shape.slopes(y, old.t)[0] @ pose.R.T
             n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -262,6 +270,7 @@ class BoundObstacle(BoundContact):
         return self.least_distance(x, t) > 0.0
 
     def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
+        """Whether a point passes through the shape on its straight way in the shape's frame."""
         begin = self.shape.pose(old.t).to_body(old.x)
         end = self.shape.pose(t).to_body(x)
         at_nodes = self.shape.distance(begin, t)
@@ -305,6 +314,7 @@ class BoundObstacle(BoundContact):
             gaps_more = max(1, 2 * gaps_more)
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] of a point of any kind from the shape."""
         pose = self.shape.pose(t)
         at_nodes = self.shape.distance(pose.to_body(x), t)
         least = float(at_nodes.min())
@@ -318,10 +328,10 @@ class BoundObstacle(BoundContact):
     def mean_distance(self, x: np.ndarray, t: float) -> float:
         """The mean distance [m] of the points that it pushes, by their force; NaN without any."""
         force = moment = 0.0
-        for at in self.touching(x, t):
-            push = self.normal_force(at)
+        for contacts in self.touching(x, t):
+            push = self.normal_force(contacts)
             force = force + push.sum()
-            moment = moment + push @ at.s * self.gap
+            moment = moment + push @ contacts.s * self.gap
         if force == 0.0:
             return math.nan
         return float(moment / force)

@@ -76,7 +76,7 @@ class SlidingPoints:
 
     Attributes
     ----------
-    at
+    contacts
         The p points that touch.
     limit
         μ λ (p,) [N], the most friction of each.
@@ -88,14 +88,14 @@ class SlidingPoints:
         Speed ε [m/s] from which friction has its full value.
     """
 
-    at: Contacts
+    contacts: Contacts
     limit: np.ndarray
     n: np.ndarray
     surface: np.ndarray
     eps: float
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return self.at.points.values(of_nodes, self.at.which)
+        return self.contacts.points.values(of_nodes, self.contacts.which)
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         return along(self.n, v - self.surface)
@@ -110,7 +110,7 @@ class SlidingPoints:
     def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
         """f (n, 3) −= μ λ f₁(y)/y w [N]."""
         size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
-        self.at.points.add_force(self.at.which, -size[:, None] * w, f)
+        self.contacts.points.add_force(self.contacts.which, -size[:, None] * w, f)
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""

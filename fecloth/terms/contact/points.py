@@ -42,7 +42,7 @@ class NodePoints:
         return np.flatnonzero(at_nodes < reach)
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(p, 3) values at some of the points, from values at the nodes (n, 3)."""
+        """(p, 3) values at the points `which`, from values at the nodes (n, 3)."""
         return of_nodes[which]
 
     def between(self, held: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ class NodePoints:
         return held
 
     def nodes(self, which: np.ndarray) -> np.ndarray:
-        """The nodes that move some of the points."""
+        """The nodes that move the points `which`."""
         return which
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:

@@ -1,17 +1,17 @@
 """How a contact dissipates: its pressure is multiplied by max(0, 1 − c ḋ), with the distance d.
 
 Over a step, ḋ is (d − d₀)/dt with the distance d₀ at its begin. So the pressure of a point
-depends on d alone, and has a potential over the step. In lengths of the gap, with s = d/gap,
-s₀ = d₀/gap and a = c gap/dt,
+depends on d alone, and has a potential over the step. With s = d/gap, s₀ = d₀/gap and
+a = c gap/dt these are
 
     pressure   p(s) w(s)       with w = max(0, 1 − a (s − s₀))
     potential  ∫_s^m p w dσ    with m = min(1, s₀ + 1/a)
 
-where p = −b′ is the pressure of the barrier b. An approach raises the pressure, a retreat lowers
-it, and it is never negative: nothing sticks.
+where p = −b′ is the pressure of the barrier b. An approach raises the pressure and a retreat
+lowers it. It is never negative, so that nothing sticks.
 
-Without other forces the equation m d̈ = p(d) (1 − c ḋ) can be integrated, for any pressure: a
-speed v₁ of the first touch leaves the speed e v₁, where y = c v₁ follows from
+Without other forces the equation m d̈ = p(d) (1 − c ḋ) can be integrated, for any pressure p. Of
+the speed v₁ of the first touch it leaves the speed e v₁, where y = c v₁ follows from
 
     y − ln(1 + y) = −e y − ln(1 − e y)
 

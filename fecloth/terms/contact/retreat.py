@@ -5,12 +5,12 @@ the energy E(d) of such a pair a retreat z > 0 releases only
 
     E(d₀) − E(d₀ + r),   r = z − z²/(2ρ) for z < ρ, else ρ/2
 
-with ρ = dt/c, or half of the way out of the gap if that is less. So the pair pushes by p(d₀ +
-r) max(0, 1 − z/ρ), the law of `restitution` for e = 0 with c = 400 s/m: the push vanishes
-above the speed 1/c = 2.5 mm/s, and nothing sticks. What is held back is added to the energy of
-the pairs at x, as the potential E(d₀ + r) − E(d₀ + z). The force of this potential never does
-work on the cloth, also where other pairs have taken the place of these. An approach is
-elastic.
+with ρ = dt/c, or half of the way out of the gap if that is less. With p = −E′, the pair pushes
+by p(d₀ + r) max(0, 1 − z/ρ). That is the law of `restitution` for e = 0 with c = 400 s/m: the
+push vanishes above the speed 1/c = 2.5 mm/s, and nothing sticks. The rest of the elastic push
+is taken back by a potential E(d₀ + r) − E(d₀ + z), which is added to the energy of the pairs at
+x. The force of this potential never does work on the cloth, also where the step has replaced
+these pairs by others. An approach is elastic.
 """
 
 from __future__ import annotations

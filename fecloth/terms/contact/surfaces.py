@@ -49,6 +49,7 @@ def surface_of(shape: Shape, t: float, place: np.ndarray, reach: float) -> Trian
 
 
 def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
+    """The surface of a shape in its own frame, near a `place` (3,) in that frame."""
     if isinstance(shape, shapes.Sphere):
         return _turned(_arc(shape.radius, -1, 1), shape.center, (0.0, 0.0, 1.0))
     if isinstance(shape, shapes.Capsule):

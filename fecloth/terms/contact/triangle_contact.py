@@ -151,6 +151,7 @@ class BoundTriangleContact(BoundContact):
         return sum(parts[1:], start=parts[0])
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
+        """What slides at x and t; over a step with the normal forces that dissipation leaves."""
         y = self.place(x, t)
         surface: np.ndarray | float = 0.0
         if self.body is not None:
@@ -237,14 +238,14 @@ class SelfContact:
         b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
 
     so that no triangle ever passes through another. The pressure between two layers is 1.7 to
-    2.7 times −κ b′(s), as nodes and edges of both act: less on unstructured meshes, more on
-    "right" ones. Pairs that share a node do not act. The forces are continuous, their slopes
-    almost: they jump where edges are exactly parallel. In each step of Newton's iteration a
-    continuous collision detection finds how far the cloth may move.
+    2.7 times −κ b′(s), as nodes and edges of both layers act: less on unstructured meshes, more
+    on "right" ones. Pairs that share a node do not act. The forces are continuous. Their slopes
+    are continuous, too, except where edges are exactly parallel. In each step of Newton's
+    iteration a continuous collision detection finds how far the cloth may move.
 
-    The pairs change from iteration to iteration. So the tangent stays outside the fixed
-    pattern of the matrix (`coupling`); without a contact a step costs as much as before, plus
-    the search for pairs. P2 triangles touch as four flat ones each.
+    The pairs change from iteration to iteration. So their tangent is not in the fixed pattern
+    of the matrix (`coupling`). Without a contact, a step costs only the search for pairs more.
+    A P2 triangle touches as four flat ones.
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4); Li, Kaufman and Jiang (2021),
@@ -253,9 +254,9 @@ class SelfContact:
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
-    With the restitution 0 an impact dissipates: over a step pairs that move apart push less, by
-    max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little more than v
-    (`retreat`).
+    With the restitution 0 an impact dissipates: over a step the push of pairs that move apart
+    is multiplied by max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little
+    more than v (`retreat`).
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`,
     from a start free of intersections.
@@ -307,13 +308,7 @@ class SelfContact:
             thickness=float(self.thickness),
             stiffness=stiffness,
         )
-        edges = cloth.X[sets.triangles] - cloth.X[np.roll(sets.triangles, 1, axis=1)]
-        largest = float(np.linalg.norm(edges, axis=2).min()) / LEAST_EDGE_OVER_GAP
-        if self.gap + self.thickness > largest:
-            what = f"gap + thickness = {self.gap + self.thickness:.4g} m"
-            allowed = f"must be at most {largest:.4g} m, a third of the shortest edge"
-            remedy = "Take a smaller gap, or a coarser mesh: neighbours would push each other."
-            raise InputError(what, allowed, "SelfContact", remedy)
+        self._refuse_large_gap(cloth.X[sets.triangles])
         return BoundTriangleContact(
             name="SelfContact",
             sets=sets,
@@ -321,3 +316,13 @@ class SelfContact:
             creep=CREEP_OVER_EXTENT * cloth.extent,
             restitution=self.restitution,
         )
+
+    def _refuse_large_gap(self, corners: np.ndarray) -> None:
+        """Raise `InputError` if neighbours would touch, for triangles with corners (s, 3, 2)."""
+        edges = corners - np.roll(corners, 1, axis=1)
+        largest = float(np.linalg.norm(edges, axis=2).min()) / LEAST_EDGE_OVER_GAP
+        if self.gap + self.thickness > largest:
+            what = f"gap + thickness = {self.gap + self.thickness:.4g} m"
+            allowed = f"must be at most {largest:.4g} m, a third of the shortest edge"
+            remedy = "Take a smaller gap, or a coarser mesh: neighbours would push each other."
+            raise InputError(what, allowed, "SelfContact", remedy)

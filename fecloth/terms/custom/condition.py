@@ -116,17 +116,8 @@ class Condition:
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
         cloth = panel.cloth
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
-        extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        size = np.where(extent > 0, extent, np.sqrt(cloth.area / len(cloth.triangles)))
-        r = self._components(rest)
-        functions = Derivatives(
-            value=self.value,
-            gradient=self.gradient,
-            hessian=self.hessian,
-            size=size,
-            r=r,
-            name=self.name,
-        )
+        size_of_triangle = float(np.sqrt(cloth.area / len(cloth.triangles)))
+        functions = self._make_functions(rest, size_of_triangle)
         functions.check(rest)
         hessian = "exact"
         if self.gauss_newton:
@@ -135,7 +126,7 @@ class Condition:
             return BoundUserCondition.bind(
                 self.name,
                 KERNELS,
-                convex=(int(self.convex),) * r,
+                convex=(int(self.convex),) * functions.r,
                 panel=panel,
                 slots=slots,
                 nodes=self.nodes,
@@ -150,10 +141,29 @@ class Condition:
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-            shapes = f"{np.shape(self.stiffness)} and {np.shape(self.damping)}"
-            what = f"stiffness and damping of shapes {shapes}"
-            m = len(self.nodes)
-            raise InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name) from None
+            raise self._wrong_shapes(functions.r) from None
+
+    def _make_functions(self, rest: np.ndarray, least_size: float) -> Derivatives:
+        """C, ∂C and ∂²C, with the sizes of the stencils at `rest` (m, k, 3) for differences.
+
+        A stencil of one node has no size: it takes `least_size` [m], that of a triangle.
+        """
+        extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        return Derivatives(
+            value=self.value,
+            gradient=self.gradient,
+            hessian=self.hessian,
+            size=np.where(extent > 0, extent, least_size),
+            r=self._components(rest),
+            name=self.name,
+        )
+
+    def _wrong_shapes(self, r: int) -> InputError:
+        """The error for a stiffness or a damping that does not fit r components."""
+        shapes = f"{np.shape(self.stiffness)} and {np.shape(self.damping)}"
+        m = len(self.nodes)
+        what = f"stiffness and damping of shapes {shapes}"
+        return InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name)
 
     def _components(self, rest: np.ndarray) -> int:
         """r, the number of components of C, from its value at rest.

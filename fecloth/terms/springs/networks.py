@@ -61,7 +61,11 @@ class Net:
         return k
 
     def _derive_stiffness(self, panel, kind):
-        """k (s,) from the fabric for the springs of a class; other springs have no use of it."""
+        """k (s,) from the fabric, as for springs of one class.
+
+        The springs of a class share the area of the whole cloth, in proportion to the area of
+        the triangles beside them.
+        """
         area = panel.cloth.weights.sum(axis=1)
         square = np.sum(self.vectors**2, axis=1)
         if kind == EDGE:
@@ -72,17 +76,20 @@ class Net:
                 _isotropic(fabric)
         values = panel.each(lambda fabric: np.array([*fabric.tensile, fabric.shear]))
         modulus = values[:, (WARP, WEFT, SHEAR).index(kind)]
-        # the springs of a class share the whole area, in proportion to the triangles beside them
-        whole = area.sum() / self.sum_over_sides(area)[self.kind == kind].sum()
-        k = whole * self.sum_over_sides(modulus * area) / square
+        area_beside_class = self.sum_over_sides(area)[self.kind == kind].sum()
+        k = area.sum() / area_beside_class * self.sum_over_sides(modulus * area) / square
         if kind != SHEAR:
             return k
-        cs = np.prod(self.vectors, axis=1) / square
+        cs = np.prod(self.vectors, axis=1) / square  # cosine times sine of the direction
         return k / np.where(cs == 0, 1.0, cs**2)
 
 
 def edges(cloth: Cloth) -> Net:
-    """Make springs of all edges of the triangles, in the order of the cloth's nodes."""
+    """Make springs of all edges of the triangles, in the order of the cloth's nodes.
+
+    An edge belongs to one triangle, or to two: `first` and `last` are its numbers among all
+    sides of triangles, three for each.
+    """
     start = cloth.triangles.ravel().astype(np.int64)
     end = np.roll(cloth.triangles, -1, axis=1).ravel().astype(np.int64)
     keys = np.minimum(start, end) * len(cloth.X) + np.maximum(start, end)
@@ -105,28 +112,33 @@ def structural(cloth: Cloth, shear: float | None = None, bend: float | None = No
     """
     net = edges(cloth)
     dx, dy = np.abs(net.vectors.T)
-    across = dy < 1e-9 * dx
-    up = dx < 1e-9 * dy
-    oblique = ~(across | up)
-    if not _is_grid(net.vectors, across, up, oblique):
-        for name, value in (("shear", shear), ("bend", bend)):
-            if value:
-                remedy = 'Leave it out, or use the pattern "right" or "cross".'
-                raise InputError(f"{name} = {value!r}", "needs a grid", "Springs", remedy)
+    is_along_x = dy < 1e-9 * dx
+    is_along_y = dx < 1e-9 * dy
+    is_oblique = ~(is_along_x | is_along_y)
+    if not _is_grid(net.vectors, is_along_x, is_along_y, is_oblique):
+        _refuse_without_grid(shear=shear, bend=bend)
         return net
-    kind = np.select([across, up], [WARP, WEFT], SHEAR)
+    kind = np.select([is_along_x, is_along_y], [WARP, WEFT], SHEAR)
     parts = [(net.nodes, kind, net.sides)]
-    inner_oblique = oblique & (net.sides[:, 1] >= 0)
-    if len(_directions(net.vectors[oblique])) == 1:  # the other diagonal of each cell
-        nodes = _opposite_nodes(cloth, net.nodes[inner_oblique], net.sides[inner_oblique])
-        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[inner_oblique]))
+    if len(_directions(net.vectors[is_oblique])) == 1:  # cells have one diagonal: add the other
+        is_inner = is_oblique & (net.sides[:, 1] >= 0)
+        nodes = _opposite_nodes(cloth, net.nodes[is_inner], net.sides[is_inner])
+        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[is_inner]))
     if bend:
-        for axis, is_along in ((0, across), (1, up)):
+        for axis, is_along in ((0, is_along_x), (1, is_along_y)):
             nodes = _next_but_one(cloth.X[:, axis], net.nodes[is_along])
             parts.append((nodes, np.full(len(nodes), BEND), np.full(nodes.shape, -1)))
     nodes, kind, sides = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     is_stiff = (kind != SHEAR) | (shear != 0.0)
     return _make_net(cloth, nodes[is_stiff], kind[is_stiff], sides[is_stiff])
+
+
+def _refuse_without_grid(**stiffness: float | None) -> None:
+    """Raise `InputError` for a stiffness of springs that only a grid has."""
+    for name, value in stiffness.items():
+        if value:
+            remedy = 'Leave it out, or use the pattern "right" or "cross".'
+            raise InputError(f"{name} = {value!r}", "needs a grid", "Springs", remedy)
 
 
 def _make_net(cloth, nodes, kind, sides) -> Net:
@@ -137,27 +149,27 @@ def _make_net(cloth, nodes, kind, sides) -> Net:
 
 
 def _directions(vectors):
-    """Find the distinct vectors, up to their sign and 1e-6 of the longest."""
+    """The distinct vectors, up to their sign and 1e-6 of the longest."""
     sign = np.where((vectors[:, 0] < 0) | ((vectors[:, 0] == 0) & (vectors[:, 1] < 0)), -1, 1)
     rounded = np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6)
     return np.unique(rounded, axis=0)
 
 
-def _is_grid(vectors, across, up, oblique) -> bool:
-    """Return whether there is one vector along X, one along Y, and one or two oblique ones."""
+def _is_grid(vectors, *groups) -> bool:
+    """Whether all vectors of each group are equal, up to the signs of their components."""
     rounded = np.round(np.abs(vectors) / np.abs(vectors).max() * 1e6)
-    return all(len(np.unique(rounded[group], axis=0)) == 1 for group in (across, up, oblique))
+    return all(len(np.unique(rounded[group], axis=0)) == 1 for group in groups)
 
 
 def _opposite_nodes(cloth, pairs, sides):
-    """Find the nodes (e, 2) of the two triangles at each edge that are not on it."""
+    """The nodes (e, 2) opposite each edge, of the two triangles beside it."""
     triangles = cloth.triangles[sides]  # (e, 2, 3)
-    on = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
-    return np.where(on, 0, triangles).sum(axis=2).astype(np.int32)
+    is_on_edge = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
+    return np.where(is_on_edge, 0, triangles).sum(axis=2).astype(np.int32)
 
 
 def _next_but_one(coordinate, pairs):
-    """Join the ends (b, 2) of two edges in a row, by a `coordinate` (n,) along them."""
+    """The ends (b, 2) of two edges in a row, for edges along a `coordinate` (n,)."""
     is_forward = coordinate[pairs[:, 0]] < coordinate[pairs[:, 1]]
     forward = np.where(is_forward[:, None], pairs, pairs[:, ::-1])
     following = np.full(len(coordinate) + 1, -1)
@@ -167,7 +179,7 @@ def _next_but_one(coordinate, pairs):
 
 
 def _isotropic(fabric) -> np.ndarray:
-    """(1,) Y of a fabric; one whose warp and weft differ is an error."""
+    """(1,) Y of a fabric; raises `InputError` where warp and weft differ."""
     warp, weft = fabric.tensile
     if warp != weft:
         what = f"tensile_stiffness = {fabric.tensile}"
