@@ -211,7 +211,9 @@ def elongation(y, c, order, C, g, H):
         if order > 1:
             for i in range(3):
                 for j in range(3):
-                    h = (float(i == j) - n[i] * n[j]) * inverse
+                    h = -n[i] * n[j] * inverse
+                    if i == j:
+                        h = (1.0 - n[i] * n[i]) * inverse
                     H[0, 0, i, 0, j] = H[0, 1, i, 1, j] = h
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 

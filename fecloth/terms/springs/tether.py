@@ -115,7 +115,8 @@ def offset(y, c, order, C, g, H):
         C[r] = y[0, r] - c[r]
         if order > 0:
             for i in range(3):
-                g[r, 0, i] = float(i == r)
+                g[r, 0, i] = 0.0
+            g[r, 0, r] = 1.0
     if order > 1:
         H[:] = 0.0
 
