@@ -120,7 +120,7 @@ class DiscreteGradient(BoundTerm):
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
 
-        Over the step the normals are those of the mean time, and the forces on the nodes do the
+        Over the step the normals are taken at the mean time, and the forces on the nodes do the
         work of the energy with these normals. What is left is the change of the energy at the
         old positions up to the mean time, and at the new positions from then on.
         """

@@ -28,7 +28,7 @@ def deformation_gradient(
     gradients
         The G_a (m, q, k, 2) of all triangles [1/m]; left out, the gradients along X and Y.
     triangles
-        The triangles of which F is wanted; left out, all.
+        The triangles to compute; left out, all.
     """
     G = gradients
     if G is None:

@@ -21,7 +21,7 @@ from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
-Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
+Rubbing = Iterable[tuple[Any, np.ndarray]]  # each `Sliding`, and its velocities w
 
 
 @remembered
@@ -295,7 +295,7 @@ class ContactOverStep(BoundTerm):
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
-        """Σ cᵢ xᵢ [m] at the points of what slides."""
+        """Σ cᵢ xᵢ [m] at the points of each `Sliding`."""
         past = np.add.reduce([weight * x for weight, x in self.step.past])
         return [sliding.values(past) for sliding in self.sliding]
 

@@ -3,7 +3,7 @@
 import importlib.util
 import math
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -39,6 +39,14 @@ def load(where: str) -> Any:
     ipctk.set_logger_level(ipctk.LoggerLevel.error)  # its doubts are tested after each step
     ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
     return ipctk
+
+
+class KeptPairs(NamedTuple):
+    """Pairs that were found for the straight way of all nodes (n, 3) from `start` (n, 3) [m]."""
+
+    start: np.ndarray
+    way: np.ndarray
+    pairs: Any
 
 
 @dataclass(eq=False)
@@ -79,7 +87,7 @@ class ContactSets:
     thickness: float
     largest: float = math.inf
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
-    _pairs: tuple[np.ndarray, np.ndarray, Any] | None = field(default=None, repr=False)
+    _pairs: KeptPairs | None = field(default=None, repr=False)
     _crowded: bool = False
 
     @classmethod
@@ -167,10 +175,10 @@ class ContactSets:
             if len(pairs) > MOST_PAIRS_PER_NODE * len(x):
                 self._crowded = end is None
                 return None
-            self._pairs = x.copy(), way, pairs
+            self._pairs = KeptPairs(start=x.copy(), way=way, pairs=pairs)
         if self._crowded or self._pairs is None:
             return None
-        return self._pairs[2]
+        return self._pairs.pairs
 
     def _are_far(self, pairs: Any, x: np.ndarray, way: float) -> bool:
         """Whether no pair can touch while each node is less than a gap from its way from x.
@@ -188,8 +196,9 @@ class ContactSets:
         """Whether x is less than a gap from a point of the way of the pairs that are kept."""
         if self._crowded or self._pairs is None:
             return False
-        start, way, _ = self._pairs
-        away = square_away_from(np.ascontiguousarray(x), start, way, not len(self.fixed))
+        kept = self._pairs
+        drifts = not len(self.fixed)
+        away = square_away_from(np.ascontiguousarray(x), kept.start, kept.way, drifts)
         return bool(away < self.gap**2)
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:

@@ -146,7 +146,7 @@ class Condition:
     def _make_functions(self, rest: np.ndarray, least_size: float) -> Derivatives:
         """C, ∂C and ∂²C, with the sizes of the stencils at `rest` (m, k, 3) for differences.
 
-        A stencil of one node has no size: it takes `least_size` [m], that of a triangle.
+        A stencil of one node has no size: it takes `least_size` [m].
         """
         extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
         return Derivatives(

@@ -162,7 +162,7 @@ NAMES = ("11", "22", "66", "12", "16", "26")  # of ℂ; the first two, and 12, o
 # The strain E11, E22, E12 at which S and ℂ are compared with differences: small, as cloth is
 # strained, and without symmetries, so that every entry of ℂ counts.
 STRAIN_NEAR_REST = (0.011, -0.007, 0.005)
-# Step of these differences in E11, E22 and 2 E12. They have order 4: their error is that of
+# Step of these differences in E11, E22 and 2 E12. They have order 4: their error is the error by
 # round-off, about 1e-16/1e-5 of the largest entry.
 STEP_OF_STRAIN = 1e-5
 
