@@ -12,7 +12,7 @@ from fecloth.errors import InputError
 STEP_OVER_SIZE = 1e-3
 # A user's derivative is wrong if it is farther than this from finite differences, over the
 # largest entry. Differences are good to 1e-7 where the functions are smooth (see `Condition`).
-WRONG_DERIVATIVE = 1e-5
+WRONG_DERIVATIVE = 1e-6
 WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))  # central, of order 4
 
 Function = Callable[[np.ndarray], np.ndarray]
