@@ -14,14 +14,15 @@ import fecloth
 from fecloth import terms
 from fecloth.integrators import EXPLICIT, METHODS
 from fecloth.integrators.protocol import MethodTraits
-from fecloth.terms.protocol import ABILITIES, ALWAYS
+from fecloth.terms.protocol import ALWAYS, BoundTerm
 from fecloth.terms.traits import TermTraits
 
 PACKAGE = Path(fecloth.__file__).parent
 NAMES = {*terms.__all__, "Condition", "MembraneLaw", *METHODS, *EXPLICIT}
 NAMES |= {kind.__name__ for kind in {**METHODS, **EXPLICIT}.values()}
 # attributes of terms and methods, of their traits, and others that were once asked for by name
-ASKED = {*ABILITIES, *ALWAYS, *TermTraits.__dataclass_fields__, "no_space_error", "traits"}
+ASKED = {name for name in vars(BoundTerm) if not name.startswith("_")}
+ASKED |= {*ALWAYS, *TermTraits.__dataclass_fields__, "no_space_error", "traits"}
 ASKED |= {*MethodTraits.__dataclass_fields__, "step", "numerical", "check", "check_start"}
 ASKED |= {"method", "choose", "rtol", "longest", "rho_inf", "near", "kernels", "function", "moduli"}
 ASKED |= {"stiffness", "strain", "rest", "plate", "friction", "gap", "bind", "stencil", "send"}

@@ -9,6 +9,7 @@ from conftest import affine
 import fecloth as fc
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.terms.kinematics import principal_stretches
+from fecloth.terms.protocol import taken_from
 from fecloth.verify import (
     Sweep,
     VerificationFailed,
@@ -39,12 +40,16 @@ class WithErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundWithErrors:
+class BoundWithErrors(fc.BoundTerm):
     by: WithErrors
-    bound: object
+    bound: fc.BoundTerm
 
-    def __getattr__(self, name):
-        return getattr(self.bound, name)
+    name = taken_from("bound.name")
+    symmetric = taken_from("bound.symmetric")
+    has_energy = taken_from("bound.has_energy")
+    dissipative = taken_from("bound.dissipative")
+    velocity_dependent = taken_from("bound.velocity_dependent")
+    power = taken_from("bound.power")
 
     def energy(self, x, t):
         return self.by.energy * self.bound.energy(x, t)

@@ -256,12 +256,13 @@ class System(Arguments):
         """
         if history is None and not rates and not step.increment:
             return self
-        return self._with_changed(
+        changed = [
             term.over_step(step if record is None else replace(step, history=record))
             if rates or record is not None or (step.increment and term.limits_direction)
             else term
             for term, record in zip(self.bound, history or (None,) * len(self.bound), strict=True)
-        )
+        ]
+        return self._with_changed(changed, "over_step(step)")
 
     # --- the history of terms -------------------------------------------------------------------
 
@@ -285,10 +286,11 @@ class System(Arguments):
         """
         if history is None:
             return self
-        return self._with_changed(
+        changed = [
             term if record is None else term.with_history(record)
             for term, record in zip(self.bound, history, strict=True)
-        )
+        ]
+        return self._with_changed(changed, "with_history(record)")
 
     def commit(self, state: State, history: History | None) -> History | None:
         """The records at the end of a step, of the system over that step.
@@ -308,12 +310,17 @@ class System(Arguments):
                 raise InputError(what, "must be the record of the term after the step", "System")
         return records
 
-    def _with_changed(self, bound: Iterable) -> Self:
-        """A copy with these terms, or the system itself if they are its own."""
-        bound = tuple(protocol.complete(term) for term in bound)
-        if all(new is old for new, old in zip(bound, self.bound, strict=True)):
+    def _with_changed(self, changed: Sequence[protocol.BoundTerm], call: str) -> Self:
+        """A copy with these terms, or the system itself if they are its own.
+
+        `call` is the function of the terms that gave them, for the `InputError` about another
+        object than a bound term.
+        """
+        for name, term in zip(self.names, changed, strict=True):
+            protocol.check_derived(term, f"{name}.{call}")
+        if all(new is old for new, old in zip(changed, self.bound, strict=True)):
             return self
-        return self.with_bound(bound)
+        return self.with_bound(changed)
 
     # --- states -------------------------------------------------------------------------------
 

@@ -6,24 +6,23 @@ From positions x₀ to x₁ = 2x − x₀, with d = x₁ − x₀ and a force f 
 
 has the work f̄ · d = U(x₀) − U(x₁), whatever the step and the direction u. For f = −∂U/∂x and
 u = d this is the discrete gradient of Gonzalez (1996), Time Integration and Discrete
-Hamiltonian Systems, J. Nonlinear Sci. 6, taken for the cloth as a whole: N is one number, not
-one of each element. N is of third order in d, so f̄ − f of second, and the step keeps its
-order.
+Hamiltonian Systems, J. Nonlinear Sci. 6, for the cloth as a whole: N is one number for all
+elements. N is of third order in d. So f̄ − f is of second order, and the step keeps its order.
 
-u is d times the mass, like a change of momentum. Where no rigid motion changes U, it is
-without the rigid part of d,
+u is d times the mass, like a change of momentum. Where no rigid motion changes U, the rigid
+part of d is left out,
 
     u_a = m_a (d_a − d̄ − ω × p_a),   p_a = x_a − x̄,   Θω = Σ m p × d,   Θ = Σ m (|p|² I − p pᵀ)
 
 with the means d̄ and x̄ by mass. Then neither f nor u has a resultant or a moment about x, and
-the step keeps linear and angular momentum. Other terms, as loads that are fixed in space, have
-both, and a rigid motion changes U: there u = M d.
+the step keeps linear and angular momentum. Of other terms, such as loads that are fixed in
+space, a rigid motion changes U, and their forces have a resultant and a moment: there u = M d.
 
-The tangent is the tangent of f. It lacks the derivative of N u/(u·d), of second order in d, so
-that Newton's iteration converges linearly, the faster the shorter the step. Where a step turns
-the cloth and hardly deforms it, N and u are small, and N/(u·d) is a quotient of small numbers,
-for which the iteration may fail. So stiff terms do not use −∂U/∂x at x for f, but forces there
-for which N is zero, or small (`OverMean`):
+The tangent is the tangent of f. The derivative of N u/(u·d) is left out. It is of second order
+in d, so that Newton's iteration converges linearly, and the faster the shorter the step. Where
+a step turns the cloth and hardly deforms it, N and u are small, and N/(u·d) is a quotient of
+small numbers, for which the iteration may fail. So stiff terms do not use f = −∂U/∂x at x, but
+other forces there, for which N is zero or small (`OverMean`):
 
     membrane        S((E₀ + E₁)/2): N = 0 for an energy quadratic in E (Simo and Tarnow 1992, The
                     Discrete Energy–Momentum Method, ZAMP 43)
@@ -44,21 +43,35 @@ from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.linalg.reductions import dot, mean
 from fecloth.terms.protocol import At, BoundTerm, taken_from
 
-SHORT = 1e-16  # of u·d, relative to d·M d: at or below it the motion is rigid
-ROUND_OFF = 1e-15  # of N, relative to the energies
+# |N| over the sum of both energies. At or below it, N is the round-off of their difference, a
+# few times 2e-16, and no correction is due.
+ROUND_OFF_OVER_ENERGIES = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
 class DiscreteGradient(BoundTerm):
-    """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x."""
+    """A term as it acts over a step from `start` to 2x − start, evaluated at the mean x.
 
-    # It has the energy: of a term with a history `acting`, whose energy has the heat of the
-    # step.
+    Attributes
+    ----------
+    term
+        It gives the energy. Of a term with a history it is `acting`, whose energy includes the
+        heat of the step.
+    acting
+        It gives the force f and the tangent: the term, or the result of its `over_step`.
+    start
+        Positions x₀ (n, 3) [m].
+    mass
+        Masses (n,) of the nodes, all > 0 [kg].
+    t
+        Time [s] of the mean, at which both energies are taken.
+    """
+
     term: BoundTerm
-    acting: BoundTerm  # it has the force f and the tangent: the term, or what its `over_step` gave
-    start: np.ndarray  # (n, 3) positions x₀ [m]
-    mass: np.ndarray  # (n,) masses of the nodes, all > 0 [kg]
-    t: float  # time of the mean [s]; both energies are of this time
+    acting: BoundTerm
+    start: np.ndarray
+    mass: np.ndarray
+    t: float
 
     has_energy = False  # at x alone
     name = taken_from("term.name")
@@ -91,41 +104,58 @@ class DiscreteGradient(BoundTerm):
         """−N/(u·d) u (n, 3) [N] for the force f at x, or zero if N or u·d is round-off."""
         before = self.energy_before
         after = self.term.energy(x + 0.5 * d, self.t)
+        N = after - before + dot(f, d)
+        if abs(N) <= ROUND_OFF_OVER_ENERGIES * (abs(before) + abs(after)):
+            return np.zeros_like(f)
         momentum = self.mass[:, None] * d
-        u = deformation(self.mass, x, d) if self.term.objective else momentum
-        change = after - before + dot(f, d)
+        u = momentum
+        if self.term.objective:
+            u = deformation(self.mass, x, d)
         along = dot(u, d)
-        if abs(change) <= ROUND_OFF * (abs(before) + abs(after)):
+        is_rigid = along <= np.finfo(float).eps * dot(momentum, d)
+        if is_rigid:
             return np.zeros_like(f)
-        if along <= SHORT * dot(momentum, d):
-            return np.zeros_like(f)
-        return -change / along * u
+        return -N / along * u
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
 
-        Over the step the normals are taken at the mean time, and the forces on the nodes have
-        the work of the energy for these. What is left are the changes before and after that
-        time.
+        Over the step the normals are taken at the mean time, and the forces on the nodes do the
+        work of the energy with these normals. What is left is the change of the energy at the
+        old positions up to the mean time, and at the new positions from then on.
         """
         if self.term.work_of_clamps(old, new, stages) == 0.0:
             return 0.0
-        path = (*old, -1), (old[0], self.t, 1), (new[0], self.t, -1), (*new, 1)
-        return sum(sign * self.term.energy(x, t) for x, t, sign in path)
+        energy = self.term.energy
+        x_old, t_old = old
+        x_new, t_new = new
+        before = -energy(x_old, t_old) + energy(x_old, self.t)
+        return before - energy(x_new, self.t) + energy(x_new, t_new)
 
 
 @dataclass(frozen=True, eq=False)
 class OverMean(BoundTerm):
-    """A term over a step from `start` to 2x − start, as ``term.between(start, x)`` is at x.
+    """A term over a step from `start` to 2x − start: at x, ``term.between(start, x)``.
 
-    Its tangent lacks the change of `between` with x: it is the exact one of a step that goes
-    nowhere.
+    The change of `between` with x is left out of the tangent, which is exact for a step without
+    motion only.
+
+    Attributes
+    ----------
+    term
+        A bound term with a function `between`.
+    start
+        Positions x₀ (n, 3) [m].
+    symmetric
+        Whether the tangent must be symmetric.
+    conserves
+        Whether N is zero.
     """
 
     term: Any
-    start: np.ndarray  # (n, 3) positions x₀ [m]
-    symmetric: bool  # whether the tangent must be symmetric
-    conserves: bool  # whether N is zero
+    start: np.ndarray
+    symmetric: bool
+    conserves: bool
 
     has_energy = False  # at x alone
     name = taken_from("term.name")
@@ -148,5 +178,6 @@ def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
     products = np.einsum("a,ai,aj->ij", mass, p, p)
     moment = np.einsum("a,ai->i", mass, np.cross(p, r))
     inertia = np.trace(products) * np.eye(3) - products
-    omega = np.linalg.lstsq(inertia, moment, rcond=None)[0]  # no ω along a straight line of nodes
+    # Least squares: of nodes on one straight line, ω has no part along it.
+    omega = np.linalg.lstsq(inertia, moment, rcond=None)[0]
     return mass[:, None] * (r - np.cross(omega, p))

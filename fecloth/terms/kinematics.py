@@ -1,4 +1,4 @@
-"""Deformation gradients, stretches and strains of triangles, and the error of recovered strains."""
+"""Deformation gradients, stretches and strains of triangles, and errors of strains."""
 
 import math
 
@@ -10,20 +10,33 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.recovery import CONSTANT, Samples, recovery_gap
 from fecloth.terms.loops.green_strain import gradient, green_strain
 
+ALL = slice(None)
+
 
 def deformation_gradient(
-    cloth: Cloth, x: np.ndarray, gradients: np.ndarray | None = None, triangles: slice = slice(None)
+    cloth: Cloth,
+    x: np.ndarray,
+    gradients: np.ndarray | None = None,
+    triangles: slice = ALL,
 ) -> np.ndarray:
     """Deformation gradient F = Σ x_a ⊗ G_a (m, q, 3, 2) at every quadrature point.
 
-    `gradients` (m, q, k, 2) are the G_a of all triangles; without them the gradients along X and
-    Y. With `triangles`, the F of some of the triangles.
+    Parameters
+    ----------
+    x
+        Positions (n, 3) of the nodes [m].
+    gradients
+        The G_a (m, q, k, 2) of all triangles [1/m]; left out, the gradients along X and Y.
+    triangles
+        The triangles to compute; left out, all.
     """
-    G = cloth.gradients if gradients is None else gradients
+    G = gradients
+    if G is None:
+        G = cloth.gradients
     return np.einsum("eai,eqaj->eqij", x[cloth.stencil[triangles]], G[triangles])
 
 
-def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = slice(None)) -> np.ndarray:
+def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = ALL) -> np.ndarray:
     """Smaller and larger principal stretch (m, 2), from the mean FᵀF of each triangle."""
     F = deformation_gradient(cloth, x, triangles=triangles)
     weights = cloth.weights[triangles]
@@ -44,7 +57,7 @@ def extreme_stretches(cloth: Cloth, x: np.ndarray) -> tuple[float, float]:
 
 @kernel
 def _extreme_stretches(K, Q, nodes, G, x):
-    """√ of the least and largest eigenvalue of FᵀF = 2E + I."""
+    """√ of the least and of the largest eigenvalue of FᵀF = 2E + I, over all triangles."""
     least = np.inf
     largest = 0.0
     for e in range(len(nodes)):
@@ -59,7 +72,7 @@ def _extreme_stretches(K, Q, nodes, G, x):
                 least = mean - radius
             if mean + radius > largest:
                 largest = mean + radius
-    return math.sqrt(least if least > 0.0 else 0.0), math.sqrt(largest)
+    return math.sqrt(max(least, 0.0)), math.sqrt(largest)
 
 
 @kernel
@@ -80,8 +93,17 @@ def green_strains(F: np.ndarray) -> np.ndarray:
 def membrane_error(
     panel: Panel, strain: np.ndarray, moduli: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle, with ℂ (m, 6) [N/m]."""
-    # `strain` (m, q, 3) is E11, E22, E12 along warp and weft at the points of `samples`.
+    """(m,) ∫ ½ (E* − E):ℂ:(E* − E) dA [J] of each triangle, with the recovered strain E*.
+
+    Parameters
+    ----------
+    strain
+        E11, E22, E12 (m, q, 3) along warp and weft, at the points of `samples`.
+    moduli
+        ℂ (m, 6) [N/m].
+    samples
+        The points of the quadrature, with their weights.
+    """
     cloth = panel.cloth
     gap = recovery_gap(cloth.X, cloth.stencil[:, :3], panel.material, strain, samples)
     gap[..., 2] *= 2
@@ -89,7 +111,10 @@ def membrane_error(
 
 
 def plate_error(panel: Panel, curvature: np.ndarray, rigidity: np.ndarray) -> np.ndarray:
-    """(m,) ∫ ½ (κ* − κ):D:(κ* − κ) dA [J], with κ and D as by `panel_curvatures`."""
+    """(m,) ∫ ½ (κ* − κ):D:(κ* − κ) dA [J], with the recovered curvature κ*.
+
+    κ and D are as `panel_curvatures` gives them.
+    """
     edges = panel.cloth.edge_slopes.edges
     m = len(panel.cloth.triangles)
     copies = len(edges.triangles) // m
@@ -99,13 +124,16 @@ def plate_error(panel: Panel, curvature: np.ndarray, rigidity: np.ndarray) -> np
 
 
 def voigt_matrix(moduli: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) the moduli (m, 6), in the order of `membrane`, as matrices on (E11, E22, 2E12)."""
+    """(m, 3, 3) the moduli (m, 6), in the order of `membrane`, on E11, E22 and 2 E12."""
     return moduli[:, VOIGT]
 
 
 def energy_of_gap(
     gap: np.ndarray, stiffness: np.ndarray, samples: Samples, area: np.ndarray
 ) -> np.ndarray:
-    """(m,) ∫ ½ gap · stiffness gap dA [J] of gaps (m, r, 3) at the rule's points."""
+    """(m,) ∫ ½ gap · stiffness gap dA [J] of each triangle.
+
+    The gaps (m, r, 3) are at the points of `samples`, the stiffness is (m, 3, 3).
+    """
     density = np.einsum("tri,tij,trj,r->t", gap, stiffness, gap, samples.weights, optimize=True)
     return 0.5 * area * density

@@ -1,23 +1,21 @@
-"""What a term offers: the description that a user writes, its traits, and the bound term.
+"""The two classes of a term: the description that a user writes, and the bound term.
 
-A term is one contribution to the force f(x, v, t) of the cloth. It comes in two objects: a
-frozen description with the user's parameters (`Term`), and what `bind` makes of it for one
-mesh (`BoundTerm`). Neither depends on the time step, the solver or other terms.
+A term is one contribution to the force f(x, v, t) of the cloth. The description (`Term`) is a
+frozen object with the user's parameters. Its function `bind` makes the bound term (`BoundTerm`)
+for one mesh. Neither depends on the time step, the solver or other terms.
 studies/examples/term.py is a term in 30 lines.
 
-`TermTraits` on the class of the description say what the term is: all that the rest of fecloth
-knows of it. A description without traits is a term of no kind.
+`TermTraits` on the class of the description say what kind of term it is: fecloth knows nothing
+else of it. A description without traits is a term of no kind.
 
-`BoundTerm` has all abilities of a bound term, which do nothing. A term of your own may derive
-from it and write the abilities that it has; a class that does not derive gets the missing
-abilities from `bound`.
+`BoundTerm` has all abilities of a bound term, as functions that do nothing. The bound term of
+your own term derives from it and writes the abilities that it needs.
 
-Arrays: n is the number of nodes; x (n, 3) [m] are positions, v (n, 3) [m/s] velocities, t [s]
-the time. They must not be changed, but for the one named as the result.
+Arrays: n is the number of nodes, x (n, 3) are positions [m], v (n, 3) velocities [m/s], and t
+is the time [s]. A function must not change its arrays, except the array of its result.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from operator import attrgetter
 from typing import Any, Protocol
 
@@ -39,12 +37,13 @@ At = tuple[np.ndarray, float]  # positions (n, 3) [m] and time [s]
 class Term(Protocol):
     """What a user writes: a frozen dataclass with the parameters of the term.
 
-    It may have `traits`, its `TermTraits`, as a class attribute. Three of them may stand
-    alone: the attributes `elements`, `holds_normals` and, for `space_error`, `no_space_error`.
+    It may have its `TermTraits` as the class attribute `traits`. Three traits may also be class
+    attributes of their own: `elements`, `holds_normals`, and `no_space_error` for the trait
+    `space_error`.
     """
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
-        """(m, k) integers: the nodes that each of m elements couples, or None for no coupling."""
+        """(m, k) integers: the nodes that each of m elements couples; None for no coupling."""
 
     def bind(self, panel: Panel, slots: Callable[[np.ndarray], np.ndarray]) -> "BoundTerm":
         """Make the bound term for a mesh.
@@ -57,23 +56,23 @@ class Term(Protocol):
             The cloth with its fabrics: ``panel.cloth`` is the mesh, ``panel.density`` the mass
             per area, ``panel.gradients`` the gradients of the shape functions in warp and weft.
         slots
-            ``slots(stencil)`` (m, k, k): the block of the matrix for each pair of nodes of a
-            stencil, an index into ``J.values``. Call it once, here or at the first tangent: runs
-            of explicit methods then make no matrix.
+            ``slots(stencil)`` (m, k, k) is the block of the matrix for each pair of nodes of a
+            stencil, as an index into ``J.values``. Call it once, here or at the first tangent. A
+            run of an explicit method asks for no tangent: called there, no matrix is made.
         """
 
 
 def overrides(name: str) -> Any:
-    """Whether a bound term has its own function of that name, as a property."""
+    """A property that says whether a bound term has its own function of that name."""
     return property(lambda term: has_own(term, name))
 
 
 class BoundTerm:
     """A term for one mesh; it must not change after it was made.
 
-    A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`; `energy`
-    if it has one, and `power` if it is dissipative; without this base also `dissipative` and
-    `velocity_dependent`. All else does nothing here.
+    A term must have `name`, `symmetric`, `has_energy`, `add_force` and `add_tangent`. With
+    `has_energy` it must have `energy`, and with `dissipative` it must have `power`. All other
+    abilities are optional: the functions of this class do nothing.
 
     Attributes
     ----------
@@ -92,37 +91,39 @@ class BoundTerm:
     load
         True for a force from outside, which the load steps of `equilibrium` scale.
     stores_strain
-        False for a term whose energy is not the energy of a strain: the error in space leaves it
-        out.
+        False for a term whose energy is not the energy of a strain. The estimate of the error in
+        space leaves such a term out.
     needs_path
-        True where an equilibrium depends on the way there, as with friction.
+        True where an equilibrium depends on the way to it, as with friction.
     lags
-        True where a part of the force over an `Increment` of the loads belongs to the positions
-        `place` of that increment: it is solved again, with the solution as its place.
+        True where a part of the force over an `Increment` of the loads depends on the positions
+        `place` of that increment. The increment is then solved again, with its solution as the
+        new `place`.
     load_steps
-        The least number of load steps in which an equilibrium follows the way.
+        The least number of load steps for an equilibrium that depends on the way to it.
     needs_end
-        Why only methods that solve for the forces at the end of a step may be used:
-        `BackwardEuler` and `BDF2`. The others refuse the term with these words; "" for none.
+        Why only `BackwardEuler` and `BDF2` may be used, which solve for the forces at the end
+        of a step. Other methods refuse the term with these words; "" where all may be used.
     needs_difference
-        True for a term that methods must refuse which have no difference for rates over the
-        step.
+        True for a term that only methods with a difference for rates over the step can use.
     conserves
-        True where −f · d is the change of the energy in a motion d, for the force f at its
-        mean, as it is for energies quadratic in x; of what `over_step` gives, for its force at
-        the mean. `EnergyMomentum` corrects the other forces
+        True where −f · d is the change of the energy in a motion d. f is the force at the mean
+        of both ends: the force of the term, as for an energy quadratic in x, or of the result
+        of its `over_step`. `EnergyMomentum` corrects all other forces
         (`fecloth.terms.discrete_gradient`).
     objective
         True where no rigid motion of the cloth changes the energy.
     steady_air
-        (3,) the velocity [m/s] of the air where it is constant, of a drag in moving air.
+        Velocity (3,) [m/s] of the air, of a drag in air that moves with one constant velocity.
     restitution
-        Part of the speed that an impact leaves, of contact.
+        Part of the speed that an impact leaves, of a contact.
     """
 
     __slots__ = ()
 
-    name: Any  # each may be an attribute, a field or a property
+    # Each of these may be an attribute, a field or a property.
+
+    name: Any
     symmetric: Any
     has_energy: Any
     dissipative: Any = False
@@ -140,7 +141,7 @@ class BoundTerm:
     objective: Any = False
     steady_air: Any = None
 
-    # --- force and tangent ------------------------------------------------------------------------
+    # --- force and tangent --------------------------------------------------------------------
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
         """f += the force (n, 3) [N], in place."""
@@ -158,45 +159,48 @@ class BoundTerm:
     ) -> None:
         """J += wx K + wv D with K = −∂f/∂x [N/m] and D = −∂f/∂v [N s/m], in place.
 
-        Add to ``J.values`` (blocks, 3, 3) at the slots that `bind` got. With `definite` what is
-        added must be symmetric and positive semi-definite: Newton's method asks for that where
-        the exact tangent fails.
+        Add to ``J.values`` (blocks, 3, 3) at the slots that `bind` got. With `definite` the sum
+        that is added must be symmetric and positive semi-definite: Newton's method asks for it
+        where the exact tangent fails.
         """
         raise NotImplementedError
 
     def force_calls(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> Calls | None:
         """The kernels that make up `add_force`, in order, each with its arguments.
 
-        Explicit steps then need no Python between them. They are called again and again while
-        x, v and f change in place, and may have work arrays of their own. None where the force
-        depends on t or needs Python. The bits must be the same as by `add_force`. A
-        `SharedCall`, as `SharedLoop` makes it, is for several threads; one of them makes all
-        other calls. A class that overrides `add_force` must override this too; else it is not
-        asked.
+        Explicit steps then need no Python between the kernels. The kernels are called again and
+        again while x, v and f change in place, and may have work arrays of their own. Return
+        None where the force depends on t or needs Python. The result must have the same bits as
+        `add_force`. A `SharedCall`, as `SharedLoop` makes it, is made by several threads; one
+        thread makes all other calls. A class that overrides `add_force` must override this
+        function, too; otherwise it is not called.
         """
         return None
 
     def coupling(
         self, x: np.ndarray, v: np.ndarray, t: float, wx: float, wv: float, definite: bool
     ) -> sparse.spmatrix | None:
-        """(3n, 3n) part of wx K + wv D that `add_tangent` leaves out; None if nothing is coupled.
+        """(3n, 3n) the part of wx K + wv D that `add_tangent` leaves out; None for no part.
 
-        It is for nodes outside the fixed pattern, as contact between triangles couples them. Its
+        It couples nodes outside the fixed pattern, as contact between triangles does. Its
         pattern may change from call to call. `definite` is as in `add_tangent`.
         """
         return None
 
     def dense(self, x: np.ndarray, t: float) -> tuple[float, np.ndarray] | None:
-        """c [N/m] and u (n, 3) of a part c u uᵀ of K that `add_tangent` leaves out, as of a gas."""
+        """c [N/m] and u (n, 3) of the part c u uᵀ of K that `add_tangent` leaves out, or None.
+
+        The K of a gas has such a part, which couples all nodes.
+        """
         return None
 
-    # --- energy, power and stress -----------------------------------------------------------------
+    # --- energy, power and stress -------------------------------------------------------------
 
     def energy(self, x: np.ndarray, t: float) -> float:
-        """Potential energy [J]; its column of the ledger, and what Newton's line search lowers.
+        """Potential energy [J]: a column of the energy ledger, which line searches lower.
 
-        As `power` and `supply` it is the sum over the nodes and elements that the term holds;
-        ``System.sums.total`` makes it that over the whole cloth.
+        Like `power` and `supply` it is the sum over the nodes and elements that the term holds.
+        ``System.sums.total`` makes the sum over the whole cloth from it.
         """
         return 0.0
 
@@ -207,7 +211,7 @@ class BoundTerm:
     def supply(self, x: np.ndarray, v: np.ndarray, t: float) -> float:
         """Power f · v [W] of a load without an energy: its work gets a column of the ledger.
 
-        With an energy that `conserves`, the ledger adds what changes that energy with t alone.
+        For a term that `conserves`, the ledger adds the change of the energy with t alone.
         """
         return 0.0
 
@@ -219,97 +223,102 @@ class BoundTerm:
         """out (triangles, 4) += S₁₁, S₂₂, S₁₂ [N/m] and energy per area [J/m²] of a membrane."""
 
     def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
-        """Arrays (triangles, …) that frames show, by their names; asked of `with_history`."""
+        """Arrays (triangles, …) for frames, by their names.
+
+        It is asked of the result of `with_history`.
+        """
         return {}
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
         """(triangles,) energy [J] of the recovered strain minus the strain of the mesh.
 
-        A system in which another term has an energy, and is no load, has no estimate of its
-        error in space.
+        If a term with an energy has no such function and is no load, the system has no estimate
+        of its error in space.
         """
         raise NotImplementedError
 
     def beyond(self, x: np.ndarray, t: float) -> float:
-        """Area [m²] at rest of where a strain is beyond what was measured; a run warns of it."""
+        """Area [m²] at rest where a strain is beyond the measured curve; a run warns of it."""
         return 0.0
 
-    # --- over a step ------------------------------------------------------------------------------
+    # --- over a step --------------------------------------------------------------------------
 
     def over_step(self, step: StepDifference) -> "BoundTerm":
         """The term over this step, or the term itself where it does not depend on the step.
 
-        `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it; the other methods call the
-        term itself, unless it keeps a history. Where ``step.at_mean`` is False, x is the end
-        of the step. An `energy` of what is returned is then its potential over the step,
-        −∂energy/∂x its force, so that the step can minimise. Where it is True, x is the mean
-        of both ends, and the force, where it `conserves`, does the work of the energy.
+        `BackwardEuler`, `BDF2` and `EnergyMomentum` ask for it. Other methods use the term
+        itself, unless it keeps a history.
+
+        With ``step.at_mean`` = False, x is the end of the step. The `energy` of the result is
+        then the potential of its force over the step, −∂energy/∂x, so that the step can
+        minimise. With ``step.at_mean`` = True, x is the mean of both ends. The force of a result
+        that `conserves` then does the work of the energy.
         """
         return self
 
     def dissipation(self, x: np.ndarray) -> float:
         """Energy [J] dissipated in the step that ends at x: the ledger's column of the term.
 
-        It is asked of what `over_step` returned; without it the column is the `power`.
+        It is asked of the result of `over_step`; without it the column comes from the `power`.
         """
         return 0.0
 
     def work(self, x: np.ndarray) -> float:
         """Work [J] on the cloth of a term that `supplies`, in the step that ends at x.
 
-        It is asked of what `over_step` returned; without it the work is the mean `supply`.
+        It is asked of the result of `over_step`; without it the work is the mean `supply`.
         """
         return 0.0
 
     def allows(self, x: np.ndarray, t: float) -> bool:
-        """Whether a contact has nothing inside or crossed at the positions x (n, 3)."""
+        """Whether nothing is inside an obstacle, or crossed, at the positions x (n, 3)."""
         return True
 
     def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
-        """Whether a point went through an obstacle by its straight way from the `State` old to x.
+        """Whether a point passes through an obstacle on its straight way from `old` to x.
 
+        `old` is the `State` at the begin of the step, x (n, 3) are the positions at its end.
         Newton's iteration may find a way around it that no cloth takes in one step.
         """
         return False
 
     def way(self, t: float) -> Any:
-        """What limits the first guess of the step that ends at t (`contact.guess.Way`), or None.
+        """The `contact.guess.Way` that limits the first guess of the step to t, or None.
 
-        It is asked of what `over_step` returned.
+        It is asked of the result of `over_step`.
         """
         return None
 
     def start_history(self, x: np.ndarray, t: float) -> Any:
         """The record of a term with history at the start of a run; None for a term without.
 
-        It is a frozen dataclass of arrays, marked with `remembered`, so that restart files
-        have it. ``step.history`` of `over_step` is the record at the begin of the step;
-        without one a step begins as the first one does. A term with history by itself, whose
-        `energy` and force are asked before a run, acts as with the record of this function
-        there.
+        The record is a frozen dataclass of arrays, marked with `remembered`, so that restart
+        files have it. In `over_step`, ``step.history`` is the record at the begin of the step;
+        without one the step begins as the first step does. The energy and the force of the term
+        itself are asked before a run: there it acts as with the record of this function.
         """
         return None
 
     def with_history(self, record: Any) -> "BoundTerm":
-        """The term with its record, between two steps: its energy is what it stores then.
+        """The term with its record, between two steps: its energy is the energy stored there.
 
-        Methods that need the force at the begin of a step, and the ledger, ask for it. The term
-        itself is right where it then acts without the record, as friction of contact does.
+        The ledger asks for it, and methods that need the force at the begin of a step. Return
+        the term itself if it acts without the record there, as friction of contact does.
         """
         return self
 
     def commit(self, x: np.ndarray, t: float) -> Any:
-        """The record after the step that ends at x, asked of what `over_step` returned."""
+        """The record after the step that ends at x; asked of the result of `over_step`."""
         return None
 
-    # --- contact ----------------------------------------------------------------------------------
+    # --- contact ------------------------------------------------------------------------------
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α in [0, 1] for which the term allows the way from x to x + α s.
 
-        Both are (n, 3) [m]; the term allows x. The line searches of steps and of `equilibrium`
-        ask for it. The energy of such a term is +∞, and its force is NaN, where the cloth may
-        not be.
+        x and s are (n, 3) [m]; the term allows x. The line searches of steps and of
+        `equilibrium` ask for it. At positions that such a term does not allow, its energy is +∞
+        and its force is NaN.
         """
         return 1.0
 
@@ -317,56 +326,54 @@ class BoundTerm:
         """Raise `InputError` for positions (n, 3) that the term does not allow."""
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] of the cloth at x (n, 3) from what it must not enter.
+        """The least distance [m] of the cloth at x (n, 3) from an obstacle.
 
-        It is a column of what is observed, with the sum of the force as the reaction.
+        It is a column of ``observed.csv``, beside the sum of the force, the reaction.
         """
         raise NotImplementedError
 
     def mean_distance(self, x: np.ndarray, t: float) -> float | None:
-        """The mean distance [m] of what touches an obstacle, NaN if nothing does."""
+        """The mean distance [m] of the points that touch an obstacle; NaN without any."""
         return None
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray | None:
-        """(n, 3) force of contact on the nodes without friction [N], to be drawn."""
+        """(n, 3) force of contact on the nodes, without friction [N], for pictures."""
         return None
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray | None:
-        """(n, 3) velocity [m/s] along an obstacle and relative to it, of nodes that touch."""
+        """(n, 3) velocity [m/s] of the nodes that touch, along and relative to an obstacle."""
         return None
 
     def surface(
         self, t: float, place: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Points (p, 3) and triangles (q, 3); of an endless obstacle within `reach` of a place."""
+        """Points (p, 3) and triangles (q, 3) of the obstacle at t, for pictures; None without.
+
+        Of an endless obstacle they are the part within `reach` [m] of `place` (3,) [m].
+        """
         return None
 
-    # --- where it is, and what it takes -----------------------------------------------------------
+    # --- processes and memory -----------------------------------------------------------------
 
     def here(self) -> "BoundTerm":
         """The term as it is bound to the part of the cloth that this process has."""
         return self
 
     def nbytes(self, explicit: bool) -> int:
-        """Bytes of the arrays of its own; for `explicit` methods without arrays of the tangent."""
+        """Bytes of its own arrays; for an `explicit` method without those of the tangent."""
         return 0
 
-    # --- which of these it has of its own ---------------------------------------------------------
+    # --- which optional functions it has ------------------------------------------------------
 
     supplies = overrides("supply")  # its work is a column of the ledger
     has_stress = overrides("add_stress")  # it is a membrane with a stress
-    has_curves = overrides("beyond")  # it tells where a strain is beyond its curves
+    has_curves = overrides("beyond")  # it knows where a strain is beyond its curves
     recovers_strain = overrides("strain_error")  # it can estimate its error in space
     dissipates_over_step = overrides("dissipation")  # over a step, it says what it dissipated
     works_over_step = overrides("work")  # over a step, it says what work it did
     limits_direction = overrides("limit")
     couples_nodes = overrides("coupling")  # outside the fixed pattern
-    keeps_distance = overrides("least_distance")  # it is contact that tells its distance
-
-
-ABILITIES = tuple(
-    name for name in vars(BoundTerm) if not name.startswith("_") and name not in ALWAYS
-)
+    keeps_distance = overrides("least_distance")  # it is contact that knows its distance
 
 
 def has_own(term: BoundTerm, name: str) -> bool:
@@ -376,7 +383,7 @@ def has_own(term: BoundTerm, name: str) -> bool:
 
 
 def taken_from(path: str) -> Any:
-    """The property or function ``self.<path>`` of an object within a bound term, as its own."""
+    """A property with the value of ``self.<path>``, an attribute of a part of a bound term."""
     return property(attrgetter(path))
 
 
@@ -395,8 +402,11 @@ def is_description(value: object) -> bool:
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
-    """The nodes (m, k) that a term couples, or None."""
-    # Raises `InputError` for another shape, other numbers than whole ones, and unknown nodes.
+    """The nodes (m, k) that a term couples, or None.
+
+    Raises `InputError` for an array of another shape or type, and for nodes that the cloth does
+    not have.
+    """
     nodes = term.stencil(cloth)
     name = type(term).__name__
     if nodes is None:
@@ -413,48 +423,49 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term, checked and complete."""
-    # Raises `InputError` if it lacks an attribute or a function that a `BoundTerm` must have.
-    made = term.bind(panel, slots)
+    """The bound term of a description, checked.
+
+    Raises `InputError` if it does not derive from `BoundTerm`, or lacks an attribute or a
+    function that a bound term must have.
+    """
+    call = f"{type(term).__name__}.bind(panel, slots)"
+    made = check_derived(term.bind(panel, slots), call)
     wanted = list(ALWAYS)
-    wanted += ["energy"] if getattr(made, "has_energy", False) else []
-    wanted += ["power"] if getattr(made, "dissipative", False) else []
+    if getattr(made, "has_energy", False):
+        wanted.append("energy")
+    if made.dissipative:
+        wanted.append("power")
     if missing := [name for name in wanted if _lacks(made, name)]:
-        what = f"{type(term).__name__}.bind(panel, slots) gives {with_article(type(made).__name__)}"
+        what = f"{call} gives {with_article(type(made).__name__)}"
         remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
         raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
-    return complete(made)
-
-
-def _lacks(made: Any, name: str) -> bool:
-    """Whether an object has no attribute of a name, or only the function of `BoundTerm`."""
-    is_function = callable(vars(BoundTerm).get(name))
-    return not hasattr(made, name) or (is_function and not has_own(made, name))
-
-
-def complete(made: Any) -> BoundTerm:
-    """A bound term, or the result of its `over_step`, with the abilities of `BoundTerm` it lacks.
-
-    Raises `InputError` for an object whose class is not a plain class of Python.
-    """
-    if isinstance(made, BoundTerm):
-        return made
-    missing = tuple(name for name in ABILITIES if not hasattr(made, name))
-    if missing:
-        try:
-            kind: Any = type(made)
-            object.__setattr__(made, "__class__", _completed(kind, missing))
-        except TypeError:
-            what = f"a bound term that is {with_article(type(made).__name__)}"
-            remedy = "Derive its class from fecloth.terms.protocol.BoundTerm."
-            raise InputError(
-                what, "must be an object of a class of its own", "System", remedy
-            ) from None
     return made
 
 
-@cache
-def _completed(kind: Any, missing: tuple[str, ...]) -> type:
-    """A class with the abilities of `BoundTerm` that are missing in another."""
-    about = {"__slots__": (), "__module__": kind.__module__, "__doc__": kind.__doc__}
-    return type(kind.__name__, (kind,), about | {name: vars(BoundTerm)[name] for name in missing})
+def check_derived(made: object, call: str) -> BoundTerm:
+    """What a function of a term made, if its class derives from `BoundTerm`.
+
+    `call` is the function with its arguments, for the `InputError` about any other object.
+    """
+    if isinstance(made, BoundTerm):
+        return made
+    kind = type(made)
+    raise InputError(
+        f"{call} gives {with_article(kind.__name__)}",
+        "must be an object of a class that derives from fecloth.BoundTerm",
+        "System",
+        f"Write `class {_suggest_name(kind)}(fc.BoundTerm):`.",
+    )
+
+
+def _suggest_name(kind: type) -> str:
+    """The name of the class in the line that a user must write."""
+    if kind.__module__ == "builtins":  # a number, None, …: there is no class of the user yet
+        return "MyBound"
+    return kind.__name__
+
+
+def _lacks(made: BoundTerm, name: str) -> bool:
+    """Whether a bound term has no attribute of a name, or only the function of `BoundTerm`."""
+    is_function = callable(vars(BoundTerm).get(name))
+    return not hasattr(made, name) or (is_function and not has_own(made, name))

@@ -1,4 +1,4 @@
-"""The records that restart files can hold, marked where they are defined, and their slopes."""
+"""The records that restart files can hold, and their slopes."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -14,11 +14,14 @@ RECORDS: dict[str, type] = {}  # by the name of the class, as restart files have
 
 
 def remembered(cls: C) -> C:
-    """Mark a frozen dataclass as one that restart files can hold, and return it.
+    """Mark a frozen dataclass as a record that restart files can hold, and return it.
 
     Its fields may be numbers, texts, None, finite arrays of float64, mappings, tuples and marked
-    records. The memory of an integrator, whose arrays are (n, 3), and the record of a term that
-    keeps a history need this mark; without it, a run with restart files is refused.
+    records. The memory of an integrator, whose arrays are (n, 3), and the record of a term need
+    this mark; without it, a run with restart files is refused.
+
+    Raises `InputError` for a class that is no frozen dataclass, and for a name that another
+    marked class has.
     """
     name = cls.__name__
     parameters = getattr(cls, "__dataclass_params__", None)
@@ -33,9 +36,9 @@ def remembered(cls: C) -> C:
 
 
 def slope(plus: Any, minus: Any, width: float) -> Any:
-    """(plus − minus)/width of all real numbers in two records; None for what is no real number.
+    """(plus − minus)/width of all real numbers in two records; None for all other values.
 
-    A record gives a mapping, with the slopes of its fields by their names.
+    The slope of a record is a mapping, with the slopes of its fields by their names.
 
     Raises
     ------
@@ -65,7 +68,7 @@ def slope(plus: Any, minus: Any, width: float) -> Any:
 
 
 def shift(record: Any, slopes: Any, size: float) -> Any:
-    """The record + size × its slopes, as `slope` has them; the record itself for no slopes."""
+    """The record + size × slopes, as `slope` gives them; the record itself without slopes."""
     if slopes is None or record is None:
         return record
     if isinstance(record, tuple):
@@ -79,6 +82,7 @@ def shift(record: Any, slopes: Any, size: float) -> Any:
 
 
 def _names(record: Any) -> list[str]:
+    """The names of the parts of a mapping or a dataclass; none of any other value."""
     if isinstance(record, Mapping):
         return list(record)
     if is_dataclass(record):
@@ -87,6 +91,7 @@ def _names(record: Any) -> list[str]:
 
 
 def _part(record: Any, name: str) -> Any:
+    """The part of a mapping or a dataclass with a name."""
     if isinstance(record, Mapping):
         return record[name]
     return getattr(record, name)

@@ -9,7 +9,7 @@ from fecloth.errors import InputError, brief
 KINDS = ("", "membrane", "bending", "damping", "drag", "load", "contact")
 BOTH = ("P1", "P2")
 DAMPED = ("", "air", "strain", "bending", "motion")
-PLAIN = {  # traits that a description may state as plain attributes, and their names there
+PLAIN = {  # traits that a description may have as attributes of its own, and their names there
     "elements": "elements",
     "holds_normals": "holds_normals",
     "space_error": "no_space_error",
@@ -20,7 +20,7 @@ PLAIN = {  # traits that a description may state as plain attributes, and their 
 class TermTraits:
     """What a term is, for warnings, studies, error estimates and several processes.
 
-    Raises `InputError` for another kind or element, and for what else a damping cannot damp.
+    Raises `InputError` for an unknown kind, for unknown elements, and for an unknown `damps`.
 
     Parameters
     ----------
@@ -30,25 +30,25 @@ class TermTraits:
     elements
         The elements that it supports, of "P1" and "P2".
     exclusive
-        Whether it stands for all of its kind, so that two of them count twice.
+        Whether a cloth should have one term of the kind: two terms count the same force twice.
     several_places
-        Whether it may stand several times among the terms, if it is not exclusive.
+        Whether the terms may have it several times, if it is not exclusive.
     shared
         Whether several processes can share it.
     reach
-        How many rings of triangles around a node its force and its error there depend on.
+        Number of rings of triangles around a node on which its force and its error there depend.
     cheaper
-        The names of terms that may stand in its place on P1, at less cost.
+        The names of terms that may replace it on P1, at less cost.
     as_fabric
-        Whether it is as stiff as the fabric, of a membrane.
+        Whether a membrane has the stiffness of the fabric.
     by_pattern
-        Whether it bends with a rigidity that depends on the pattern of the mesh, however fine.
+        Whether its bending rigidity depends on the pattern of the mesh, also of a fine mesh.
     holds_normals
-        Whether clamped pins may hold the normals of the cloth by it.
+        Whether clamped pins can hold the normals of the cloth with it.
     damps
-        By what a term damps, and the numbers that it then has: "motion", with a `rate` c [1/s];
-        "strain" or "bending", with a `time` τ [s]; "air", with the fields of `Drag`. "" for any
-        other: studies do not predict what it does.
+        What a term damps: "motion", with a `rate` c [1/s]; "strain" or "bending", with a `time`
+        τ [s]; "air", with the fields of `Drag`; or "" for any other term, whose influence
+        studies do not predict.
     space_error
         Why `space_error` has no estimate with it, after its name; "" if it has one.
     """
@@ -77,7 +77,6 @@ class TermTraits:
             raise InputError(f"elements = {self.elements!r}", allowed, "TermTraits")
 
 
-# any law
 MEMBRANE = TermTraits("membrane", BOTH, exclusive=True, shared=True, cheaper=("Springs",))
 OF_FABRIC = replace(MEMBRANE, as_fabric=True)
 BENDING = TermTraits("bending", exclusive=True, shared=True)
@@ -90,19 +89,27 @@ CONTACT = TermTraits("contact", BOTH)
 
 
 def traits_of(term: Any) -> TermTraits:
-    """The traits of a description or of its class, with what its plain attributes say."""
+    """The traits of a description or of its class, with those in attributes of their own.
+
+    Raises `InputError` for `traits` that are no `TermTraits`.
+    """
     traits = getattr(term, "traits", TermTraits())
     if not isinstance(traits, TermTraits):
-        name = (term if isinstance(term, type) else type(term)).__name__
-        raise InputError(f"{name}.traits = {brief(traits)}", "must be a TermTraits(kind=...)", name)
-    said = {trait: getattr(term, name) for trait, name in PLAIN.items() if hasattr(term, name)}
-    return replace(traits, **said) if said else traits
+        kind = type(term)
+        if isinstance(term, type):
+            kind = term
+        what = f"{kind.__name__}.traits = {brief(traits)}"
+        raise InputError(what, "must be a TermTraits(kind=...)", kind.__name__)
+    own = {trait: getattr(term, name) for trait, name in PLAIN.items() if hasattr(term, name)}
+    if own:
+        return replace(traits, **own)
+    return traits
 
 
 def parameters_of(term: Any) -> dict[str, Any]:
-    """The parameters of a description by their names; of one that is no dataclass, none."""
+    """The parameters of a description by their names; none if it is no dataclass."""
     if is_dataclass(term):
-        return {one.name: getattr(term, one.name) for one in fields(term)}
+        return {field.name: getattr(term, field.name) for field in fields(term)}
     return {}
 
 

@@ -16,7 +16,7 @@ from fecloth.mesh.surface import Surface, count_intersections, find_intersection
 from fecloth.terms.contact.bound_contact import BoundContact
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
 from fecloth.terms.contact.inside import cutting_depth
-from fecloth.terms.contact.points import DIP
+from fecloth.terms.contact.points import MOST_DIP_OVER_GAP
 from studies.contact.catalogue_bodies import Body
 from studies.contact.catalogue_scenes import Scene, draw, inner_points
 
@@ -79,7 +79,8 @@ def look(scene: Scene, before: fc.State, state: fc.State, row: dict) -> None:
     for body, term in zip(scene.bodies, obstacles_of(scene), strict=True):
         announced = 0.0
         if isinstance(term, BoundObstacle):  # between its points triangles dip by so much
-            announced = max(cutting_depth(term.shape, term.gap, cloth), DIP * term.gap)
+            told = cutting_depth(term.shape, term.gap, cloth)
+            announced = max(told, MOST_DIP_OVER_GAP * term.gap)
         row["piercings"] += count_piercings(body, triangles, before, state, announced)
         if body.depth is not None:
             row["least"] = min(row["least"], -float(body.deep(state.x, state.t).max()))

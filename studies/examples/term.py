@@ -31,7 +31,7 @@ class Winkler:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundWinkler:
+class BoundWinkler(fc.BoundTerm):
     k: np.ndarray  # (n,) k A_a
     own: np.ndarray  # (n,) index of each node's diagonal block in the matrix
     name = "Winkler"

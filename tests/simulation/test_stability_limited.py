@@ -127,7 +127,7 @@ def test_available_energy_bounds_the_kinetic_one(sheet, name):
     assert 0.2 < max(shares) < 1.01
 
 
-class Push:
+class Push(fc.BoundTerm):
     """A user's load that tells neither an energy nor its work."""
 
     name = "Push"

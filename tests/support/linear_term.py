@@ -40,7 +40,7 @@ class LinearDamping:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundLinear:
+class BoundLinear(fc.BoundTerm):
     K: sparse.bsr_matrix
     x0: np.ndarray
     slots: np.ndarray
@@ -87,6 +87,3 @@ class BoundLinear:
                 dense[i, K.indices[s]] = K.data[s]
         for s, (i, j) in enumerate(zip(rows, J.pattern.indices, strict=True)):
             J.values[s] += factor * dense[i, j]
-
-    def over_step(self, step):
-        return self

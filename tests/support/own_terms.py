@@ -95,9 +95,7 @@ class Syrup:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundSyrup:
-    """It does not derive from `BoundTerm`: what it lacks is added when it is bound."""
-
+class BoundSyrup(fc.BoundTerm):
     drag: np.ndarray
     own: np.ndarray
     rate: float

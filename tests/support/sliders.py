@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.records import remembered
 
 
@@ -36,7 +37,7 @@ class Sliders:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundSliders:
+class BoundSliders(BoundTerm):
     """Without a record the springs are fixed where the nodes are, and there is no force."""
 
     k: float
@@ -54,7 +55,9 @@ class BoundSliders:
         return replace(self, record=record)
 
     def over_step(self, step):
-        return SlidersOverStep(**vars(replace(self, record=step.history)), at_mean=step.at_mean)
+        return SlidersOverStep(
+            k=self.k, most=self.most, own=self.own, record=step.history, at_mean=step.at_mean
+        )
 
     def spring(self, x):
         """e (n, 3), s (n,)."""

@@ -140,7 +140,7 @@ class Foundation:
         return BoundFoundation()
 
 
-class BoundFoundation:
+class BoundFoundation(fc.BoundTerm):
     name = "Foundation"
     symmetric = has_energy = True
     dissipative = velocity_dependent = False

@@ -4,16 +4,20 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.terms.protocol import ABILITIES, ALWAYS, BoundTerm, bound, complete, has_own
+from fecloth.terms.protocol import ALWAYS, BoundTerm, bound, has_own
+from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import TermTraits, traits_of
 from studies.examples.term import BoundWinkler, Winkler
 
+FABRIC = fc.Fabric(0.2, 1000.0)
 
-class Least:
+
+class Least(BoundTerm):
     """A bound term with no more than it must have."""
 
-    name, symmetric, has_energy = "Least", True, False
-    dissipative = velocity_dependent = False
+    name = "Least"
+    symmetric = True
+    has_energy = False
 
     def add_force(self, x, v, t, f):
         f[:, 2] -= 1.0
@@ -22,18 +26,14 @@ class Least:
         pass
 
 
-class Slotted(Least):
-    __slots__ = ("weight",)
+class Foreign:
+    """An object with the functions of a bound term that does not derive from `BoundTerm`."""
 
-
-class Wrapped:
-    """A bound term that asks another for what it has not itself."""
-
-    def __init__(self, inner):
-        self.inner = inner
-
-    def __getattr__(self, name):
-        return getattr(self.inner, name)
+    name = "Foreign"
+    symmetric = True
+    has_energy = dissipative = velocity_dependent = False
+    add_force = Least.add_force
+    add_tangent = Least.add_tangent
 
 
 class Description:
@@ -53,13 +53,11 @@ def bind(made):
     return bound(Description(made), None, None)
 
 
-@pytest.mark.parametrize("kind", [Least, Slotted])
-def test_a_term_of_its_own_gets_what_it_lacks(kind):
-    made = kind()
+def test_the_other_abilities_of_a_term_do_nothing():
+    made = Least()
     term = bind(made)
     assert term is made
-    assert isinstance(term, kind)
-    assert type(term).__name__ == kind.__name__
+    assert type(term) is Least
     x = np.zeros((2, 3))
     assert term.limit(x, x, 0.0) == 1.0
     assert term.over_step(None) is term
@@ -67,9 +65,7 @@ def test_a_term_of_its_own_gets_what_it_lacks(kind):
     assert term.coupling(x, x, 0.0, 1.0, 0.0, False) is None
     assert term.start_history(x, 0.0) is term.commit(x, 0.0) is None
     assert not any((term.load, term.supplies, term.limits_direction, term.needs_end))
-    assert all(hasattr(term, name) for name in ABILITIES)
-    assert complete(term) is term
-    assert type(bind(kind())) is type(term)
+    assert all(hasattr(term, name) for name in vars(BoundTerm))
 
 
 def test_what_a_term_has_stays():
@@ -79,17 +75,38 @@ def test_what_a_term_has_stays():
     assert term.energy(np.ones((2, 3)), 0.0) == 1.0
 
 
-def test_a_wrapper_has_the_abilities_of_what_it_wraps():
-    class Limited(Least):
-        needs_end = "it must"
+def test_a_bound_term_of_another_class_is_refused():
+    """The message says the line to write; the object keeps its class."""
+    made = Foreign()
+    with pytest.raises(fc.InputError) as refused:
+        bind(made)
+    assert str(refused.value) == (
+        "System: Description.bind(panel, slots) gives a Foreign: must be an object of a class "
+        "that derives from fecloth.BoundTerm. Write `class Foreign(fc.BoundTerm):`."
+    )
+    assert type(made) is Foreign
+    with pytest.raises(fc.InputError, match=r"gives an int: .* Write `class MyBound\(fc.Bound"):
+        bind(3)
 
-        def limit(self, x, s, t):
-            return 0.5
 
-    term = bind(Wrapped(bind(Limited())))
-    assert term.needs_end == "it must"
-    assert term.limits_direction
-    assert term.limit(None, None, 0.0) == 0.5
+@pytest.mark.parametrize("name", ["over_step", "with_history"])
+def test_what_a_term_gives_for_a_step_derives_from_bound_term(name):
+    class Record:
+        pass
+
+    class Changing(Least):
+        def start_history(self, x, t):
+            return Record()
+
+    setattr(Changing, name, lambda self, argument: Foreign())
+    system = fc.System(fc.Cloth.rectangle(1.0, 1.0, 1.0), FABRIC, [Description(Changing())])
+    state = system.rest()
+    history = system.start_history(state)
+    step = StepDifference.between(state.x, 0.1, 0.0)
+    arguments = {"over_step": (step, history), "with_history": (history,)}[name]
+    message = rf"System: Least.{name}\(.*\) gives a Foreign: .* Write `class Foreign\("
+    with pytest.raises(fc.InputError, match=message):
+        getattr(system, name)(*arguments)
 
 
 def test_a_term_without_what_every_term_has_is_refused():
@@ -99,18 +116,16 @@ def test_a_term_without_what_every_term_has_is_refused():
     with pytest.raises(fc.InputError, match="must have symmetric, has_energy, .*add_force"):
         bind(Nothing())
 
-    class NoEnergy(Least, BoundTerm):
+    class NoEnergy(Least):
         has_energy = dissipative = True
 
     with pytest.raises(fc.InputError, match="gives a NoEnergy: must have energy, power"):
         bind(NoEnergy())
-    with pytest.raises(fc.InputError, match="must have name"):
-        bind(3)
 
 
 def test_every_name_of_a_bound_term_is_listed_once():
     assert set(ALWAYS[-3:]) <= set(vars(BoundTerm))
-    assert not set(ALWAYS) & set(ABILITIES)
+    assert all(hasattr(BoundTerm, name) or name in BoundTerm.__annotations__ for name in ALWAYS)
 
 
 def test_traits_are_those_of_the_class_or_of_plain_attributes():

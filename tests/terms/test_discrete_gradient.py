@@ -1,5 +1,7 @@
 """Forces over a step from the energy of the whole cloth: their work, their momenta, their size."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import rough
@@ -7,6 +9,7 @@ from support.over_step import energy_momentum as over_step
 
 import fecloth as fc
 from fecloth.terms.bending.hinge import hinge_angles
+from fecloth.terms.discrete_gradient import DiscreteGradient
 from fecloth.terms.loops.bound_condition import mean_ratio, spring_modulus
 
 # steps are coarse and meshes small by intent
@@ -182,6 +185,16 @@ def test_a_step_that_only_turns_the_cloth_is_not_corrected():
     np.testing.assert_allclose(f, at_mean, rtol=0, atol=1e-6 * np.abs(at_mean).max())
 
 
+@pytest.mark.parametrize(("part", "corrects"), [(0.8, False), (1.25, True)])
+def test_a_change_of_the_energy_by_round_off_is_not_corrected(part, corrects):
+    """Up to 1e-15 of both energies: about 9 units of the last digit of one of them."""
+    energies = iter([1.0, 1.0 + part * 2e-15])
+    term = SimpleNamespace(energy=lambda x, t: next(energies), objective=False)
+    over = DiscreteGradient(term, term, start=np.zeros((1, 3)), mass=np.ones(1), t=0.0)
+    d = np.array([[1.0, 0.0, 0.0]])
+    assert over.correction(0.5 * d, d, np.zeros((1, 3))).any() == corrects
+
+
 def test_damping_acts_as_at_the_mean():
     system, start, end = one(CLOTH, CABLE)
     v = np.random.default_rng(1).standard_normal(start.shape)
@@ -249,7 +262,7 @@ def test_a_free_flight_keeps_the_energy_and_what_else_it_must(name):
 def test_a_term_of_ones_own_with_an_energy_is_served():
     """U = k/4 Σ z⁴ without anything about steps."""
 
-    class Quartic:
+    class Quartic(fc.BoundTerm):
         name, symmetric, has_energy = "Quartic", True, True
         dissipative = velocity_dependent = False
 

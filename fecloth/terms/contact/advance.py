@@ -4,63 +4,82 @@ The distance that must be left is a fifth of the distance now, or of the gap if 
 For a convex shape the distance is a convex function of the way, so that it lies above its
 tangent: the way to where the tangent has the least distance is safe (Newton's method from the
 safe side, which converges quadratically). For other shapes the way s is safe where the
-distance is at least L s, with the slope L of the distance there, and half of it in reserve.
+distance is at least L s. L is the slope of the distance there, times 1.5 as a reserve.
 """
 
 import numpy as np
 
 from fecloth.terms.contact.shape import Shape
 
-LEFT = 0.2  # of the distance, or of the gap
-CLOSE = 0.05  # of what must be left: the search for the way ends here
-MOST = 40  # iterations; then the way so far is taken
-PARTS = 32  # of a way, at which it is looked whether it is inside of a shape
-HALVINGS = 6  # of these parts, to find the place where it enters
-ITERATIONS = 10  # out of the way of a shape that deforms
-RESERVE = 1.5  # on the slope of a distance that is not convex
+# Part of the distance now, or of the gap if that is less, that a point must leave. Chosen: it
+# must be > 0, as the barrier is infinite at the surface, and small enough to get on.
+LEAST_PART_LEFT = 0.2
+# The search for the way ends where the room is at most this part of the distance that must be
+# left. Chosen: the way is then exact to a hundredth of the distance or of the gap.
+ROOM_OVER_LEAST_DISTANCE = 0.05
+MOST_ADVANCES = 40  # iterations of that search; then the way so far is taken, which is safe
+# A straight way is looked at in so many parts for whether it is inside of a shape, and the part
+# in which it enters is halved so often: the place is known to 1/2048 of the way.
+PARTS_OF_WAY = 32
+HALVINGS_OF_PART = 6
+MOST_MOVES_OUT = 10  # iterations of Newton's method out of the way of a shape that deforms
+# Over the slope of a distance that is not convex. Chosen: it may be steeper farther on.
+SLOPE_RESERVE = 1.5
 
 
 def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) -> np.ndarray:
-    """The largest part (m,) in [0, 1] of each way (m, 3) that leaves its point y (m, 3) outside."""
-    # Both are in the frame of the shape. A point inside may not move.
+    """The part (m,) in [0, 1] of each way that its point may go and stay outside of a shape.
+
+    Parameters
+    ----------
+    y
+        The points (m, 3) [m], in the frame of the shape. A point inside may not move.
+    way
+        The ways (m, 3) [m], in that frame.
+    t
+        The time [s] for which the shape is taken.
+    gap
+        Distance [m] at which the barrier begins.
+    """
     parts = np.ones(len(y))
     d = shape.distance(y, t)
-    least = LEFT * np.minimum(d, gap)
-    length = np.sqrt(np.einsum("mi,mi->m", way, way))
+    least = LEAST_PART_LEFT * np.minimum(d, gap)
     if shape.convex:
-        some = np.flatnonzero(d - least < length)
+        going = np.flatnonzero(d - least < _lengths(way))
     else:
-        some = np.arange(len(y))
-    parts[some] = 0.0
-    for _ in range(MOST):
-        if not len(some):
+        going = np.arange(len(y))
+    parts[going] = 0.0
+    for _ in range(MOST_ADVANCES):
+        if not len(going):
             break
-        at = y[some] + parts[some, None] * way[some]
-        room = shape.distance(at, t) - least[some]
-        moves = room > CLOSE * least[some]
-        some = some[moves]
-        at = at[moves]
-        room = room[moves]
-        speed = _approach(shape, at, way[some], t)
+        place = y[going] + parts[going, None] * way[going]
+        room = shape.distance(place, t) - least[going]
+        has_room = room > ROOM_OVER_LEAST_DISTANCE * least[going]
+        going = going[has_room]
+        approach = _bound_approach(shape, place[has_room], way[going], t)
         with np.errstate(divide="ignore"):
-            parts[some] = np.minimum(1.0, parts[some] + room / speed)
-        some = some[parts[some] < 1.0]
+            parts[going] = np.minimum(1.0, parts[going] + room[has_room] / approach)
+        going = going[parts[going] < 1.0]
     return parts
 
 
-def _approach(shape: Shape, at: np.ndarray, way: np.ndarray, t: float) -> np.ndarray:
-    """(m,) how much of the distance the whole way takes at most, seen from these places."""
-    gradient = shape.gradient(at, t)
+def _bound_approach(shape: Shape, place: np.ndarray, way: np.ndarray, t: float) -> np.ndarray:
+    """(m,) by how much [m] the whole way brings a point nearer at most, seen from its place."""
+    gradient = shape.gradient(place, t)
     if shape.convex:
         return np.maximum(-np.einsum("mi,mi->m", gradient, way), 0.0)
-    slope = RESERVE * np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-    return slope * np.sqrt(np.einsum("mi,mi->m", way, way))
+    return SLOPE_RESERVE * _lengths(gradient) * _lengths(way)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """(m,) lengths of vectors (m, 3)."""
+    return np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
 
 
 def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.ndarray:
-    """Points (n, 3) moved along the slope of the distance to the `wanted` one (n,), if nearer."""
+    """Move points (n, 3) that are nearer than a distance `wanted` (n,) along its slope to it."""
     y = y.copy()
-    for _ in range(ITERATIONS):
+    for _ in range(MOST_MOVES_OUT):
         d = shape.distance(y, t)
         close = np.flatnonzero(d < wanted)
         if not len(close):
@@ -72,35 +91,51 @@ def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.nd
 
 
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Whether each straight way (m,) from a to b (m, 3) enters the shape and leaves it behind."""
-    # Behind means that the normals where it enters and leaves are more than a right angle apart.
+    """Whether each straight way (m,) from a to b (m, 3) goes in and comes out behind the shape.
+
+    Behind means that the normals where it enters and where it leaves are more than a right
+    angle apart.
+    """
     through = np.zeros(len(a), bool)
     way = b - a
-    length = np.sqrt(np.einsum("mi,mi->m", way, way))
-    some = np.arange(len(a))
+    ways = np.arange(len(a))
     if shape.convex:
-        some = np.flatnonzero(shape.distance(a, t) + shape.distance(b, t) < length)
-    if not len(some):
+        ways = np.flatnonzero(shape.distance(a, t) + shape.distance(b, t) < _lengths(way))
+    if not len(ways):
         return through
-    parts = np.linspace(0.0, 1.0, PARTS + 1)
-    spots = a[some, None] + parts[:, None] * way[some, None]
-    d = shape.distance(spots.reshape(-1, 3), t).reshape(len(some), -1)
+    parts = np.linspace(0.0, 1.0, PARTS_OF_WAY + 1)
+    places = a[ways, None] + parts[:, None] * way[ways, None]
+    d = shape.distance(places.reshape(-1, 3), t).reshape(len(ways), -1)
     enters = (d[:, :-1] > 0) & (d[:, 1:] <= 0)
     leaves = (d[:, :-1] <= 0) & (d[:, 1:] > 0)
     rows = np.flatnonzero(enters.any(axis=1) & leaves.any(axis=1))
-    some = some[rows]
-    d = d[rows]
-    first = enters[rows].argmax(axis=1)
-    last = PARTS - 1 - leaves[rows, ::-1].argmax(axis=1)
-    normals = []
-    for part, outside in ((first, first), (last, last + 1)):
-        inside = part + part + 1 - outside
-        for _ in range(HALVINGS):
-            middle = 0.5 * (inside + outside)
-            at = a[some] + (middle / PARTS)[:, None] * way[some]
-            is_outside = shape.distance(at, t) > 0
-            inside = np.where(is_outside, inside, middle)
-            outside = np.where(is_outside, middle, outside)
-        normals.append(shape.gradient(a[some] + (outside / PARTS)[:, None] * way[some], t))
-    through[some] = np.einsum("mi,mi->m", *normals) < 0.0
+    ways = ways[rows]
+    entry = enters[rows].argmax(axis=1)
+    exit_ = PARTS_OF_WAY - 1 - leaves[rows, ::-1].argmax(axis=1)
+    begin = a[ways]
+    there = way[ways]
+    n_entry = _normals_at_surface(shape, begin, there, t, outside=entry, inside=entry + 1)
+    n_exit = _normals_at_surface(shape, begin, there, t, outside=exit_ + 1, inside=exit_)
+    through[ways] = np.einsum("mi,mi->m", n_entry, n_exit) < 0.0
     return through
+
+
+def _normals_at_surface(
+    shape: Shape,
+    a: np.ndarray,
+    way: np.ndarray,
+    t: float,
+    outside: np.ndarray,
+    inside: np.ndarray,
+) -> np.ndarray:
+    """(m, 3) gradients of the distance where ways (m, 3) from a (m, 3) cross the surface.
+
+    `outside` and `inside` (m,) are the ends of the part in which each does so, in numbers of
+    the parts of a way. That part is halved again and again.
+    """
+    for _ in range(HALVINGS_OF_PART):
+        middle = 0.5 * (inside + outside)
+        is_outside = shape.distance(a + (middle / PARTS_OF_WAY)[:, None] * way, t) > 0
+        inside = np.where(is_outside, inside, middle)
+        outside = np.where(is_outside, middle, outside)
+    return shape.gradient(a + (outside / PARTS_OF_WAY)[:, None] * way, t)

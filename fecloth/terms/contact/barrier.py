@@ -17,10 +17,12 @@ import numpy as np
 from fecloth import validation
 from fecloth.errors import InputError, is_number
 from fecloth.fabric.panel import Panel
+from fecloth.terms.loads.gravity import Gravity
 
-GRAVITY = 9.81  # m/s², for the weight of the fabric
-STRAIN = 0.01  # of a fabric that is pulled against an obstacle
-RESTING = 0.9  # s at which it then rests
+# With the stiffness "auto" a fabric that is pulled over an obstacle by this strain ...
+STRAIN_OF_TENSION = 0.01
+# ... rests at this distance over the gap. Both are chosen: tests hold them, no measurement.
+RESTING_DISTANCE_OVER_GAP = 0.9
 Stiffness = float | Literal["auto"]
 
 
@@ -49,7 +51,7 @@ def integral(s: np.ndarray) -> np.ndarray:
 
 
 def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness) -> None:
-    """Raise `InputError` for numbers that no contact can have."""
+    """Raise `InputError` for a gap, friction or stiffness out of its range."""
     validation.positive("gap", gap, "m", where)
     validation.positive("friction", friction, "", where, or_zero=True)
     if stiffness != "auto" and not (is_number(stiffness) and stiffness > 0):
@@ -58,12 +60,13 @@ def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness)
 
 
 def check_restitution(where: str, restitution: float, of_pairs: bool = False) -> None:
-    """Raise `InputError` for a restitution out of 0 … 1; `of_pairs` of triangles for all but both.
+    """Raise `InputError` for a restitution out of 0 … 1.
 
-    What a pair has become of over a step is known where it moves apart only: see `retreat`.
+    Pairs of triangles (`of_pairs`) can have 0 or 1 only: over a step such a pair is known where
+    it moves apart, and not where it comes nearer (see `retreat`).
     """
-    number = is_number(restitution) and 0.0 <= restitution <= 1.0
-    if not number or (of_pairs and 0.0 < restitution < 1.0):
+    is_in_range = is_number(restitution) and 0.0 <= restitution <= 1.0
+    if not is_in_range or (of_pairs and 0.0 < restitution < 1.0):
         allowed = "must be a number in 0 … 1"
         remedy = ""
         if of_pairs:
@@ -73,16 +76,18 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """κ [Pa] as it is given, or "auto" from the weight and the stiffness of the fabric.
+    """κ [Pa]: the given number or, for "auto", from the weight and stiffness of the fabric.
 
-    That is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth, ε = 1 %
-    and p = −b′. With the first one, a cloth that falls by its own extent still keeps about a
-    fifth of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its own size
-    rests at nine tenths of the gap.
+    "auto" is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth,
+    ε = 1 % and p = −b′. With the first one, a cloth that falls by its own extent still keeps
+    about a fifth of the gap. With the second one, a cloth pulled by 1 % over an obstacle of its
+    own size rests at nine tenths of the gap. g is the default of `Gravity`.
     """
     if stiffness != "auto":
         return float(stiffness)
     extent = panel.cloth.extent
-    weight = max(fabric.areal_density for fabric in panel.fabrics) * GRAVITY
-    tension = STRAIN * max(max(fabric.tensile) for fabric in panel.fabrics)
-    return max(weight * extent / gap, tension / extent / float(pressure(np.array(RESTING))))
+    g = float(np.linalg.norm(Gravity().acceleration))
+    weight = max(fabric.areal_density for fabric in panel.fabrics) * g
+    tension = STRAIN_OF_TENSION * max(max(fabric.tensile) for fabric in panel.fabrics)
+    resting = float(pressure(np.array(RESTING_DISTANCE_OVER_GAP)))
+    return max(weight * extent / gap, tension / extent / resting)

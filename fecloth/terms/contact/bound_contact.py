@@ -1,7 +1,7 @@
-"""What obstacles, meshes and the cloth itself have in common: a barrier with friction, over a step.
+"""What all contact has in common: a barrier with friction, at one state and over a step.
 
-A subclass of `BoundContact` has the barrier, and says what slides; here that is put together,
-for one state and for a step.
+A subclass of `BoundContact` has the barrier, and says what slides: `BoundObstacle` for shapes,
+`BoundTriangleContact` for meshes and the cloth itself. Here both parts are put together.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fecloth.terms.protocol import BoundTerm, taken_from
 from fecloth.terms.records import remembered
 from fecloth.terms.step_difference import StepDifference
 
-Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its velocities w
+Rubbing = Iterable[tuple[Any, np.ndarray]]  # each `Sliding`, and its velocities w
 
 
 @remembered
@@ -29,13 +29,22 @@ Rubbing = Iterable[tuple[Any, np.ndarray]]  # what slides, a `Sliding`, and its 
 class Touched:
     """The last step: friction has its λ and directions at its end.
 
-    With a restitution between 0 and 1 it also has, for each kind of points of an obstacle, the
-    speeds (p,) [m/s] with which they came nearer when they first touched; infinite where
-    unknown.
+    Attributes
+    ----------
+    place
+        Positions (n, 3) at the end of the step [m].
+    start
+        Positions (n, 3) at its begin [m].
+    begin
+        Time at its begin [s].
+    dt
+        Its size [s].
+    speeds
+        With a restitution between 0 and 1, for each kind of points of an obstacle, the speeds
+        (p,) [m/s] with which they came nearer when they first touched; huge where unknown.
     """
 
-    place: np.ndarray  # (n, 3) at its end [m]
-    # (n, 3) [m] and the time [s] at its begin, and its size [s].
+    place: np.ndarray
     start: np.ndarray
     begin: float
     dt: float
@@ -43,12 +52,24 @@ class Touched:
 
 
 class BoundContact(BoundTerm):
-    """A contact on a cloth."""
+    """A contact on a cloth.
 
-    friction: float  # μ
-    gap: float  # [m]
-    body: Any  # the `Shape` with which it moves and turns; None where it does not move
-    restitution: Any = 1.0  # part of the speed that an impact leaves
+    Attributes
+    ----------
+    friction
+        Coefficient μ of Coulomb's friction.
+    gap
+        Distance at which the barrier begins [m].
+    body
+        The `Shape` with which it moves and turns; None where it does not move.
+    restitution
+        Part of the speed that an impact leaves.
+    """
+
+    friction: float
+    gap: float
+    body: Any
+    restitution: Any = 1.0
 
     has_energy = True
     stores_strain = False
@@ -73,7 +94,7 @@ class BoundContact(BoundTerm):
         """Whether it moves, and so does work."""
         return self.body is not None and self.body.moves
 
-    # --- what a subclass has ----------------------------------------------------------------------
+    # --- what a subclass has ------------------------------------------------------------------
 
     def over(self, moved: Touched) -> BoundContact:
         """The contact over a step, in which it dissipates what an impact takes."""
@@ -88,19 +109,19 @@ class BoundContact(BoundTerm):
         return ()
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        """The largest speed [m/s] of what enters the gap over a step from the `State` old to x."""
+        """The largest speed [m/s] with which a part enters the gap, from the `State` old to x."""
         return 0.0
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[Sliding]:
         """What slides at the positions x (n, 3) and the time t.
 
-        The velocity of the surface is the mean of the time dt from then on, or of −dt until
-        then; for None the velocity at t.
+        The velocity of the surface is its mean from t to t + dt, also for dt < 0. For dt = None
+        it is the velocity at t.
         """
         raise NotImplementedError
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
-        """f (n, 3) += the force of the barrier, and of what rubs [N]."""
+        """f (n, 3) += the force [N] of the barrier, and of friction."""
         raise NotImplementedError
 
     def add_tangents(
@@ -113,15 +134,15 @@ class BoundContact(BoundTerm):
         J: BlockMatrix,
         definite: bool,
     ) -> None:
-        """J += wx K of the barrier, and `weight` D of what rubs."""
+        """J += wx K of the barrier, and `weight` D of friction."""
 
     def couplings(
         self, x: np.ndarray, t: float, wx: float, rubbing: Rubbing, weight: float, definite: bool
     ) -> sparse.spmatrix | None:
-        """The same where it couples nodes outside the fixed pattern."""
+        """(3n, 3n) the part of `add_tangents` outside the fixed pattern; None without any."""
         return None
 
-    # --- the first guess of a step; positions are in the frame of the body ------------------------
+    # --- the first guess of a step; positions are in the frame of the body ---------------------
 
     def begin(self, step: StepDifference, t: float) -> np.ndarray:
         """Positions (n, 3) at the begin of the step that ends at t."""
@@ -136,21 +157,25 @@ class BoundContact(BoundTerm):
         raise NotImplementedError
 
     def room(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(n,) distances [m] of nodes at x (n, 3) in space from a shape; infinite without one."""
+        """(n,) distances [m] from a shape of nodes at x (n, 3) in space; infinite without one."""
         return np.full(len(x), np.inf)
 
     def struck(
         self, x: np.ndarray, end: np.ndarray, t: float, dt: float, held: np.ndarray
     ) -> np.ndarray:
-        """The nodes `held` that, or between which points, pass into something to `end` in dt."""
+        """The nodes `held` that pass into something on the way from x to `end` in the time dt.
+
+        So do nodes where a point passes between nodes that are all held.
+        """
         raise NotImplementedError
 
-    # --- at one state -----------------------------------------------------------------------------
+    # --- at one state -------------------------------------------------------------------------
 
     def rubbing(self, x: np.ndarray, v: np.ndarray, t: float) -> Rubbing:
         """What slides at one state, with its velocities."""
-        sliding = self.lag(x, t, None) if self.friction else ()
-        return [(each, each.slip(each.values(v))) for each in sliding]
+        if not self.friction:
+            return ()
+        return [(sliding, sliding.slip(sliding.values(v))) for sliding in self.lag(x, t, None)]
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier, and friction [N].
@@ -158,7 +183,10 @@ class BoundContact(BoundTerm):
         At v = 0 it is the derivative of the energy: the friction of an obstacle that moves
         past a cloth at rest is left out.
         """
-        self.add_forces(x, t, self.rubbing(x, v, t) if v.any() else (), f)
+        rubbing: Rubbing = ()
+        if v.any():
+            rubbing = self.rubbing(x, v, t)
+        self.add_forces(x, t, rubbing, f)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K of the barrier, and wv D of friction."""
@@ -166,7 +194,7 @@ class BoundContact(BoundTerm):
 
     def power(self, x, v, t) -> float:
         """Dissipated power Σ μ λ f₁(y) y of friction [W]."""
-        return sum(each.power(w) for each, w in self.rubbing(x, v, t))
+        return sum(sliding.power(w) for sliding, w in self.rubbing(x, v, t))
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
         """Work [J] on the cloth by a shape that deforms from the time `before` to t.
@@ -178,11 +206,12 @@ class BoundContact(BoundTerm):
 
     @property
     def keeps_history(self) -> bool:
+        """Whether a step depends on the step before."""
         return self.friction > 0.0 or 0.0 < self.restitution < 1.0
 
     def start_history(self, x: np.ndarray, t: float) -> Touched | None:
         if self.keeps_history:
-            return Touched(x, x, t, 1.0, self.speeds(x, t))
+            return Touched(place=x, start=x, begin=t, dt=1.0, speeds=self.speeds(x, t))
         return None
 
     def over_step(self, step: StepDifference) -> BoundTerm:
@@ -193,11 +222,11 @@ class BoundContact(BoundTerm):
 class ContactOverStep(BoundTerm):
     """A contact over a step that ends at x; friction has the potential h Σ μ λ f₀(y).
 
-    What it dissipates beside has a potential too: see `restitution`.
+    The damping of the barrier has a potential, too: see `restitution`.
 
-    λ and the directions of sliding are taken at the end of the last step, where that was
-    committed, and the velocity is the method's difference. Over an `Increment` of the loads it
-    is the way over the increment, divided by its size; the barrier does not dissipate there.
+    λ and the directions of sliding are taken at the end of the last step, if that was
+    committed. The velocity is the method's difference. Over an `Increment` of the loads it is
+    the way over the increment, divided by its size, and the barrier does not dissipate.
     """
 
     contact: BoundContact
@@ -219,7 +248,10 @@ class ContactOverStep(BoundTerm):
         """The step before."""
         start = self.step.start
         t = self.step.t
-        return self.step.history or Touched(start, start, t, 1.0, self.contact.speeds(start, t))
+        if self.step.history:
+            return self.step.history
+        speeds = self.contact.speeds(start, t)
+        return Touched(place=start, start=start, begin=t, dt=1.0, speeds=speeds)
 
     @cached_property
     def acting(self) -> BoundContact:
@@ -227,13 +259,26 @@ class ContactOverStep(BoundTerm):
         step = self.step
         if step.increment:
             return self.contact
-        return self.contact.over(Touched(step.start, step.start, step.t, step.dt, self.last.speeds))
+        moved = Touched(
+            place=step.start,
+            start=step.start,
+            begin=step.t,
+            dt=step.dt,
+            speeds=self.last.speeds,
+        )
+        return self.contact.over(moved)
 
     def commit(self, x: np.ndarray, t: float) -> Touched | None:
         if not self.contact.keeps_history:
             return None
         step = self.step
-        return Touched(x, step.start, step.t, step.dt, self.acting.speeds(x, t))
+        return Touched(
+            place=x,
+            start=step.start,
+            begin=step.t,
+            dt=step.dt,
+            speeds=self.acting.speeds(x, t),
+        )
 
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
@@ -250,21 +295,22 @@ class ContactOverStep(BoundTerm):
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
-        """Σ cᵢ xᵢ [m] at the points of what slides."""
+        """Σ cᵢ xᵢ [m] at the points of each `Sliding`."""
         past = np.add.reduce([weight * x for weight, x in self.step.past])
-        return [each.values(past) for each in self.sliding]
+        return [sliding.values(past) for sliding in self.sliding]
 
     def rubbing(self, x: np.ndarray) -> Rubbing:
         """What slides, with its velocities by the method's difference."""
-        begin = zip(self.sliding, self.past, strict=True)
         h = self.step.h
-        return ((each, each.slip((each.values(x) - past) / h)) for each, past in begin)
+        for sliding, past in zip(self.sliding, self.past, strict=True):
+            yield sliding, sliding.slip((sliding.values(x) - past) / h)
 
     def energy(self, x, t) -> float:
         """The energy of the barrier, and h Σ μ λ f₀(y) [J]."""
-        rubbing = self.rubbing(x)
         energy = self.acting.energy(x, t)
-        return sum((self.step.h * each.rate(w) for each, w in rubbing), start=energy)
+        for sliding, w in self.rubbing(x):
+            energy += self.step.h * sliding.rate(w)
+        return energy
 
     def add_force(self, x, v, t, f) -> None:
         """f += the force of the barrier at rest, and −μ λ f₁(y)/y w [N]."""
@@ -284,8 +330,9 @@ class ContactOverStep(BoundTerm):
         power = 0.0
         start = self.step.start
         dt = self.step.dt
-        for each in self.sliding:
-            power += each.power(each.slip((each.values(x) - each.values(start)) / dt))
+        for sliding in self.sliding:
+            way = sliding.values(x) - sliding.values(start)
+            power += sliding.power(sliding.slip(way / dt))
         return dt * power + self.acting.lost(x, self.end)
 
     def work(self, x: np.ndarray) -> float:
@@ -303,4 +350,5 @@ class ContactOverStep(BoundTerm):
         return float((f * carried).sum()) + shape
 
     def way(self, t: float) -> Way:
-        return Way(self.contact, self.contact.begin(self.step, t), self.step.start, t)
+        begin = self.contact.begin(self.step, t)
+        return Way(contact=self.contact, begin=begin, start=self.step.start, t=t)

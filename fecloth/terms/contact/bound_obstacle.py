@@ -20,24 +20,40 @@ from fecloth.terms.contact.shape import AT_REST, Pose, Shape
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.step_difference import StepDifference
 
-MORE = (0, 1, 2, 4, 8, 16, 32)  # gaps, for points inside triangles
-SPEED_UNKNOWN = 1e9  # m/s, of the first touch
+# How many gaps more than it had a node may be moved away from a shape that deforms, so that no
+# point inside a triangle is left in the shape. Chosen: the way is doubled up to it.
+MOST_GAPS_MORE = 32
+# Speed of the first touch [m/s] where it is not known, as records can hold no infinite number.
+# No cloth is as fast; c of it is nearly 0, so that nothing is damped.
+UNKNOWN_SPEED = 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class BoundObstacle(BoundContact):
-    """`Obstacle` on a cloth."""
+    """`Obstacle` on a cloth.
 
-    # Of the obstacle; the stiffness is a number.
+    Attributes
+    ----------
+    shape, gap, friction, restitution
+        As of the obstacle.
+    stiffness
+        κ [Pa].
+    creep
+        Speed of sliding ε [m/s] from which friction has its full value.
+    points
+        The kinds of points on which it acts; the nodes are the first.
+    moved
+        The step over which it acts, with the speeds of the first touch; None at one state, where
+        it does not dissipate.
+    """
+
     shape: Shape
     gap: float
     stiffness: float
     friction: float
-    creep: float  # speed of sliding [m/s] from which friction has its full value
-    points: tuple[Points, ...]  # on which it acts
+    creep: float
+    points: tuple[Points, ...]
     restitution: float = 1.0
-    # The places at the begin and the end of a step over which it acts, and the speeds of the
-    # first touch; None at one state, where it does not dissipate.
     moved: Touched | None = None
 
     name = "Obstacle"
@@ -48,7 +64,7 @@ class BoundObstacle(BoundContact):
 
     @property
     def symmetric(self) -> bool:
-        """Whether there is no friction, which is not symmetric by itself, but over a step."""
+        """Whether there is no friction: its tangent is symmetric only over a step."""
         return not self.friction
 
     def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
@@ -65,84 +81,94 @@ class BoundObstacle(BoundContact):
             if is_touching.any():
                 which = which[is_touching]
                 s = s[is_touching]
-                yield Contacts(points, which, y[is_touching], s, self._approach(kind, which, s))
+                approach = self._approach(kind, which, s)
+                yield Contacts(points, which, y=y[is_touching], s=s, approach=approach)
 
     def _approach(self, kind: int, which: np.ndarray, s: np.ndarray) -> Approach:
-        """How some of the points of a kind have come to the distances s (p,) over the gap."""
+        """How the points `which` of a kind come to the distances s (p,) over the gap."""
         if self.moved is None:
-            return Approach(s, np.zeros(len(s)))
+            return Approach(s0=s, a=np.zeros(len(s)))
+        speeds = np.zeros(len(s))
         if self.moved.speeds:
             speeds = self.moved.speeds[kind][which]
-        else:
-            speeds = np.zeros(len(s))
         before = self.distances(self.moved.start, self.moved.begin, kind, which)
         c = rates(self.restitution, speeds)
-        return Approach(before / self.gap, c * self.gap / self.moved.dt)
+        return Approach(s0=before / self.gap, a=c * self.gap / self.moved.dt)
 
     def distances(self, x: np.ndarray, t: float, kind: int, which: np.ndarray) -> np.ndarray:
-        """(p,) distances [m] of some of the points of a kind."""
+        """(p,) distances [m] of the points `which` of a kind."""
         y = self.shape.pose(t).to_body(self.points[kind].values(x, which))
         return self.shape.distance(y, t)
 
-    def slopes(self, at: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(self, contacts: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (p, 3) and Hessian (p, 3, 3) of the distance, in space."""
-        gradient, hessian = self.shape.slopes(at.y, t)
+        gradient, hessian = self.shape.slopes(contacts.y, t)
         if self.shape.rotate is None:
             return gradient, hessian
         R = self.shape.pose(t).R
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
-    def normal_force(self, at: Contacts) -> np.ndarray:
+    def normal_force(self, contacts: Contacts) -> np.ndarray:
         """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
-        force = self.stiffness * at.areas * barrier.pressure(at.s)
-        return force * at.approach.factor(at.s)
+        force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
+        return force * contacts.approach.factor(contacts.s)
 
     def energy(self, x, t) -> float:
         """Σ κ gap A b(d/gap) [J]; +∞ if a point is inside."""
-        values = (float((at.areas * at.approach.value(at.s)).sum()) for at in self.touching(x, t))
-        return self.stiffness * self.gap * sum(values)
+        total = 0.0
+        for contacts in self.touching(x, t):
+            total += float((contacts.areas * contacts.approach.value(contacts.s)).sum())
+        return self.stiffness * self.gap * total
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d, and friction [N]; NaN if a point is inside."""
         self.add_push(x, t, f)
-        for each, w in rubbing:
-            each.add_force(w, f)
+        for sliding, w in rubbing:
+            sliding.add_force(w, f)
 
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
         """f −= κ A b′ ∇d [N], the force without friction."""
-        for at in self.touching(x, t):
-            if at.s.min() <= 0.0:
+        for contacts in self.touching(x, t):
+            if contacts.s.min() <= 0.0:
                 f += np.nan
                 return
-            gradient = self.slopes(at, t)[0]
-            at.points.add_force(at.which, self.normal_force(at)[:, None] * gradient, f)
+            gradient = self.slopes(contacts, t)[0]
+            contacts.points.add_force(
+                contacts.which, self.normal_force(contacts)[:, None] * gradient, f
+            )
 
     def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
-        for at in self.touching(x, t):
-            at.points.add_tangent(at.which, wx * self.push_tangent(at, t, definite), J)
-        for each, w in rubbing:
-            each.at.points.add_tangent(each.at.which, each.damping(w, weight), J)
+        for contacts in self.touching(x, t):
+            contacts.points.add_tangent(
+                contacts.which, wx * self.push_tangent(contacts, t, definite), J
+            )
+        for sliding, w in rubbing:
+            contacts = sliding.contacts
+            contacts.points.add_tangent(contacts.which, sliding.damping(w, weight), J)
 
-    def push_tangent(self, at: Contacts, t: float, definite: bool) -> np.ndarray:
+    def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
         """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
-        gradient, hessian = self.slopes(at, t)
-        steep = self.stiffness / self.gap * at.areas
-        steep *= at.approach.curvature(at.s)
+        gradient, hessian = self.slopes(contacts, t)
+        steep = self.stiffness / self.gap * contacts.areas
+        steep *= contacts.approach.curvature(contacts.s)
         K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
-            K -= self.normal_force(at)[:, None, None] * hessian
+            K -= self.normal_force(contacts)[:, None, None] * hessian
         return K
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
+        """The points of each kind that slide at x and t, with μ λ, normals and velocities."""
         pose = self.shape.pose(t)
         sliding = []
-        for at in self.touching(x, t):
-            gradient = self.slopes(at, t)[0]
+        for contacts in self.touching(x, t):
+            gradient = self.slopes(contacts, t)[0]
             steep = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-            limit = self.friction * self.normal_force(at) * steep
-            surface = self.shape.mean_velocity(at.y, pose.to_space(at.y), t, dt)
+            limit = self.friction * self.normal_force(contacts) * steep
+            surface = self.shape.mean_velocity(contacts.y, pose.to_space(contacts.y), t, dt)
             n = gradient / steep[:, None]
-            sliding.append(SlidingPoints(at, limit, n, surface, self.creep))
+            sliding.append(
+                SlidingPoints(contacts=contacts, limit=limit, n=n, surface=surface, eps=self.creep)
+            )
         return sliding
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
@@ -151,19 +177,21 @@ class BoundObstacle(BoundContact):
         if definite or not self.friction:
             return
         spin = np.cross(self.shape.rates(t)[1], np.eye(3)).T
-        for each in self.lag(x, t, None):
-            change = -self.friction * self.push_tangent(each.at, t, definite)
-            K = each.stiffness(each.values(v), change, spin)
-            each.at.points.add_tangent(each.at.which, wx * K, J)
+        for sliding in self.lag(x, t, None):
+            contacts = sliding.contacts
+            change = -self.friction * self.push_tangent(contacts, t, definite)
+            K = sliding.stiffness(sliding.values(v), change, spin)
+            contacts.points.add_tangent(contacts.which, wx * K, J)
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
+        """Work [J] on the cloth by a shape that deforms: the force times what the shape grows."""
         if not self.shape.deforms:
             return 0.0
         work = 0.0
-        for at in self.touching(x, t):
-            there = at.points.values(y, at.which)
+        for contacts in self.touching(x, t):
+            there = contacts.points.values(y, contacts.which)
             grown = self.shape.distance(there, t) - self.shape.distance(there, before)
-            work -= float(self.normal_force(at) @ grown)
+            work -= float(self.normal_force(contacts) @ grown)
         return work
 
     def over(self, moved: Touched) -> BoundObstacle:
@@ -173,28 +201,31 @@ class BoundObstacle(BoundContact):
 
     def lost(self, x: np.ndarray, t: float) -> float:
         """Σ κ gap A p (w − 1)(s₀ − s) [J]."""
-        values = (float(at.areas @ at.approach.lost(at.s)) for at in self.touching(x, t))
-        return self.stiffness * self.gap * sum(values)
+        total = 0.0
+        for contacts in self.touching(x, t):
+            total += float(contacts.areas @ contacts.approach.lost(contacts.s))
+        return self.stiffness * self.gap * total
 
     def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
         if not 0.0 < self.restitution < 1.0:
             return ()
         if self.moved is None:
-            return tuple(np.full(len(each.areas), SPEED_UNKNOWN) for each in self.points)
+            return tuple(np.full(len(points.areas), UNKNOWN_SPEED) for points in self.points)
         speeds = []
         for kind, before in enumerate(self.moved.speeds):
-            every = np.arange(len(before))
-            d = self.distances(x, t, kind, every)
-            nearer = self.distances(self.moved.start, self.moved.begin, kind, every) - d
-            keeps = (d < self.gap) & (before < SPEED_UNKNOWN)
+            all_points = np.arange(len(before))
+            d = self.distances(x, t, kind, all_points)
+            nearer = self.distances(self.moved.start, self.moved.begin, kind, all_points) - d
+            keeps = (d < self.gap) & (before < UNKNOWN_SPEED)
             speeds.append(np.where(keeps, before, np.maximum(nearer / self.moved.dt, 0.0)))
         return tuple(speeds)
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
         speeds = [0.0]
         pose = self.shape.pose(old.t)
-        for at in self.touching(x, t):
-            place, v = (at.points.values(each, at.which) for each in (old.x, old.v))
+        for contacts in self.touching(x, t):
+            place = contacts.points.values(old.x, contacts.which)
+            v = contacts.points.values(old.v, contacts.which)
             y = pose.to_body(place)
             n = self.shape.slopes(y, old.t)[0] @ pose.R.T
             n /= np.linalg.norm(n, axis=1, keepdims=True)
@@ -203,7 +234,7 @@ class BoundObstacle(BoundContact):
         return max(speeds)
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
-        """The largest α ≤ 1 for which no point passes into the obstacle on the way to x + α s."""
+        """The largest α ≤ 1 for which no point passes into the obstacle up to x + α s."""
         pose = self.shape.pose(t)
         way = pose.to_body(x + s) - pose.to_body(x)
         return self._free_part(self.points, x, pose, way, t)
@@ -239,6 +270,7 @@ class BoundObstacle(BoundContact):
         return self.least_distance(x, t) > 0.0
 
     def leaps(self, old: Any, x: np.ndarray, t: float) -> bool:
+        """Whether a point passes through the shape on its straight way in the shape's frame."""
         begin = self.shape.pose(old.t).to_body(old.x)
         end = self.shape.pose(t).to_body(x)
         at_nodes = self.shape.distance(begin, t)
@@ -246,7 +278,8 @@ class BoundObstacle(BoundContact):
         reach = np.sqrt(np.einsum("ni,ni->n", way, way))
         for points in self.points:
             which = points.candidates(at_nodes, reach)
-            a, b = points.values(begin, which), points.values(end, which)
+            a = points.values(begin, which)
+            b = points.values(end, which)
             if goes_through(self.shape, a, b, t).any():
                 return True
         return False
@@ -256,29 +289,32 @@ class BoundObstacle(BoundContact):
 
     def struck(self, x, end, t, dt, held) -> np.ndarray:
         y = self.shape.pose(t + dt).to_body(end)
-        found = []
+        nodes = []
         for points in self.points:
             which = points.between(held)
             inside = self.shape.distance(points.values(y, which), t + dt) <= 0.0
-            found.append(points.nodes(which[inside]))
-        return np.unique(np.concatenate(found))
+            nodes.append(points.nodes(which[inside]))
+        return np.unique(np.concatenate(nodes))
 
     def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
-        """Nodes (n, 3), as the shape sees them, outside of what it has become at t.
+        """Move nodes y (n, 3), in the frame of a shape that deforms, out of it at the time t.
 
-        They get the distance that they had before, or a gap, and more if points inside triangles
-        need it.
+        They get the distance that they had at the time `before`, but no more than a gap. Where
+        points inside triangles need it, they get 1, 2, 4, … gaps more.
         """
         shape = self.shape
         pose = self.shape.pose(t)
         wanted = np.minimum(shape.distance(y, before), self.gap)
-        for more in MORE:
-            moved = move_out(shape, y, wanted + more * self.gap, t)
-            if self.least_distance(pose.to_space(moved), t) > 0.0:
-                break
-        return moved
+        gaps_more = 0
+        while True:
+            moved = move_out(shape, y, wanted + gaps_more * self.gap, t)
+            is_outside = self.least_distance(pose.to_space(moved), t) > 0.0
+            if is_outside or gaps_more == MOST_GAPS_MORE:
+                return moved
+            gaps_more = max(1, 2 * gaps_more)
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
+        """The least distance [m] of a point of any kind from the shape."""
         pose = self.shape.pose(t)
         at_nodes = self.shape.distance(pose.to_body(x), t)
         least = float(at_nodes.min())
@@ -290,13 +326,15 @@ class BoundObstacle(BoundContact):
         return least
 
     def mean_distance(self, x: np.ndarray, t: float) -> float:
-        """The mean distance [m] of the points that it pushes, weighted by the force; else NaN."""
+        """The mean distance [m] of the points that it pushes, by their force; NaN without any."""
         force = moment = 0.0
-        for at in self.touching(x, t):
-            push = self.normal_force(at)
+        for contacts in self.touching(x, t):
+            push = self.normal_force(contacts)
             force = force + push.sum()
-            moment = moment + push @ at.s * self.gap
-        return float(moment / force) if force else math.nan
+            moment = moment + push @ contacts.s * self.gap
+        if force == 0.0:
+            return math.nan
+        return float(moment / force)
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
         f = np.zeros_like(x)

@@ -5,9 +5,9 @@
 with the normal force λ, the velocity w of sliding, y = |w|, and a small speed ε. F is the
 derivative of the potential −μ λ f₀(y) by w, f₀′ = f₁. At rest the cloth creeps with less than ε.
 
-λ and the directions of sliding belong to one place and time, `Sliding`: over a step to its
-begin, so that friction has a potential; over an increment of the loads to its end, where it is
-solved again and again with them; outside a step to the state itself.
+λ and the directions of sliding are taken at one place and time, `Sliding`. Over a step that is
+its begin, so that friction has a potential. Over an increment of the loads it is the end, for
+which the increment is solved again and again. Outside a step it is the state itself.
 
 Source: Li et al. (2020), Incremental Potential Contact, ACM Trans. Graph. 39(4), section on
 friction; f₀ and f₁ as the IPC Toolkit has them.
@@ -20,25 +20,27 @@ import numpy as np
 
 from fecloth.terms.contact.points import Contacts
 
-LEAST = 1e-300
-CREEP = 1e-3  # extents of the cloth a second, below which friction counts as friction at rest
+# ε over the extent of the cloth, per second: below this speed friction counts as friction at
+# rest. A cloth on a slope creeps by less than a thousandth of its extent in a second.
+CREEP_OVER_EXTENT = 1e-3
 
 
 def potential(y: np.ndarray, eps: float) -> np.ndarray:
-    """f₀(y)."""
+    """f₀(y) of speeds y (m,) [m/s]."""
     inside = -(y**3) / (3 * eps**2) + y**2 / eps + eps / 3
     return np.where(y < eps, inside, y)
 
 
 def factor(y: np.ndarray, eps: float) -> np.ndarray:
-    """f₁(y)/y."""
-    return np.where(y < eps, 2 / eps - y / eps**2, 1 / np.maximum(y, LEAST))
+    """f₁(y)/y of speeds y (m,) [m/s]."""
+    return np.where(y < eps, 2 / eps - y / eps**2, 1 / np.maximum(y, eps))
 
 
 def slope(w: np.ndarray, eps: float) -> np.ndarray:
-    """(m, 3, 3) ∂(f₁(y)/y w)/∂w of velocities (m, 3); positive semi-definite."""
+    """(m, 3, 3) ∂(f₁(y)/y w)/∂w of velocities w (m, 3); positive semi-definite."""
     y = np.sqrt(np.einsum("mi,mi->m", w, w))
-    change = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2) / np.maximum(y, LEAST)
+    y_or_one = np.where(y > 0.0, y, 1.0)  # where w is zero, so is w wᵀ
+    change = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2) / y_or_one
     rank_one = change[:, None, None] * w[:, :, None] * w[:, None, :]
     return factor(y, eps)[:, None, None] * np.eye(3) + rank_one
 
@@ -49,7 +51,7 @@ def along(n: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 class Sliding(Protocol):
-    """What slides at one place and time: its normal forces and directions stay as they are there.
+    """Contacts that slide, with the normal forces and directions of one place and time.
 
     Velocities v (m, 3) belong to its m points in space, w (m, 3) are their parts along and
     relative to the surface that they slide on, both in m/s.
@@ -70,16 +72,30 @@ class Sliding(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SlidingPoints:
-    """Points of one kind that slide on an obstacle."""
+    """Points of one kind that slide on an obstacle.
 
-    at: Contacts  # the points that touch
-    limit: np.ndarray  # (p,) μ λ [N]
-    n: np.ndarray  # (p, 3) normals of the obstacle
-    surface: np.ndarray  # (p, 3) velocity of the obstacle [m/s]
-    eps: float  # speed from which friction has its full value [m/s]
+    Attributes
+    ----------
+    contacts
+        The p points that touch.
+    limit
+        μ λ (p,) [N], the most friction of each.
+    n
+        Normals (p, 3) of the obstacle.
+    surface
+        Velocity (p, 3) of the obstacle [m/s].
+    eps
+        Speed ε [m/s] from which friction has its full value.
+    """
+
+    contacts: Contacts
+    limit: np.ndarray
+    n: np.ndarray
+    surface: np.ndarray
+    eps: float
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return self.at.points.values(of_nodes, self.at.which)
+        return self.contacts.points.values(of_nodes, self.contacts.which)
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         return along(self.n, v - self.surface)
@@ -94,7 +110,7 @@ class SlidingPoints:
     def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
         """f (n, 3) −= μ λ f₁(y)/y w [N]."""
         size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
-        self.at.points.add_force(self.at.which, -size[:, None] * w, f)
+        self.contacts.points.add_force(self.contacts.which, -size[:, None] * w, f)
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
@@ -104,8 +120,14 @@ class SlidingPoints:
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.
 
-        The change (p, 3, 3) of μ λ n with x [N/m] turns the normals, and so w; the change (3, 3)
-        of the velocity of the obstacle with x is its `spin` [1/s].
+        Parameters
+        ----------
+        v
+            Velocities (p, 3) of the points [m/s].
+        change
+            Change (p, 3, 3) of μ λ n with x [N/m]: it turns the normals, and so w.
+        spin
+            Change (3, 3) of the velocity of the obstacle with x [1/s].
         """
         w = self.slip(v)
         relative = v - self.surface

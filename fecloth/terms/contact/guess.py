@@ -1,4 +1,4 @@
-"""The first guess of a step: outside of all obstacles and free of crossings, for all contacts."""
+"""The first guess of a step: outside of all obstacles, and without crossings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,12 +9,24 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """The way of the nodes over a step, as one contact sees it: in the frame of its body."""
+    """The way of the nodes over a step, as one contact sees it: in the frame of its body.
 
-    contact: Any  # a `BoundContact`
-    begin: np.ndarray  # (n, 3) positions at the begin of the step, in the frame [m]
-    start: np.ndarray  # (n, 3) the same in space [m]
-    t: float  # end of the step [s]
+    Attributes
+    ----------
+    contact
+        The `BoundContact`.
+    begin
+        Positions (n, 3) at the begin of the step, in the frame [m].
+    start
+        The same positions in space [m].
+    t
+        Time at the end of the step [s].
+    """
+
+    contact: Any
+    begin: np.ndarray
+    start: np.ndarray
+    t: float
 
     def to_body(self, x: np.ndarray) -> np.ndarray:
         """Positions at the end of the step in the frame, from positions in space."""
@@ -25,21 +37,23 @@ class Way:
 
     @property
     def carried(self) -> np.ndarray:
-        """(n, 3) Where the body has taken the nodes at the end of the step, in space [m]."""
+        """Places (n, 3) in space [m] to which the body has carried the nodes over the step."""
         body = self.contact.body
         if body is None:
             return self.begin
         return body.pose(self.t).to_space(self.begin)
 
     def stop(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The part (n,) of its way to x that each node may go, and where (n, 3) it is then."""
+        """The part (n,) of its way to x that each node may go, and its place (n, 3) then."""
         end = self.to_body(x)
         parts = self.contact.parts(self.begin, end, self.t)
         if (parts == 1.0).all():
             return parts, x
-        at = self.begin + parts[:, None] * (end - self.begin)
+        places = self.begin + parts[:, None] * (end - self.begin)
         body = self.contact.body
-        return parts, at if body is None else body.pose(self.t).to_space(at)
+        if body is None:
+            return parts, places
+        return parts, body.pose(self.t).to_space(places)
 
     def free_part(self, x: np.ndarray) -> float:
         """The largest part of the way to x that all nodes may go together."""
@@ -62,20 +76,24 @@ def find_guess(
     places = x
     parts = np.ones(len(x))
     for way in ways:
-        own, there = way.stop(x)
-        if (own < parts).any():
-            places = np.where((own < parts)[:, None], there, places)
-        else:
-            places = places
-        parts = np.minimum(own, parts)
+        own_parts, own_places = way.stop(x)
+        is_nearer = own_parts < parts
+        if is_nearer.any():
+            places = np.where(is_nearer[:, None], own_places, places)
+        parts = np.minimum(own_parts, parts)
     part = min(way.free_part(places) for way in ways)
-    moving = [way.carried for way in ways if way.contact.supplies]
-    for base in [*moving, ways[0].start] if part < 1.0 or places is not x else ():
-        moved = places if part == 1.0 else base + part * (places - base)
+    if part == 1.0 and places is x:
+        return x
+    start = ways[0].start
+    carried = [way.carried for way in ways if way.contact.supplies]
+    for base in [*carried, start]:
+        moved = places
+        if part < 1.0:
+            moved = base + part * (places - base)
         guess = hold(moved)
-        starts = base is ways[0].start
-        # `part` is the free part of the way from where a body that moves has taken the cloth.
-        is_free = len(ways) == 1 and not (moving and starts) and bool((guess == moved).all())
+        # `part` holds for the way from where a body that moves has carried the cloth.
+        is_base_of_part = base is not start or not carried
+        is_free = len(ways) == 1 and is_base_of_part and bool((guess == moved).all())
         if is_free or all(way.allows(guess) for way in ways):
             return guess
-    return x if part == 1.0 and places is x else None
+    return None

@@ -6,10 +6,10 @@ import numpy as np
 
 from fecloth.errors import InputError
 from fecloth.mesh.cloth import Cloth
-from fecloth.terms.contact.points import MOST, Points, divisions, longest_edges
+from fecloth.terms.contact.points import MOST_PARTS, Points, divisions, longest_edges
 from fecloth.terms.contact.shape import Shape
 
-NAMED = 5  # nodes that an error names
+MOST_NAMED = 5  # nodes, or pairs of triangles, that an error names: more make no line
 
 
 def refuse_inside(
@@ -22,9 +22,12 @@ def refuse_inside(
         depth = -shape.distance(points.values(y, which), t)
         inside = depth >= 0.0
         if inside.any():
-            what = f"{inside.sum()} points inside triangles, by up to {1e3 * depth.max():.3g} mm,"
-            nodes = which[inside] if points is kinds[0] else None
-            raise starts_inside(shape, gap, where, nodes, depth[inside], what)
+            deepest = f"{1e3 * depth.max():.3g} mm"
+            what = f"{inside.sum()} points inside triangles, by up to {deepest},"
+            nodes = None
+            if points is kinds[0]:
+                nodes = which[inside]
+            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[inside], what=what)
 
 
 def starts_inside(
@@ -35,11 +38,17 @@ def starts_inside(
     depth: np.ndarray | None = None,
     what: str = "the insides of some triangles",
 ) -> InputError:
-    """The error for a cloth that starts inside; it names the deepest of the nodes."""
+    """The error for a cloth that starts inside a shape.
+
+    It names the deepest of the `nodes` (k,), with their `depth` (k,) [m]. Without nodes, `what`
+    says what starts inside.
+    """
     if nodes is not None and depth is not None and len(nodes):
-        deepest = np.argsort(-depth, kind="stable")[:NAMED]
-        named = ", ".join(f"{nodes[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest)
-        what = f"{len(nodes)} of the nodes, the deepest {named}{', …' * (len(nodes) > NAMED)},"
+        deepest = np.argsort(-depth, kind="stable")[:MOST_NAMED]
+        named = [f"{nodes[i]} ({1e3 * depth[i]:.3g} mm)" for i in deepest]
+        if len(nodes) > MOST_NAMED:
+            named.append("…")
+        what = f"{len(nodes)} of the nodes, the deepest {', '.join(named)},"
     remedy = f"Start at least {1e3 * gap:g} mm, the gap, away from it, or move the obstacle."
     begin = f"{what} start inside the {type(shape).__name__}"
     return InputError(begin, "must start outside", where, remedy)
@@ -47,8 +56,8 @@ def starts_inside(
 
 def cutting_depth(shape: Shape, gap: float, cloth: Cloth) -> float:
     """How deep [m] a triangle may dip into the shape between its points; 0 if it cannot."""
-    if divisions(shape, gap, cloth) <= MOST:
+    if divisions(shape, gap, cloth) <= MOST_PARTS:
         return 0.0
-    part = float(longest_edges(cloth).max()) / MOST
+    part = float(longest_edges(cloth).max()) / MOST_PARTS
     radius = shape.radius_of_curvature + gap
     return min(part**2 / (6 * radius), 0.5 * part)  # half of a part: at an edge of 90 degrees

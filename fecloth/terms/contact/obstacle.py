@@ -16,9 +16,9 @@ from fecloth.quantities.time_function import VectorOfTime
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_obstacle import BoundObstacle
-from fecloth.terms.contact.friction import CREEP
+from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
 from fecloth.terms.contact.inside import starts_inside
-from fecloth.terms.contact.points import MOST, divisions, longest_edges, points_of
+from fecloth.terms.contact.points import MOST_PARTS, divisions, longest_edges, points_of
 from fecloth.terms.contact.shape import NO_EDGES, Shape, Skeleton
 from fecloth.terms.contact.surfaces import Triangles, surface_of
 from fecloth.terms.contact.toolkit import ContactSets, is_installed
@@ -28,7 +28,7 @@ from fecloth.terms.traits import CONTACT
 
 @dataclass(frozen=True, eq=False)
 class BoundSkeleton(BoundTriangleContact):
-    """The `Skeleton` of a shape and a cloth: pairs of edges, and of a point and a triangle."""
+    """An `Obstacle` on a cloth that acts by the `Skeleton` of its shape."""
 
     body: Shape
 
@@ -48,8 +48,10 @@ class BoundSkeleton(BoundTriangleContact):
             raise starts_inside(self.body, self.gap, where, nodes, depth[nodes])
 
 
-THIN = 4.0  # eighths of the longest edge: a shape that is not as wide acts by its skeleton
-LARGEST_GAP = 0.1  # of the extent of the cloth
+# The width of a shape, with the gap on both sides, over the distance of the points of a divided
+# edge, an eighth of it: a narrower shape acts by its skeleton. Chosen: some points then meet it.
+LEAST_WIDTH_OVER_PART = 4.0
+LARGEST_GAP_OVER_EXTENT = 0.1  # of the cloth; the gap is an error, and this one can be seen
 
 
 @dataclass(frozen=True)
@@ -61,26 +63,27 @@ class Obstacle:
         b(s) = −(s − 1)² ln s for 0 < s < 1, 0 from s = 1 on, +∞ for s ≤ 0
 
     so that no node ever enters the shape. The cloth rests near the gap, not on the shape
-    itself: that is an error of up to one gap, and half of the gap is half of the error. Where
-    the shape curves so much that a triangle would dip into it by a quarter of the gap between
-    its nodes, the barrier also acts on points inside the triangles, of which P2 has four flat
-    ones each. In each step of Newton's iteration no node comes nearer than by four fifths. A
-    shape that is thinner than half of the longest edge, or a plate thinner than an eighth of
-    it, with the gap on both sides, fits between such points: it acts by its own points, edges
-    and faces (`Skeleton`), as a `MeshObstacle` does, with the package ``ipctk``.
+    itself: that is an error of up to one gap, and half of the gap is half of the error. In each
+    step of Newton's iteration a node comes nearer by four fifths of its distance at most.
 
-    With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w, with its
-    normal force λ = −κ A b′ |∇d|, its velocity w relative to the surface and along it, and y =
-    |w|. f₁ is 1 from y = ε on, 2y/ε − y²/ε² below, with ε = 0.001 extents of the cloth a
-    second: a cloth at rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken
-    at its begin, so that friction has a potential; over a load step of `equilibrium`, at its
-    end.
+    Between its nodes a triangle dips into a shape that curves. Where it would dip in by more
+    than a quarter of the gap, the barrier also acts on points inside the triangles; a P2
+    triangle counts as four flat ones. Some shapes fit between such points: a shape that is
+    thinner than half of the longest edge, or a plate thinner than an eighth of it, with the gap
+    on both sides. Such a shape acts by its own points, edges and faces (`Skeleton`), as a
+    `MeshObstacle` does, with the package ``ipctk``.
+
+    With a coefficient of friction μ a sliding node is held back by μ λ f₁(y)/y w. λ = −κ A b′
+    |∇d| is its normal force, w its velocity along the surface and relative to it, and y = |w|.
+    f₁ is 2y/ε − y²/ε² below y = ε and 1 above, with ε = 0.001 extents of the cloth per second:
+    a cloth at rest on a slope creeps with less than ε. Over a step, λ and ∇d are taken at its
+    begin, so that friction has a potential; over a load step of `equilibrium`, at its end.
 
     With a restitution e < 1 an impact dissipates: over a step the pressure is multiplied by
     max(0, 1 − c ḋ), which raises it in an approach. c follows from e and the speed of the
     first touch, and is at most 400 s/m: with e = 0 a cloth leaves the shape with at most 2.5
     mm/s (`restitution`; Hunt and Crossley 1975). With e > 0 the steps must resolve a bounce,
-    dt ≤ gap/(50 v) for the speed v of the first touch; a run that does not do so warns. The
+    dt ≤ gap/(50 v) for the speed v of the first touch; a run with longer steps warns. The
     skeleton of a thin shape dissipates as `SelfContact` does.
 
     K = κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d). Its second part is negative for a convex shape; the
@@ -91,8 +94,9 @@ class Obstacle:
     Toolkit (`barrier`), and with its smooth and lagged friction (`friction`).
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`.
-    Other methods balance the forces before the end of a step, where the barrier knows nothing
-    of the end, or are explicit; they are refused. `SelfContact` keeps the cloth off itself.
+    Other methods are refused: they are explicit, or balance the forces before the end of a
+    step, so that the barrier need not hold at the end. `SelfContact` keeps the cloth off
+    itself.
 
     Cost: 2 % of a Newton iteration; 19 % with four points more for each triangle.
 
@@ -112,8 +116,8 @@ class Obstacle:
     Raises
     ------
     InputError
-        For numbers out of their range. On a cloth: for a gap above a tenth of its extent, a
-        cloth that starts inside, a shape that fits between the points where ``ipctk`` is
+        For numbers out of their range. When bound to a cloth: for a gap above a tenth of its
+        extent, a cloth that starts inside, a shape that fits between the points if ``ipctk`` is
         missing, and a restitution between 0 and 1 of a shape that acts by its skeleton.
 
     Examples
@@ -146,38 +150,61 @@ class Obstacle:
         return None
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
-        """The skeleton of a shape that is too thin for the points of the triangles, or None."""
-        part = float(longest_edges(cloth).max()) / MOST
-        gaps = 2 * self.gap
-        is_wide = self.shape.width + gaps >= THIN * part and self.shape.thinnest + gaps >= part
+        """The skeleton of a shape that fits between the points of triangles; None of others."""
+        part = float(longest_edges(cloth).max()) / MOST_PARTS
+        width = self.shape.width + 2 * self.gap
+        thickness = self.shape.thinnest + 2 * self.gap
+        is_wide = width >= LEAST_WIDTH_OVER_PART * part and thickness >= part
         if is_wide or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 
     def bind(self, panel: Panel, slots) -> BoundObstacle | BoundSkeleton:
         cloth = panel.cloth
-        largest = LARGEST_GAP * cloth.extent
+        largest = LARGEST_GAP_OVER_EXTENT * cloth.extent
         if self.gap > largest:
             remedy = "The cloth rests about a gap away from the obstacle."
             allowed = f"must be at most {largest:.3g} m, a tenth of the extent of the cloth"
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
-        stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         if skeleton := self._skeleton(cloth):
-            thin = "an Obstacle that is thin against the edges of the triangles"
-            barrier.check_restitution(thin, self.restitution, of_pairs=True)
-            sized = float(self.gap), skeleton.thickness, stiffness, skeleton
-            sets = ContactSets.bind("Obstacle", cloth, *sized)
-            friction = self.friction, CREEP * cloth.extent
-            return BoundSkeleton("Obstacle", sets, *friction, self.shape, self.restitution)
+            return self._bind_skeleton(skeleton, panel)
         self._refuse_thin(cloth)
-        points = points_of(cloth, min(divisions(self.shape, self.gap, cloth), MOST), slots)
-        numbers = float(self.gap), stiffness, float(self.friction), CREEP * cloth.extent
-        return BoundObstacle(self.shape, *numbers, points, float(self.restitution))
+        parts = min(divisions(self.shape, self.gap, cloth), MOST_PARTS)
+        return BoundObstacle(
+            shape=self.shape,
+            gap=float(self.gap),
+            stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
+            friction=float(self.friction),
+            creep=CREEP_OVER_EXTENT * cloth.extent,
+            points=points_of(cloth, parts, slots),
+            restitution=float(self.restitution),
+        )
+
+    def _bind_skeleton(self, skeleton: Skeleton, panel: Panel) -> BoundSkeleton:
+        """The bound term of a thin shape, from its own points, edges and faces."""
+        thin = "an Obstacle that is thin against the edges of the triangles"
+        barrier.check_restitution(thin, self.restitution, of_pairs=True)
+        sets = ContactSets.bind(
+            "Obstacle",
+            panel.cloth,
+            gap=float(self.gap),
+            thickness=skeleton.thickness,
+            stiffness=barrier.stiffness_of(self.stiffness, panel, self.gap),
+            fixed=skeleton,
+        )
+        return BoundSkeleton(
+            name="Obstacle",
+            sets=sets,
+            friction=self.friction,
+            creep=CREEP_OVER_EXTENT * panel.cloth.extent,
+            body=self.shape,
+            restitution=self.restitution,
+        )
 
     def _refuse_thin(self, cloth: Cloth) -> None:
         """Raise `InputError` for a shape that fits between the points of the triangles."""
         thinnest = self.shape.thinnest
-        part = float(longest_edges(cloth).max()) / MOST
+        part = float(longest_edges(cloth).max()) / MOST_PARTS
         width = thinnest + 2 * self.gap
         if width < part:
             kind = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
@@ -200,10 +227,10 @@ class MeshObstacle:
 
         b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
 
-    The mesh may be open or closed, coarse or fine; it has two sides, so that the cloth must
-    start on the right one. It stands as its file says at t = 0, and may move and turn from
-    there. A plane, a sphere and the other shapes of `fecloth.shapes` are much cheaper as an
-    `Obstacle`, and exact.
+    The mesh may be open or closed, coarse or fine. It keeps the cloth on the side on which the
+    cloth starts. It stands as its file says at t = 0, and may move and turn from there. A
+    plane, a sphere and the other shapes of `fecloth.shapes` are much cheaper as an `Obstacle`,
+    and exact.
 
     With the restitution 0 it dissipates as `SelfContact` does.
 
@@ -255,7 +282,7 @@ class MeshObstacle:
     traits = CONTACT
 
     def __post_init__(self):
-        _ = self._body  # its mistakes are refused where the obstacle is written
+        _ = self._body  # a mistake in it is refused where the obstacle is written
         barrier.check_restitution("MeshObstacle", self.restitution, of_pairs=True)
         validation.positive("scale", self.scale, "", "MeshObstacle")
         barrier.check_numbers("MeshObstacle", self.gap, self.friction, self.stiffness)
@@ -272,10 +299,25 @@ class MeshObstacle:
         cloth = panel.cloth
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         fixed = Skeleton(self.scale * nodes, NO_EDGES, triangles)
-        sets = ContactSets.bind("MeshObstacle", cloth, float(self.gap), 0.0, stiffness, fixed)
-        body = self._body if self._body.moves else None
-        friction = self.friction, CREEP * cloth.extent
-        return BoundMeshObstacle("MeshObstacle", sets, *friction, body, self.restitution)
+        sets = ContactSets.bind(
+            "MeshObstacle",
+            cloth,
+            gap=float(self.gap),
+            thickness=0.0,
+            stiffness=stiffness,
+            fixed=fixed,
+        )
+        body = None
+        if self._body.moves:
+            body = self._body
+        return BoundMeshObstacle(
+            name="MeshObstacle",
+            sets=sets,
+            friction=self.friction,
+            creep=CREEP_OVER_EXTENT * cloth.extent,
+            body=body,
+            restitution=self.restitution,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +328,7 @@ class BoundMeshObstacle(BoundTriangleContact):
         return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
-        """Its mesh, wherever the place is."""
+        """The whole mesh, wherever the place is."""
         faces = np.asarray(self.sets.mesh.faces)
         first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
         nodes = self.sets.fixed
@@ -295,5 +337,5 @@ class BoundMeshObstacle(BoundTriangleContact):
         return Triangles(nodes, faces[faces.min(axis=1) >= first] - first)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
-        """What intersects at x, and what is allowed, for an error."""
+        """The words of an error for a cloth that passes through the mesh, and what is allowed."""
         return "the cloth passes through the mesh at the start", "must start on one side"

@@ -1,5 +1,6 @@
-"""Pairs of the IPC Toolkit: their nodes, and how far the cloth has moved since they were found."""
+"""Pairs of the IPC Toolkit: their nodes, and how long they stay all that can touch."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,30 +9,40 @@ from fecloth.compiled.jit import Array, kernel
 
 
 def nodes_of(contacts: Any, mesh: Any) -> np.ndarray:
-    """(m, 4) The nodes of the contacts, in their order; −1 where there are fewer than four."""
+    """Nodes (m, 4) of the contacts, in their order; −1 where a contact has fewer than four."""
     edges = np.asarray(mesh.edges)
     faces = np.asarray(mesh.faces)
-    vv = [(each.vertex0_id, each.vertex1_id, -1, -1) for each in contacts.vv_collisions]
-    ev = np.array([(each.vertex_id, each.edge_id) for each in contacts.ev_collisions], int)
-    ee = np.array([(each.edge0_id, each.edge1_id) for each in contacts.ee_collisions], int)
-    fv = np.array([(each.face_id, each.vertex_id) for each in contacts.fv_collisions], int)
-    ev, ee, fv = (each.reshape(-1, 2) for each in (ev, ee, fv))
-    none = np.full((len(ev), 1), -1)
-    parts = [
-        np.array(vv, int).reshape(-1, 4),
-        np.hstack([ev[:, :1], edges[ev[:, 1]], none]),
-        np.hstack([edges[ee[:, 0]], edges[ee[:, 1]]]),
-        np.hstack([fv[:, 1:], faces[fv[:, 0]]]),
+    two_nodes = _rows((pair.vertex0_id, pair.vertex1_id) for pair in contacts.vv_collisions)
+    node_and_edge = _rows((pair.vertex_id, pair.edge_id) for pair in contacts.ev_collisions)
+    two_edges = _rows((pair.edge0_id, pair.edge1_id) for pair in contacts.ee_collisions)
+    face_and_node = _rows((pair.face_id, pair.vertex_id) for pair in contacts.fv_collisions)
+    kinds = [
+        np.hstack([two_nodes, np.full_like(two_nodes, -1)]),
+        np.hstack(
+            [
+                node_and_edge[:, :1],
+                edges[node_and_edge[:, 1]],
+                np.full((len(node_and_edge), 1), -1),
+            ]
+        ),
+        np.hstack([edges[two_edges[:, 0]], edges[two_edges[:, 1]]]),
+        np.hstack([face_and_node[:, 1:], faces[face_and_node[:, 0]]]),
     ]
-    return np.vstack(parts)
+    return np.vstack(kinds)
+
+
+def _rows(pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+    """(m, 2) the numbers of pairs, also of none."""
+    return np.array(list(pairs), int).reshape(-1, 2)
 
 
 @kernel
 def square_away_from(x: Array, start: Array, way: Array, drifts: bool) -> float:
-    """The square of the longest way [m²] of a node at x (n, 3) from the straight way from `start`.
+    """The square [m²] of the largest distance of a node at x (n, 3) from its straight way.
 
-    The point of this way is the nearest one for all nodes together. Where the cloth `drifts`,
-    what all nodes move alike does not count.
+    The ways are `start` + part × `way`, (n, 3) each, with the one part in [0, 1] for which all
+    nodes together are nearest to x. Where the cloth `drifts`, the mean motion of its nodes does
+    not count.
     """
     mean = np.zeros(3)
     count = len(x)
@@ -44,7 +55,9 @@ def square_away_from(x: Array, start: Array, way: Array, drifts: bool) -> float:
         for i in range(3):
             along += (x[n, i] - start[n, i] - mean[i]) * way[n, i]
             squared += way[n, i] ** 2
-    part = min(max(along / squared, 0.0), 1.0) if squared > 0.0 else 0.0
+    part = 0.0
+    if squared > 0.0:
+        part = min(max(along / squared, 0.0), 1.0)
     most = 0.0
     for n in range(count):
         far = 0.0

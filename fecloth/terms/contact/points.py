@@ -18,10 +18,17 @@ from fecloth.mesh.cloth import Cloth
 from fecloth.terms.contact.restitution import Approach
 from fecloth.terms.contact.shape import Shape
 
-DIP = 0.25  # of the gap
-MOST = 8  # parts of an edge
-FARTHEST = 2.0  # edges: no point of a triangle is farther from all of its nodes
-ROUND = 1e-9
+# A triangle may dip into a shape by this part of the gap between its points. Chosen: the cloth
+# rests near the gap, so that the dip is an error of the same kind, and smaller.
+MOST_DIP_OVER_GAP = 0.25
+# Parts of an edge. Chosen: 36 inner points and more on each triangle cost much. What dips
+# deeper is told before a run (`inside.cutting_depth`).
+MOST_PARTS = 8
+# Distance of a point of a triangle from the nearest of its nodes, over the longest edge at rest:
+# no point of a cloth that is stretched threefold is farther.
+FARTHEST_OVER_EDGE = 2.0
+# Values of shape functions, multiples of 1/8 but for round-off, are equal below this difference.
+LEAST_DIFFERENCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +38,11 @@ class NodePoints:
     areas: np.ndarray
 
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """The points that may be nearer than `reach`, where the nodes have distances `at_nodes`."""
+        """The points that may be nearer than `reach` [m]; the nodes have distances `at_nodes`."""
         return np.flatnonzero(at_nodes < reach)
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(p, 3) values at some of the points, from values at the nodes (n, 3)."""
+        """(p, 3) values at the points `which`, from values at the nodes (n, 3)."""
         return of_nodes[which]
 
     def between(self, held: np.ndarray) -> np.ndarray:
@@ -43,7 +50,7 @@ class NodePoints:
         return held
 
     def nodes(self, which: np.ndarray) -> np.ndarray:
-        """The nodes that move some of the points."""
+        """The nodes that move the points `which`."""
         return which
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
@@ -55,15 +62,30 @@ class NodePoints:
 
 @dataclass(frozen=True, eq=False)
 class TrianglePoints:
-    """Points inside triangles and their edges."""
+    """Points inside triangles and their edges.
 
-    triangles: np.ndarray  # (p,) the triangle of each point
-    shape_functions: np.ndarray  # (p, k) values of the shape functions of its nodes
-    areas: np.ndarray  # (p,) [m²]
-    # (m, k) nodes of each triangle, and (m,) its longest edge [m].
+    Attributes
+    ----------
+    triangles
+        The triangle (p,) of each point.
+    shape_functions
+        Values (p, k) of the shape functions of its nodes at the point.
+    areas
+        Areas (p,) [m²].
+    stencil
+        Nodes (m, k) of each triangle of the cloth.
+    size
+        Longest edge (m,) of each triangle [m].
+    find_slots
+        The `slots` of `Term.bind`.
+    """
+
+    triangles: np.ndarray
+    shape_functions: np.ndarray
+    areas: np.ndarray
     stencil: np.ndarray
     size: np.ndarray
-    find_slots: FindSlots  # as of `Term.bind`
+    find_slots: FindSlots
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -72,15 +94,26 @@ class TrianglePoints:
     def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
         """The points of triangles with a node nearer than `reach` and twice the longest edge."""
         near = np.empty(len(self.triangles), np.int64)
-        reaches = np.array(reach, float, ndmin=1)
-        data = self.triangles, self.stencil, FARTHEST * self.size
-        count = find_near(*data, at_nodes, reaches, near)
+        count = find_near(
+            self.triangles,
+            self.stencil,
+            size=FARTHEST_OVER_EDGE * self.size,
+            at_nodes=at_nodes,
+            reach=np.array(reach, float, ndmin=1),
+            near=near,
+        )
         return near[:count].copy()
 
     def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
         values = np.empty((len(which), 3))
-        data = which, self.triangles, self.shape_functions, self.stencil
-        gather(*data, np.ascontiguousarray(of_nodes), values)
+        gather(
+            which,
+            self.triangles,
+            self.shape_functions,
+            self.stencil,
+            of_nodes=np.ascontiguousarray(of_nodes),
+            values=values,
+        )
         return values
 
     def between(self, held: np.ndarray) -> np.ndarray:
@@ -91,26 +124,39 @@ class TrianglePoints:
         return self.stencil[self.triangles[which]][self.shape_functions[which] != 0.0]
 
     def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
-        data = which, self.triangles, self.shape_functions, self.stencil
-        add_forces(*data, np.ascontiguousarray(F), f)
+        F = np.ascontiguousarray(F)
+        add_forces(which, self.triangles, self.shape_functions, self.stencil, F, f)
 
     def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
-        data = which, self.triangles, self.shape_functions, self.slots
-        add_tangents(*data, np.ascontiguousarray(K), J.values)
+        K = np.ascontiguousarray(K)
+        add_tangents(which, self.triangles, self.shape_functions, self.slots, K, J.values)
 
 
 Points = NodePoints | TrianglePoints
 
 
 class Contacts(NamedTuple):
-    """Points of one kind that an obstacle pushes."""
+    """Points of one kind that an obstacle pushes.
 
-    # The points, and (p,) the numbers of the points nearer than the gap.
+    Attributes
+    ----------
+    points
+        All points of the kind.
+    which
+        Numbers (p,) of the points nearer than the gap.
+    y
+        Places (p, 3) of these in the frame of the shape [m].
+    s
+        Distances (p,) of these over the gap.
+    approach
+        How these come nearer over the step.
+    """
+
     points: Points
     which: np.ndarray
-    y: np.ndarray  # (p, 3) their places in the frame of the shape
-    s: np.ndarray  # (p,) their distances over the gap
-    approach: Approach  # their distances over the step
+    y: np.ndarray
+    s: np.ndarray
+    approach: Approach
 
     @property
     def areas(self) -> np.ndarray:
@@ -118,14 +164,18 @@ class Contacts(NamedTuple):
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
-    """Into how many parts k each edge is divided, and more than `MOST` where that were too many."""
+    """The number k of parts of an edge with which no triangle dips too deep between its points.
+
+    It may be larger than `MOST_PARTS`: then so many parts are not enough. P2 has an even k.
+    """
     longest = float(longest_edges(cloth).max())
     radius = shape.radius_of_curvature + gap  # of the surface that the cloth slides on
-    least = 2 if cloth.element == "P2" else 1
+    step = {"P1": 1, "P2": 2}[cloth.element]
     if math.isinf(radius):
-        return least
-    needed = math.ceil(longest / math.sqrt(6 * DIP * gap * radius))
-    return max(least, least * math.ceil(needed / least))
+        return step
+    most_dip = MOST_DIP_OVER_GAP * gap
+    needed = math.ceil(longest / math.sqrt(6 * most_dip * radius))  # dip = part²/(6 R)
+    return max(step, step * math.ceil(needed / step))
 
 
 def longest_edges(cloth: Cloth) -> np.ndarray:
@@ -136,47 +186,57 @@ def longest_edges(cloth: Cloth) -> np.ndarray:
 
 
 def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]:
-    """The points of a cloth with k parts an edge, each with its area."""
-    # The area of each part goes to its three corners in equal shares.
+    """The points of a cloth with k parts an edge, each with its area.
+
+    The area of each part goes to its three corners in equal shares. The first kind are the
+    nodes, the second kind the points inside triangles, if there are any.
+    """
     lattice, shares = _lattice(k)
     values = _shape_functions(cloth, lattice)
-    m = len(cloth.stencil)
     stencil = cloth.stencil
     areas = np.outer(cloth.weights.sum(axis=1), shares).ravel()
-    triangle, place = np.divmod(np.arange(m * len(lattice)), len(lattice))
+    triangle, place = np.divmod(np.arange(len(stencil) * len(lattice)), len(lattice))
     N = values[place]
-    first, same = _distinct(stencil[triangle], N)
-    areas = np.bincount(same, areas)
+    first, number = _distinct(stencil[triangle], N)
+    areas = np.bincount(number, areas)
     triangle = triangle[first]
     N = N[first]
-    is_node = N.max(axis=1) > 1 - ROUND
-    at = stencil[triangle[is_node], N[is_node].argmax(axis=1)]
-    nodes = NodePoints(np.bincount(at, areas[is_node], len(cloth.X)))
+    is_node = N.max(axis=1) > 1 - LEAST_DIFFERENCE
+    node = stencil[triangle[is_node], N[is_node].argmax(axis=1)]
+    nodes = NodePoints(np.bincount(node, areas[is_node], len(cloth.X)))
     if is_node.all():
         return (nodes,)
-    inner = triangle[~is_node], N[~is_node], areas[~is_node]
-    return nodes, TrianglePoints(*inner, stencil, longest_edges(cloth), find_slots)
+    inner = TrianglePoints(
+        triangles=triangle[~is_node],
+        shape_functions=N[~is_node],
+        areas=areas[~is_node],
+        stencil=stencil,
+        size=longest_edges(cloth),
+        find_slots=find_slots,
+    )
+    return nodes, inner
 
 
 def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (q, 2) of the k² parts of the reference triangle, and the area of each over its."""
-    at = [(i, j) for j in range(k + 1) for i in range(k + 1 - j)]
-    number = {place: n for n, place in enumerate(at)}
-    share = np.zeros(len(at))
-    for i, j in at:
+    """Corners (q, 2) of the k² parts of the reference triangle, and their shares in its area."""
+    corners = [(i, j) for j in range(k + 1) for i in range(k + 1 - j)]
+    number = {corner: n for n, corner in enumerate(corners)}
+    share = np.zeros(len(corners))
+    for i, j in corners:
         up = [(i, j), (i + 1, j), (i, j + 1)]
         down = [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
         for part in (up, down):
             if all(corner in number for corner in part):
                 share[[number[corner] for corner in part]] += 1 / (3 * k**2)
-    return np.array(at) / k, share
+    return np.array(corners) / k, share
 
 
 def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
-    """(q, k) values at places (q, 2) of the reference triangle of what is 1 at one node each.
+    """(q, k) values of the shape functions at places (q, 2) of the reference triangle.
 
-    They are linear within the triangle or, for P2, within the four triangles between its nodes:
-    the surface that is drawn, and that touches itself.
+    Each is 1 at its node and 0 at the others. They are linear within the triangle or, for P2,
+    within the four triangles between its nodes: the surface that is drawn, and that touches
+    itself.
     """
     corners = np.column_stack([1 - places.sum(axis=1), places])
     if cloth.element == "P1":
@@ -189,18 +249,18 @@ def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
 def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The first row of each place of the cloth, and the number of the place for each row.
 
-    Two rows are one place if the same nodes have the same shape functions, as on a common
-    edge.
+    A row has the nodes (k,) of a place and the values N (k,) of their shape functions. Two rows
+    are one place if the same nodes have the same values, as on a common edge.
     """
-    value = np.rint(N / ROUND).astype(np.int64)
-    named = np.where(value == 0, -1, nodes)
-    order = np.argsort(named, axis=1)
-    rows = np.take_along_axis(named, order, 1), np.take_along_axis(value, order, 1)
-    _, first, same = np.unique(np.hstack(rows), axis=0, return_index=True, return_inverse=True)
-    return first, same.ravel()
+    value = np.rint(N / LEAST_DIFFERENCE).astype(np.int64)
+    acting = np.where(value == 0, -1, nodes)
+    order = np.argsort(acting, axis=1)
+    rows = np.hstack([np.take_along_axis(acting, order, 1), np.take_along_axis(value, order, 1)])
+    _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return first, number.ravel()
 
 
-# --- compiled loops: values of points from values of nodes, and what goes back to them ------------
+# --- compiled loops: from nodes to points, and back ------------------------------------------
 
 
 @kernel
@@ -209,13 +269,13 @@ def find_near(
 ) -> int:
     """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`.
 
-    `triangles` (p,) is sorted, or nearly; `reach` has one entry, or one a node. Returns how
-    many.
+    `triangles` (p,) is sorted, or nearly, so that a triangle is asked once for its points.
+    `reach` has one entry, or one a node. Returns the number of points.
     """
     count = 0
     last = -1
     is_near = False
-    each = len(reach) > 1
+    has_reach_of_node = len(reach) > 1
     for p in range(len(triangles)):
         e = triangles[p]
         if e != last:
@@ -223,7 +283,10 @@ def find_near(
             is_near = False
             for a in range(stencil.shape[1]):
                 node = stencil[e, a]
-                if at_nodes[node] - reach[node if each else 0] < size[e]:
+                own_reach = reach[0]
+                if has_reach_of_node:
+                    own_reach = reach[node]
+                if at_nodes[node] - own_reach < size[e]:
                     is_near = True
         if is_near:
             near[count] = p

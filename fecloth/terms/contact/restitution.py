@@ -1,16 +1,17 @@
 """How a contact dissipates: its pressure is multiplied by max(0, 1 − c ḋ), with the distance d.
 
 Over a step, ḋ is (d − d₀)/dt with the distance d₀ at its begin. So the pressure of a point
-depends on d alone, and has a potential over the step. In lengths of the gap, with s = d/gap,
-s₀ = d₀/gap and a = c gap/dt,
+depends on d alone, and has a potential over the step. With s = d/gap, s₀ = d₀/gap and
+a = c gap/dt these are
 
-    pressure p(s) w(s),  w = max(0, 1 − a (s − s₀)),   potential ∫_s^m p w dσ,  m = min(1, s₀ + 1/a)
+    pressure   p(s) w(s)       with w = max(0, 1 − a (s − s₀))
+    potential  ∫_s^m p w dσ    with m = min(1, s₀ + 1/a)
 
-where p = −b′ is the pressure of the barrier b. An approach raises the pressure, a retreat lowers
-it, and it is never negative: nothing sticks.
+where p = −b′ is the pressure of the barrier b. An approach raises the pressure and a retreat
+lowers it. It is never negative, so that nothing sticks.
 
-Without other forces the equation m d̈ = p(d) (1 − c ḋ) can be integrated, for any pressure: a
-speed v₁ of the first touch leaves the speed e v₁, where y = c v₁ follows from
+Without other forces the equation m d̈ = p(d) (1 − c ḋ) can be integrated, for any pressure p. Of
+the speed v₁ of the first touch it leaves the speed e v₁, where y = c v₁ follows from
 
     y − ln(1 + y) = −e y − ln(1 − e y)
 
@@ -25,39 +26,52 @@ import scipy
 
 from fecloth.terms.contact import barrier
 
-SLOWEST = 0.05  # m/s: at this speed of the first touch a restitution of 0 leaves 5 %
-MOST = 20.0 / SLOWEST  # c [s/m]; y = 20 leaves 5 %
-ROUND = 1e-12
+# A restitution of 0 leaves 5 % of this speed of the first touch [m/s], and less than 5 % of
+# larger speeds. Chosen: no c is infinite, so a slowest speed must be taken.
+SLOWEST_IMPACT = 0.05
+MOST_DAMPING = 20.0 / SLOWEST_IMPACT  # c [s/m]; y = c v₁ = 20 leaves 5 %
 
 
 def damping(restitution: float) -> float:
     """y = c v₁ that leaves the part e of the speed; infinite for e = 0."""
     e = restitution
-    if e in (0.0, 1.0):
-        return np.inf if e == 0.0 else 0.0
+    if e == 0.0:
+        return np.inf
+    if e == 1.0:
+        return 0.0
 
     def lost(y: float) -> float:
         return y - np.log1p(y) + e * y + np.log1p(-e * y)
 
-    most = (1 - ROUND) / e
+    most = (1 - np.finfo(float).eps) / e  # y < 1/e, where the logarithm of 1 − e y ends
     if lost(most) > 0:
         return most
     return float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:
-    """c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST`."""
+    """c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`."""
     y = damping(restitution)
+    if y == 0.0:
+        return np.zeros(np.shape(speeds))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(speeds > 0, np.minimum(y / speeds, MOST), MOST if y else 0.0)
+        return np.where(speeds > 0, np.minimum(y / speeds, MOST_DAMPING), MOST_DAMPING)
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """How points come nearer over a step; without damping all a are 0."""
+    """How p points come nearer to an obstacle over a step.
 
-    s0: np.ndarray  # (p,) distances at its begin, over the gap
-    a: np.ndarray  # (p,) c gap/dt
+    Attributes
+    ----------
+    s0
+        Distances (p,) over the gap at the begin of the step.
+    a
+        c gap/dt (p,); 0 without damping.
+    """
+
+    s0: np.ndarray
+    a: np.ndarray
 
     def factor(self, s: np.ndarray) -> np.ndarray:
         """w (p,) at the distances s (p,) over the gap."""
@@ -77,5 +91,5 @@ class Approach:
         return np.where(w > 0, barrier.curvature(s) * w + self.a * barrier.pressure(s), 0.0)
 
     def lost(self, s: np.ndarray) -> np.ndarray:
-        """∫ of what damping adds to the pressure, over the way: p (w − 1)(s₀ − s) ≥ 0 (p,)."""
+        """p (w − 1)(s₀ − s) ≥ 0 (p,): the pressure that damping adds, times the way."""
         return barrier.pressure(s) * (self.factor(s) - 1) * (self.s0 - s)

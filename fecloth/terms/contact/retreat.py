@@ -5,12 +5,12 @@ the energy E(d) of such a pair a retreat z > 0 releases only
 
     E(d₀) − E(d₀ + r),   r = z − z²/(2ρ) for z < ρ, else ρ/2
 
-with ρ = dt/c, or half of the way out of the gap if that is less. So the pair pushes by p(d₀ +
-r) max(0, 1 − z/ρ), the law of `restitution` for e = 0 with c = 400 s/m: the push vanishes
-above the speed 1/c = 2.5 mm/s, and nothing sticks. What is held back is added to the energy of
-the pairs at x, as the potential E(d₀ + r) − E(d₀ + z). The force of this potential never does
-work on the cloth, also where other pairs have taken the place of these. An approach is
-elastic.
+with ρ = dt/c, or half of the way out of the gap if that is less. With p = −E′, the pair pushes
+by p(d₀ + r) max(0, 1 − z/ρ). That is the law of `restitution` for e = 0 with c = 400 s/m: the
+push vanishes above the speed 1/c = 2.5 mm/s, and nothing sticks. The rest of the elastic push
+is taken back by a potential E(d₀ + r) − E(d₀ + z), which is added to the energy of the pairs at
+x. The force of this potential never does work on the cloth, also where the step has replaced
+these pairs by others. An approach is elastic.
 """
 
 from __future__ import annotations
@@ -21,24 +21,44 @@ import numpy as np
 import scipy.sparse as sparse
 
 from fecloth.terms.contact import barrier
-from fecloth.terms.contact.restitution import MOST
+from fecloth.terms.contact.restitution import MOST_DAMPING
 from fecloth.terms.contact.toolkit import ContactSets
 
-LEAST = 1e-300
-NEAREST = 1e-3  # of the distance now: the least that it is taken to have been
-ROUND = 1e-6  # below the gap: b(s) is 1e-18 there
+# The least distance at the begin, over the distance now. Chosen: it must be > 0, though the way
+# z along the gradient ∇d may be longer than the distance.
+LEAST_START_OVER_DISTANCE = 1e-3
+# 1 − s from which on a pair counts. Nearer to the end of the gap, E/b(s) is a quotient of
+# round-off: b(s) is 1e-18 there.
+LEAST_DEPTH_OVER_GAP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """Pairs (m,) at the begin of a step, and how far they may move apart over it."""
+    """Pairs (m,) at the begin of a step, and how far they may move apart over it.
 
-    start: np.ndarray  # (n, 3) positions there, as the fixed mesh sees them [m]
-    normals: sparse.csr_matrix  # (m, 3n) ∇d
-    d0: np.ndarray  # (m,) distances of middle surfaces [m]
-    scale: np.ndarray  # (m,) E(d) is this times b(s) [J]
-    rho: np.ndarray  # (m,) [m]
-    # s = (d² − thickness²)/span, 1 at the gap [m²].
+    Attributes
+    ----------
+    start
+        Positions (n, 3) at the begin, as the fixed mesh sees them [m].
+    normals
+        ∇d (m, 3n).
+    d0
+        Distances (m,) of the middle surfaces at the begin [m].
+    scale
+        E(d)/b(s) (m,) [J].
+    rho
+        ρ (m,) [m].
+    thickness
+        Least distance of the middle surfaces [m].
+    span
+        (d² − thickness²)/s [m²]; s = 1 at the gap.
+    """
+
+    start: np.ndarray
+    normals: sparse.csr_matrix
+    d0: np.ndarray
+    scale: np.ndarray
+    rho: np.ndarray
     thickness: float
     span: float
 
@@ -46,17 +66,28 @@ class Retreat:
     def at(cls, sets: ContactSets, x: np.ndarray, start: np.ndarray, dt: float) -> Retreat:
         """The pairs at x (n, 3), over a step of dt [s] from `start` (n, 3)."""
         normals, d, energies = sets.pairs(x)
-        span = (sets.gap + sets.thickness) ** 2 - sets.thickness**2
-        s = (d**2 - sets.thickness**2) / span
-        acts = (energies > 0) & (s < 1 - ROUND)
+        thickness = sets.thickness
+        reach = sets.gap + thickness
+        span = reach**2 - thickness**2
+        s = (d**2 - thickness**2) / span
+        acts = (energies > 0) & (s < 1 - LEAST_DEPTH_OVER_GAP)
         scale = np.where(acts, energies / barrier.value(np.where(acts, s, 0.5)), 0.0)
-        z = np.minimum(normals @ (x - start).ravel(), (1 - NEAREST) * (d - sets.thickness))
+        farthest = (1 - LEAST_START_OVER_DISTANCE) * (d - thickness)
+        z = np.minimum(normals @ (x - start).ravel(), farthest)
         d0 = d - np.maximum(z, 0.0)
-        rho = np.minimum(dt / MOST, np.maximum(0.5 * (sets.gap + sets.thickness - d0), LEAST))
-        return cls(start, normals, d0, scale, rho, sets.thickness, span)
+        way_out = np.maximum(0.5 * (reach - d0), np.finfo(float).tiny)  # > 0, for 1/ρ
+        return cls(
+            start=start,
+            normals=normals,
+            d0=d0,
+            scale=scale,
+            rho=np.minimum(dt / MOST_DAMPING, way_out),
+            thickness=thickness,
+            span=span,
+        )
 
     def apart(self, y: np.ndarray) -> np.ndarray:
-        """z (m,) > 0 at positions y (n, 3), else 0 [m]."""
+        """(m,) how far the pairs are apart [m] at positions y (n, 3): z, or 0 where z < 0."""
         return np.maximum(self.normals @ (y - self.start).ravel(), 0.0)
 
     def energy(self, y: np.ndarray) -> float:
@@ -65,7 +96,7 @@ class Retreat:
         return float((self._energies(self._released(z)) - self._energies(z)).sum())
 
     def held(self, z: np.ndarray) -> np.ndarray:
-        """(m,) p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ) ≥ 0 [N], what each pair pushes less."""
+        """(m,) p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ) ≥ 0 [N]: so much less each pair pushes."""
         r = self._released(z)
         return self._pushes(z)[0] - self._pushes(r)[0] * np.maximum(1 - z / self.rho, 0.0)
 
@@ -77,7 +108,7 @@ class Retreat:
         """The part (m,) of their elastic force with which the pairs push at y (n, 3)."""
         z = self.apart(y)
         elastic = self._pushes(z)[0]
-        return 1 - self.held(z) / np.maximum(elastic, LEAST)
+        return 1 - self.held(z) / np.where(elastic > 0.0, elastic, 1.0)
 
     def lost(self, y: np.ndarray) -> float:
         """Energy [J] that a step to y dissipates."""
@@ -87,17 +118,22 @@ class Retreat:
     def tangent(self, y: np.ndarray, definite: bool) -> sparse.csr_matrix:
         """(3n, 3n) ∂²energy/∂y² [N/m]; without its negative part if `definite`."""
         z = self.apart(y)
-        (_, steep), (push, eased) = self._pushes(z), self._pushes(self._released(z))
+        _, slope_elastic = self._pushes(z)
+        push, slope = self._pushes(self._released(z))
         part = np.maximum(1 - z / self.rho, 0.0)
-        curvature = np.where(z > 0, steep - eased * part**2 + push / self.rho * (part > 0), 0.0)
-        curvature = np.maximum(curvature, 0.0) if definite else curvature
+        curvature = slope_elastic - slope * part**2 + push / self.rho * (part > 0)
+        curvature = np.where(z > 0, curvature, 0.0)
+        if definite:
+            curvature = np.maximum(curvature, 0.0)
         return (self.normals.T @ sparse.diags(curvature) @ self.normals).tocsr()
 
     def _released(self, z: np.ndarray) -> np.ndarray:
+        """r (m,) [m]: the energy of a pair falls by E(d₀) − E(d₀ + r)."""
         z = np.minimum(z, self.rho)
         return z - z**2 / (2 * self.rho)
 
     def _s(self, z: np.ndarray) -> np.ndarray:
+        """s (m,) at d₀ + z, at most 1."""
         return np.minimum(((self.d0 + z) ** 2 - self.thickness**2) / self.span, 1.0)
 
     def _energies(self, z: np.ndarray) -> np.ndarray:

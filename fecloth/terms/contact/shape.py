@@ -19,11 +19,23 @@ from fecloth.quantities.units import LENGTH
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a rigid body is at one time: x = p + u + R (y − p) for its point y in its own frame."""
+    """The place of a rigid body at one time: its point y of its own frame is at x in space.
 
-    R: np.ndarray  # (3, 3) rotation about the point p
-    p: np.ndarray  # (3,) [m]
-    u: np.ndarray  # (3,) displacement [m]
+        x = p + u + R (y − p)
+
+    Attributes
+    ----------
+    R
+        Rotation (3, 3) about the point p.
+    p
+        Point (3,) of the axis [m].
+    u
+        Displacement (3,) [m].
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    u: np.ndarray
 
     def to_body(self, x: np.ndarray) -> np.ndarray:
         """Points (m, 3) of space in the frame of the body."""
@@ -48,12 +60,24 @@ class AtRest(Pose):
 
 
 class Skeleton(NamedTuple):
-    """Points, edges and triangles of a body: it is all that lies within a distance of them."""
+    """Points, edges and triangles: the body is all that lies within a distance of them.
 
-    points: np.ndarray  # (k, 3) [m]
-    edges: np.ndarray  # (e, 2) numbers of points, without the edges of the triangles
-    triangles: np.ndarray  # (m, 3)
-    thickness: float = 0.0  # this distance [m]
+    Attributes
+    ----------
+    points
+        Points (k, 3) [m].
+    edges
+        Edges (e, 2), as numbers of points, without the edges of the triangles.
+    triangles
+        Triangles (m, 3), as numbers of points.
+    thickness
+        The distance [m].
+    """
+
+    points: np.ndarray
+    edges: np.ndarray
+    triangles: np.ndarray
+    thickness: float = 0.0
 
 
 NO_EDGES = np.zeros((0, 2), int)
@@ -65,8 +89,8 @@ class Shape:
     """A rigid body that stands as it is written at t = 0, and may move and turn from there.
 
     A point y of the body is at p + u(t) − u(0) + R(t) R(0)ᵀ (y − p) at the time t, with the
-    point p of the axis, the rotation R, and the motion u, which may be a function ``motion(t)
-    -> (3,)``.
+    point p of the axis, the rotation R and the motion u. The motion may be a function
+    ``motion(t) -> (3,)``.
 
     Parameters
     ----------
@@ -80,11 +104,11 @@ class Shape:
     motion: Annotated[VectorOfTime | None, LENGTH] = None
     rotate: Rotation | None = None
 
-    convex: ClassVar[bool] = True  # then the distance is a convex function
+    convex: ClassVar[bool] = True  # whether the distance is a convex function of the place
     deforms: ClassVar[bool] = False  # whether the distance depends on t
 
     def __post_init__(self) -> None:
-        _ = self._motion  # refused where the shape is written
+        _ = self._motion  # a mistake in it is refused where the shape is written
         if self.rotate is not None and not isinstance(self.rotate, Rotation):
             allowed = "must be a Rotation(point, axis, angle)"
             raise InputError(f"rotate = {self.rotate!r}", allowed, type(self).__name__)
@@ -110,7 +134,7 @@ class Shape:
         return self.width
 
     def skeleton(self, extent: float) -> Skeleton | None:
-        """Its `Skeleton`, of an endless shape for a cloth of this extent [m]; None without any."""
+        """Its `Skeleton`, or None. An endless shape has one for a cloth of this extent [m]."""
         return None
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
@@ -127,7 +151,9 @@ class Shape:
 
     @cached_property
     def _motion(self) -> TimeFunction:
-        motion = (0.0, 0.0, 0.0) if self.motion is None else self.motion
+        motion = self.motion
+        if motion is None:
+            motion = (0.0, 0.0, 0.0)
         return vector(motion, "motion", type(self).__name__)
 
     @cached_property
@@ -144,7 +170,7 @@ class Shape:
         return Pose(self.rotate.matrix(t, since=0.0), np.array(self.rotate.point, float), u)
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Velocity (3,) [m/s], angular velocity (3,) [1/s], and the point (3,) that they are of."""
+        """Velocity (3,) of a point [m/s], angular velocity (3,) [1/s], and that point (3,)."""
         velocity = self._motion.rate(t)
         still = np.zeros(3)
         if self.rotate is None:
@@ -152,14 +178,15 @@ class Shape:
         return velocity, self.rotate.rate(t), self.pose(t).to_space(np.array(self.rotate.point))
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
-        """(m, 3) velocity [m/s] of the body at points (m, 3) of space; no deformation."""
+        """(m, 3) velocity [m/s] of the rigid body at points x (m, 3) of space."""
         velocity, omega, centre = self.rates(t)
         return velocity + np.cross(omega, x - centre)
 
     def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float | None) -> np.ndarray:
-        """(m, 3) mean velocity [m/s] of its points y, at x in space, from t to t + dt.
+        """(m, 3) mean velocity [m/s] of points of the body from t to t + dt.
 
-        For None it is the velocity at t, for 0 it is 0: nothing moves meanwhile.
+        The points are at y (m, 3) in the frame of the body and at x (m, 3) in space at t. With
+        dt = None it is the velocity at t. With dt = 0 it is 0: nothing moves meanwhile.
         """
         if dt is None:
             return self.velocity(x, t)
@@ -221,22 +248,27 @@ class Sdf(Shape):
 
     @cached_property
     def _derivatives(self) -> tuple[list[Formula], list[list[Formula]]]:
+        """The three first derivatives, and the second derivatives as rows of a matrix."""
         first = [self._formula.derivative(variable) for variable in VARIABLES[:3]]
-        return first, [[slope.derivative(by) for by in VARIABLES[:3]] for slope in first]
+        second = [[slope.derivative(by) for by in VARIABLES[:3]] for slope in first]
+        return first, second
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
-        return _at(self._formula, y, t)
+        return _values(self._formula, y, t)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        _, second = self._derivatives
         hessian = np.empty((len(y), 3, 3))
         for i, j in zip(*np.triu_indices(3), strict=True):
-            hessian[:, i, j] = hessian[:, j, i] = _at(self._derivatives[1][i][j], y, t)
+            hessian[:, i, j] = hessian[:, j, i] = _values(second[i][j], y, t)
         return self.gradient(y, t), hessian
 
     def gradient(self, y: np.ndarray, t: float) -> np.ndarray:
-        return np.stack([_at(part, y, t) for part in self._derivatives[0]], axis=-1)
+        first, _ = self._derivatives
+        return np.stack([_values(part, y, t) for part in first], axis=-1)
 
 
-def _at(formula: Formula, y: np.ndarray, t: float) -> np.ndarray:
+def _values(formula: Formula, y: np.ndarray, t: float) -> np.ndarray:
+    """(m,) values of a formula at points (m, 3) and the time t."""
     named = dict(zip(VARIABLES, (*y.T, np.full(len(y), t)), strict=True))
     return np.asarray(formula(**named))

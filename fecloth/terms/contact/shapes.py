@@ -22,15 +22,18 @@ __all__ = ["Box", "Capsule", "Cylinder", "Disk", "Plane", "Sdf", "Shape", "Spher
 Vector = tuple[float, float, float]
 Place = Annotated[Vector, LENGTH]
 Length = Annotated[float, LENGTH]
-FAR = 100.0  # extents of the cloth: half of the length of an endless cylinder, where it needs ends
-SIDES = 96  # of a round plate, where it needs triangles
+# Half of the length of an endless cylinder over the extent of the cloth, where it needs ends.
+# Chosen: no cloth that starts near its point comes to them.
+HALF_LENGTH_OVER_EXTENT = 100.0
+# Sides of the polygon in place of a round plate, where it needs triangles. It lies within the
+# circle by at most r (1 − cos(π/96)), that is 0.05 % of the radius.
+SIDES_OF_DISK = 96
 ROD = np.array([[0, 1]])
 CORNERS = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])  # of a box
 FACES = np.array(  # of a box, each as two triangles
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
     + [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
 )
-LEAST = 1e-300  # m: below this a distance from an axis has no direction
 
 
 @checks_arguments
@@ -70,7 +73,10 @@ class Plane(Shape):
 
 
 class Round:
-    """All points within `radius` of a point or a line: d = |q| − radius with q from there to y."""
+    """All points within `radius` of a point or a line: d = |q| − radius.
+
+    q leads from the nearest point of the line to the point y.
+    """
 
     radius: float
 
@@ -108,8 +114,10 @@ class Sphere(Round, Shape):
 
     Parameters
     ----------
-    center, radius
-        [m].
+    center
+        Its centre [m].
+    radius
+        Its radius [m].
     """
 
     center: Place
@@ -140,7 +148,7 @@ class Cylinder(Round, Shape):
     axis
         The direction of the axis, of any length.
     radius
-        [m].
+        Its radius [m].
     """
 
     point: Place
@@ -160,7 +168,8 @@ class Cylinder(Round, Shape):
 
     def skeleton(self, extent: float) -> Skeleton:
         axis = direction("axis", self.axis, "Cylinder")
-        ends = np.array(self.point, float) + FAR * extent * np.array([[-1.0], [1.0]]) * axis
+        half = HALF_LENGTH_OVER_EXTENT * extent * axis
+        ends = np.array(self.point, float) + np.array([-half, half])
         return Skeleton(ends, ROD, NO_TRIANGLES, self.radius)
 
     def offset(self, y: np.ndarray) -> np.ndarray:
@@ -180,7 +189,7 @@ class Capsule(Round, Shape):
     a, b
         The ends of the segment [m].
     radius
-        [m].
+        Its radius [m].
     """
 
     a: Place
@@ -188,7 +197,8 @@ class Capsule(Round, Shape):
     radius: Length
 
     def __post_init__(self) -> None:
-        a, b = point("a", self.a, "Capsule"), point("b", self.b, "Capsule")
+        a = point("a", self.a, "Capsule")
+        b = point("b", self.b, "Capsule")
         super().__post_init__()
         if (a == b).all():
             remedy = "Write a Sphere(center, radius)."
@@ -198,7 +208,7 @@ class Capsule(Round, Shape):
         return Skeleton(np.array([self.a, self.b], float), ROD, NO_TRIANGLES, self.radius)
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """y − a, where each point is between a (0) and b (1), and b − a."""
+        """y − a (m, 3), the part (m,) of the way from a (0) to b (1) beside y, and b − a."""
         a = np.array(self.a, float)
         way = np.array(self.b, float) - a
         return y - a, (y - a) @ way / (way @ way), way
@@ -275,8 +285,10 @@ class Disk(Shape):
         Its centre [m].
     normal
         The direction of its axis, of any length.
-    radius, thickness
-        [m].
+    radius
+        Its radius [m].
+    thickness
+        Its height along the axis [m].
     """
 
     center: Place
@@ -316,21 +328,29 @@ class Disk(Shape):
 
     def skeleton(self, extent: float) -> Skeleton:
         """Two polygons of many sides in its faces, and the rim between them."""
-        angle = 2 * np.pi / SIDES * np.arange(SIDES)
-        corner = np.arange(SIDES)
-        first = direction("across", np.cross(self._axis, np.eye(3)[abs(self._axis).argmin()]), "")
+        n = SIDES_OF_DISK
+        angle = 2 * np.pi / n * np.arange(n)
+        least_axis = np.eye(3)[abs(self._axis).argmin()]
+        first = direction("across", np.cross(self._axis, least_axis), "")
         across = np.stack([first, np.cross(self._axis, first)])
         circle = self.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
         up = 0.5 * self.thickness * self._axis
         points = np.array(self.center, float) + np.vstack([circle - up, circle + up, [-up, up]])
-        after = np.roll(corner, -1)
-        top = corner + SIDES
-        fans = [
-            [after, corner, 0 * corner + 2 * SIDES],
-            [top, after + SIDES, 0 * top + 2 * SIDES + 1],
+        # Numbers of points: the polygon below, the polygon above, and the two middles.
+        low = np.arange(n)
+        low_after = np.roll(low, -1)
+        high = low + n
+        high_after = low_after + n
+        middle_low = np.full(n, 2 * n)
+        middle_high = np.full(n, 2 * n + 1)
+        triangles = [
+            (low_after, low, middle_low),
+            (high, high_after, middle_high),
+            (low, low_after, high),
+            (low_after, high_after, high),
         ]
-        rim = [[corner, after, top], [after, after + SIDES, top]]
-        return Skeleton(points, NO_EDGES, np.concatenate([np.stack(t, 1) for t in fans + rim]))
+        corners = np.concatenate([np.stack(corner, axis=1) for corner in triangles])
+        return Skeleton(points, NO_EDGES, corners)
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         rim, face = self._beyond(*self._cylindrical(y)[1:])
@@ -340,29 +360,37 @@ class Disk(Shape):
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         q, radius, height = self._cylindrical(y)
         rim, face = self._beyond(radius, height)
-        radial = q / np.maximum(radius, LEAST)[:, None]
+        radius = _or_one(radius)  # on the axis, where q is zero
+        radial = q / radius[:, None]
         axial = np.sign(height)[:, None] * self._axis
-        d = np.maximum(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)), LEAST)
+        d = _or_one(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)))
         out = np.maximum(rim, 0.0) / d
         up = np.maximum(face, 0.0) / d
         n = out[:, None] * radial + up[:, None] * axial
         around = np.cross(radial, axial)
         tangent = up[:, None] * radial - out[:, None] * axial
         edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
-        ring = (out / np.maximum(radius, LEAST))[:, None, None]
+        ring = (out / radius)[:, None, None]
         return n, edge * _outer(tangent, tangent) + ring * _outer(around, around)
 
 
 def _length(q: np.ndarray) -> np.ndarray:
+    """(m,) |q|."""
     return np.sqrt(np.einsum("mi,mi->m", q, q))
 
 
+def _or_one(length: np.ndarray) -> np.ndarray:
+    """(m,) lengths by which vectors can be divided: 1 in place of 0, of a vector of zeros."""
+    return np.where(length > 0.0, length, 1.0)
+
+
 def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(m, 3, 3) a bᵀ."""
     return a[:, :, None] * b[:, None, :]
 
 
 def _around(q: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient q/|q| and Hessian (P − n nᵀ)/|q| of |q|, with the projector P = ∂q/∂x."""
-    r = np.maximum(_length(q), LEAST)
+    """Gradient n = q/|q| and Hessian (P − n nᵀ)/|q| of |q|, with the projector P = ∂q/∂x."""
+    r = _or_one(_length(q))
     n = q / r[:, None]
     return n, (across - _outer(n, n)) / r[:, None, None]

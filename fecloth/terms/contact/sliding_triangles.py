@@ -1,4 +1,4 @@
-"""Pairs of triangles that slide on each other, with friction; and what turns with a fixed mesh."""
+"""Pairs of triangles that slide on each other, with friction."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,14 +11,27 @@ from fecloth.terms.contact.toolkit import ContactSets
 
 @dataclass(frozen=True, eq=False)
 class SlidingTriangles:
-    """Pairs of triangles that slide on each other; velocities belong to all nodes (n, 3)."""
+    """Pairs of triangles that slide on each other; velocities belong to all nodes (n, 3).
 
-    # The contacts, and the toolkit's own with their normal forces and directions.
+    Attributes
+    ----------
+    sets
+        The contacts.
+    lagged
+        The toolkit's own record of them, with their normal forces and directions of sliding.
+    surface
+        Velocity (n, 3) of the fixed mesh at the nodes [m/s]; 0 without one.
+    R
+        Rotation (3, 3) of the fixed mesh; None if it does not turn.
+    eps
+        Speed [m/s] from which friction has its full value.
+    """
+
     sets: ContactSets
     lagged: Any
-    surface: np.ndarray | float  # (n, 3) velocity of the fixed mesh [m/s]
-    R: np.ndarray | None  # (3, 3) rotation of the fixed mesh; None if it does not turn
-    eps: float  # speed from which friction has its full value [m/s]
+    surface: np.ndarray | float
+    R: np.ndarray | None
+    eps: float
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
         return of_nodes
@@ -26,20 +39,25 @@ class SlidingTriangles:
     def slip(self, v: np.ndarray) -> np.ndarray:
         """(n, 3) velocities relative to the fixed mesh, in its frame."""
         w: np.ndarray = v - self.surface
-        return w if self.R is None else w @ self.R
+        if self.R is None:
+            return w
+        return w @ self.R
 
     def rate(self, w: np.ndarray) -> float:
-        return self.sets.rub(self.lagged, w, self.eps)[0]
+        rate, _ = self.sets.rub(self.lagged, w, self.eps)
+        return rate
 
     def power(self, w: np.ndarray) -> float:
-        return -float((self.sets.rub(self.lagged, w, self.eps)[1] * w).sum())
+        _, force = self.sets.rub(self.lagged, w, self.eps)
+        return -float((force * w).sum())
 
     def force(self, w: np.ndarray) -> np.ndarray:
         """(n, 3) force on the nodes [N]."""
-        return turn(self.sets.rub(self.lagged, w, self.eps)[1], self.R)
+        _, force = self.sets.rub(self.lagged, w, self.eps)
+        return turn(force, self.R)
 
     def damping(self, w: np.ndarray, weight: float) -> sparse.csr_matrix | None:
-        """(3n, 3n) `weight` times −∂force/∂v, positive semi-definite; None if nothing touches."""
+        """(3n, 3n) `weight` times −∂force/∂v, positive semi-definite; None without contacts."""
         D = self.sets.rub_slope(self.lagged, w, self.eps)
         if D is None:
             return None
@@ -48,7 +66,9 @@ class SlidingTriangles:
 
 def turn(f: np.ndarray, R: np.ndarray | None) -> np.ndarray:
     """Vectors (n, 3) in space, from vectors in the frame of the fixed mesh."""
-    return f if R is None else f @ R.T
+    if R is None:
+        return f
+    return f @ R.T
 
 
 def turn_matrix(K: sparse.csr_matrix, R: np.ndarray | None) -> sparse.csr_matrix:

@@ -14,10 +14,20 @@ import numpy as np
 from fecloth.terms.contact import shapes
 from fecloth.terms.contact.shape import Shape
 
-ROUND = 48  # corners of a circle
-CELLS = 40  # of the grid in each direction, for a formula
-SIXTH = np.array(  # tetrahedra of a cube, whose corner (i, j, k) has the number 4 i + 2 j + k
-    [[0, 7, a, b] for a, b in ((1, 3), (3, 2), (2, 6), (6, 4), (4, 5), (5, 1))]
+# Both are chosen, for pictures: nothing is computed with these triangles.
+CORNERS_OF_CIRCLE = 48
+CELLS_OF_GRID = 40  # in each direction, for a formula
+# Tetrahedra of a cube, whose corner (i, j, k) has the number 4 i + 2 j + k.
+# All have the edge from corner 0 to corner 7.
+TETRAHEDRA = np.array(
+    [
+        [0, 7, 1, 3],
+        [0, 7, 3, 2],
+        [0, 7, 2, 6],
+        [0, 7, 6, 4],
+        [0, 7, 4, 5],
+        [0, 7, 5, 1],
+    ]
 )
 
 
@@ -29,17 +39,22 @@ class Triangles(NamedTuple):
 
 
 def surface_of(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
-    """The surface of a shape at the time t, of an endless one the part near `place` (3,) [m]."""
+    """The surface of a shape at the time t.
+
+    Of an endless shape it is the part within `reach` [m] of `place` (3,) [m].
+    """
     pose = shape.pose(t)
     points, triangles = _in_its_frame(shape, t, pose.to_body(place[None])[0], reach)
     return Triangles(pose.to_space(points), triangles)
 
 
 def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
+    """The surface of a shape in its own frame, near a `place` (3,) in that frame."""
     if isinstance(shape, shapes.Sphere):
         return _turned(_arc(shape.radius, -1, 1), shape.center, (0.0, 0.0, 1.0))
     if isinstance(shape, shapes.Capsule):
-        a, b = np.array(shape.a, float), np.array(shape.b, float)
+        a = np.array(shape.a, float)
+        b = np.array(shape.b, float)
         half = np.linalg.norm(b - a) / 2
         low = _arc(shape.radius, -1, 0) - [0, half]
         high = _arc(shape.radius, 0, 1) + [0, half]
@@ -63,7 +78,7 @@ def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Tr
 
 def _arc(radius: float, low: float, high: float) -> np.ndarray:
     """Points (r, z) of a circle around 0 from the angle low π/2 to high π/2."""
-    angle = np.linspace(low, high, 1 + int(ROUND / 4 * (high - low))) * math.pi / 2
+    angle = np.linspace(low, high, 1 + int(CORNERS_OF_CIRCLE / 4 * (high - low))) * math.pi / 2
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
@@ -77,42 +92,49 @@ def _across(axis: np.ndarray) -> np.ndarray:
 def _turned(profile: np.ndarray, middle, axis) -> Triangles:
     """A profile (k, 2) of (r, z) turned about an axis."""
     axis = np.array(axis, float) / np.linalg.norm(axis)
-    angle = 2 * math.pi / ROUND * np.arange(ROUND)
-    round_ = np.column_stack([np.cos(angle), np.sin(angle)]) @ _across(axis)
-    points = profile[:, 0, None, None] * round_ + profile[:, 1, None, None] * axis
-    i, j = np.meshgrid(np.arange(len(profile) - 1), np.arange(ROUND), indexing="ij")
-    a, b = ROUND * i + j, ROUND * i + (j + 1) % ROUND
-    c = a + ROUND
-    d = b + ROUND
+    corners = CORNERS_OF_CIRCLE
+    angle = 2 * math.pi / corners * np.arange(corners)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ _across(axis)
+    points = profile[:, 0, None, None] * circle + profile[:, 1, None, None] * axis
+    i, j = np.meshgrid(np.arange(len(profile) - 1), np.arange(corners), indexing="ij")
+    a = corners * i + j
+    b = corners * i + (j + 1) % corners
+    c = a + corners
+    d = b + corners
     triangles = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1, 3)
     return Triangles(points.reshape(-1, 3) + np.array(middle, float), triangles)
 
 
-# --- the surface of a formula ---------------------------------------------------------------------
+# --- the surface of a formula ----------------------------------------------------------------
 
 
 def _marched(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
     """Where the distance is 0 in the cube of half the edge `reach` around a place."""
-    grid = np.stack(np.meshgrid(*[np.arange(CELLS + 1)] * 3, indexing="ij"), axis=-1)
-    nodes = place + reach * (2 / CELLS * grid.reshape(-1, 3) - 1)
-    corner = np.arange(len(nodes)).reshape(grid.shape[:3])
-    n = CELLS
-    cubes = np.stack(
-        [corner[i : i + n, j : j + n, k : k + n] for i in (0, 1) for j in (0, 1) for k in (0, 1)],
-        axis=-1,
-    ).reshape(-1, 8)
+    n = CELLS_OF_GRID
+    grid = np.indices((n + 1, n + 1, n + 1)).reshape(3, -1).T
+    nodes = place + reach * (2 / n * grid - 1)
+    cubes = _cubes(n)
     d = shape.distance(nodes, t)
     cut = cubes[(d[cubes].min(axis=1) < 0) & (d[cubes].max(axis=1) >= 0)]
-    edges = _cut_edges(cut[:, SIXTH].reshape(-1, 4), d)
+    edges = _cut_edges(cut[:, TETRAHEDRA].reshape(-1, 4), d)
     ends, which = np.unique(np.sort(edges.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     part = d[ends[:, 0]] / (d[ends[:, 0]] - d[ends[:, 1]])
     points = nodes[ends[:, 0]] + part[:, None] * (nodes[ends[:, 1]] - nodes[ends[:, 0]])
     for _ in range(3):  # onto the surface, where the distance is not linear in a cube
         gradient = shape.slopes(points, t)[0]
         steep = np.maximum(np.einsum("pi,pi->p", gradient, gradient), 1e-12)
-        away = np.clip(shape.distance(points, t) / steep, -reach / CELLS, reach / CELLS)
+        away = np.clip(shape.distance(points, t) / steep, -reach / n, reach / n)
         points -= away[:, None] * gradient
     return _outwards(shape, t, points, which.reshape(-1, 3))
+
+
+def _cubes(n: int) -> np.ndarray:
+    """(n³, 8) numbers of the corners of each cube of a grid with n cells in each direction."""
+    corner = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
+    corners = [
+        corner[i : i + n, j : j + n, k : k + n] for i in (0, 1) for j in (0, 1) for k in (0, 1)
+    ]
+    return np.stack(corners, axis=-1).reshape(-1, 8)
 
 
 def _cut_edges(tetrahedra: np.ndarray, d: np.ndarray) -> np.ndarray:
@@ -126,12 +148,12 @@ def _cut_edges(tetrahedra: np.ndarray, d: np.ndarray) -> np.ndarray:
         2: [((a, c), (a, e), (b, e)), ((a, c), (b, e), (b, c))],
         3: [((a, e), (b, e), (c, e))],
     }
-    found = [
+    edges = [
         np.array(triangle).transpose(2, 0, 1)[count == k]
         for k, triangles in pairs.items()
         for triangle in triangles
     ]
-    return np.concatenate(found)
+    return np.concatenate(edges)
 
 
 def _outwards(shape: Shape, t: float, points: np.ndarray, triangles: np.ndarray) -> Triangles:

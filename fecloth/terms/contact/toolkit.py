@@ -3,7 +3,7 @@
 import importlib.util
 import math
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sparse
@@ -15,10 +15,13 @@ from fecloth.mesh.surface import Surface
 from fecloth.terms.contact.pairs import nodes_of, square_away_from
 from fecloth.terms.contact.shape import NO_EDGES, NO_TRIANGLES, Skeleton
 
-RESERVE = 0.9  # of the way that is free, where it is not all of it
-AROUND = 1.0  # gaps that a node may move while the pairs found before are all that can touch
-FARTHEST = 6.0  # gaps: up to here it pays to ask whether all pairs are farther apart than that
-CROWDED = 8  # of these pairs for each node: from here on to keep them costs more
+# Part of a free way that is taken, where something is met at its end. Chosen: it must be < 1, so
+# that the distance there is > 0.
+PART_OF_FREE_WAY = 0.9
+# Up to this distance over the gap it is asked whether all pairs are farther apart. This number
+# and the next one decide on the cost only: beyond it, to ask costs more than it saves.
+FARTHEST_ASKED_OVER_GAP = 6.0
+MOST_PAIRS_PER_NODE = 8  # to keep more pairs costs more than to search for them again
 
 
 def is_installed() -> bool:
@@ -38,30 +41,53 @@ def load(where: str) -> Any:
     return ipctk
 
 
+class KeptPairs(NamedTuple):
+    """Pairs that were found for the straight way of all nodes (n, 3) from `start` (n, 3) [m]."""
+
+    start: np.ndarray
+    way: np.ndarray
+    pairs: Any
+
+
 @dataclass(eq=False)
 class ContactSets:
     """The pairs in contact of a cloth with itself, or with a fixed mesh, at positions x (n, 3).
 
-    The contacts at the positions asked for last are kept. So are all pairs that are nearer
-    than three gaps at any point of the way asked for last, if they are few: no others can
-    touch where each node is less than a gap from a point of this way. Boxes around the parts
-    find these pairs; where no real distance is as small, none is kept.
+    The contacts at the last positions are kept. So are all pairs that are nearer than three gaps
+    at any point of the last way, if they are few: no other pair can touch while each node is
+    less than a gap from a point of this way. The pairs are found by boxes around the parts of
+    the surface. Where no real distance is as small, no pair is kept.
+
+    Attributes
+    ----------
+    toolkit
+        The module ipctk.
+    mesh, potential
+        Its collision mesh and its barrier potential.
+    triangles
+        Triangles (s, 3) of the cloth.
+    fixed
+        Points (k, 3) of the fixed mesh [m].
+    gap
+        Distance at which the barrier begins [m], beyond the thickness.
+    thickness
+        Least distance [m].
+    largest
+        Largest area [m²] with which a pair counts. It is the area of two edges of the cloth,
+        where the fixed mesh has larger ones: the toolkit takes the length of a single edge for
+        its area.
     """
 
-    # ipctk, and its collision mesh and barrier potential.
     toolkit: Any
     mesh: Any
     potential: Any
-    triangles: np.ndarray  # (s, 3) of the cloth
-    fixed: np.ndarray  # (k, 3) points of the fixed mesh [m]
-    # [m].
+    triangles: np.ndarray
+    fixed: np.ndarray
     gap: float
     thickness: float
-    # Largest area [m²] with which a pair counts: of two edges of the cloth, where the fixed mesh
-    # has larger ones. The toolkit takes the length of a single edge for its area.
     largest: float = math.inf
     _last: tuple[np.ndarray, Any] | None = field(default=None, repr=False)
-    _pairs: tuple[np.ndarray, np.ndarray, Any] | None = field(default=None, repr=False)
+    _pairs: KeptPairs | None = field(default=None, repr=False)
     _crowded: bool = False
 
     @classmethod
@@ -74,9 +100,9 @@ class ContactSets:
         stiffness: float,
         fixed: Skeleton | None = None,
     ) -> Self:
-        """Return the pairs of a cloth with itself, or with the points, edges and triangles `fixed`.
+        """The pairs of a cloth with itself, or with the fixed mesh `fixed`.
 
-        `where` begins the error if ipctk is missing.
+        `where` begins the `InputError` if ipctk is missing.
         """
         ipctk = load(where)
         triangles = Surface.from_cloth(cloth).triangles
@@ -94,7 +120,16 @@ class ContactSets:
             if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > of_cloth:
                 largest = 0.5 * float(of_cloth)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
-        return cls(ipctk, mesh, potential, triangles, others.points, gap, thickness, largest)
+        return cls(
+            toolkit=ipctk,
+            mesh=mesh,
+            potential=potential,
+            triangles=triangles,
+            fixed=others.points,
+            gap=gap,
+            thickness=thickness,
+            largest=largest,
+        )
 
     def nodes(self, x: np.ndarray) -> np.ndarray:
         """(n + k, 3) x and the nodes of the fixed mesh."""
@@ -103,38 +138,55 @@ class ContactSets:
     def at(self, x: np.ndarray) -> Any:
         """The contacts at x (n, 3); energy, force and tangent ask for the same ones in turn."""
         if self._last is None or not np.array_equal(self._last[0], x):
-            contacts = self.toolkit.NormalCollisions()
-            contacts.use_area_weighting = True
-            pairs = self.candidates(x)
-            where = (self.mesh, self.nodes(x), self.gap, self.thickness)
-            contacts.build(*where) if pairs is None else contacts.build(pairs, *where)
-            for number in range(len(contacts)) if self.largest < math.inf else ():
-                contacts[number].weight = min(contacts[number].weight, self.largest)
-            self._last = x.copy(), contacts
+            self._last = x.copy(), self._find_contacts(x)
         return self._last[1]
 
+    def _find_contacts(self, x: np.ndarray) -> Any:
+        """The contacts at x (n, 3), from the pairs that are kept if there are any."""
+        contacts = self.toolkit.NormalCollisions()
+        contacts.use_area_weighting = True
+        pairs = self.candidates(x)
+        if pairs is None:
+            contacts.build(self.mesh, self.nodes(x), self.gap, self.thickness)
+        else:
+            contacts.build(pairs, self.mesh, self.nodes(x), self.gap, self.thickness)
+        if self.largest < math.inf:
+            for number in range(len(contacts)):
+                contacts[number].weight = min(contacts[number].weight, self.largest)
+        return contacts
+
     def candidates(self, x: np.ndarray, end: np.ndarray | None = None) -> Any | None:
-        """The pairs that can touch at x, or on the straight way to `end`; None if they are many."""
-        y = x if end is None else end
+        """The pairs that can touch at x, or on the straight way from x to `end`.
+
+        None if they are too many to be kept: then the toolkit must search by itself.
+        """
+        y = x
+        if end is not None:
+            y = end
         if not self._crowded and not (self._covers(x) and self._covers(y)):
             pairs = self.toolkit.Candidates()
-            reach = 0.5 * (self.gap + self.thickness)
-            way = self.nodes(x), self.nodes(y)
-            pairs.build(self.mesh, *way, reach + AROUND * self.gap)  # each box grows by it
-            if self._are_far(pairs, x, longest(self._without_mean(y - x))):
+            # The boxes around the ways of the parts grow by this: by half of the distance of
+            # two parts that touch, and by the gap that each node may go from its way.
+            growth = 0.5 * (self.gap + self.thickness) + self.gap
+            pairs.build(self.mesh, self.nodes(x), self.nodes(y), growth)
+            way = self._without_mean(y - x)
+            if self._are_far(pairs, x, longest(way)):
                 pairs.clear()
-            if len(pairs) > CROWDED * len(x):
+            if len(pairs) > MOST_PAIRS_PER_NODE * len(x):
                 self._crowded = end is None
                 return None
-            self._pairs = x.copy(), self._without_mean(y - x), pairs
+            self._pairs = KeptPairs(start=x.copy(), way=way, pairs=pairs)
         if self._crowded or self._pairs is None:
             return None
-        return self._pairs[2]
+        return self._pairs.pairs
 
     def _are_far(self, pairs: Any, x: np.ndarray, way: float) -> bool:
-        """Whether no pair can touch while each node is less than a gap from this way [m] from x."""
-        reach = self.gap + 2 * (way + AROUND * self.gap)
-        if reach > FARTHEST * self.gap:
+        """Whether no pair can touch while each node is less than a gap from its way from x.
+
+        `way` [m] is the longest one.
+        """
+        reach = self.gap + 2 * (way + self.gap)
+        if reach > FARTHEST_ASKED_OVER_GAP * self.gap:
             return False
         contacts = self.toolkit.NormalCollisions()
         contacts.build(pairs, self.mesh, self.nodes(x), reach, self.thickness)
@@ -144,18 +196,19 @@ class ContactSets:
         """Whether x is less than a gap from a point of the way of the pairs that are kept."""
         if self._crowded or self._pairs is None:
             return False
-        start, way, _ = self._pairs
-        away = square_away_from(np.ascontiguousarray(x), start, way, not len(self.fixed))
-        return bool(away < (AROUND * self.gap) ** 2)
+        kept = self._pairs
+        drifts = not len(self.fixed)
+        away = square_away_from(np.ascontiguousarray(x), kept.start, kept.way, drifts)
+        return bool(away < self.gap**2)
 
     def _without_mean(self, way: np.ndarray) -> np.ndarray:
-        """The ways (n, 3) of the nodes [m] without what all nodes of the cloth move alike."""
+        """The ways (n, 3) of the nodes [m], without their mean where there is no fixed mesh."""
         if len(self.fixed):
             return way
         return way - way.mean(axis=0)
 
     def forget(self) -> None:
-        """Drop all pairs that were found, so that no result depends on earlier calls."""
+        """Drop what is kept, so that no result depends on earlier calls."""
         self._last = None
         self._pairs = None
         self._crowded = False
@@ -163,7 +216,9 @@ class ContactSets:
     def energy(self, x: np.ndarray) -> float:
         """[J]; +∞ where two parts are nearer than the thickness."""
         energy = float(self.potential(self.at(x), self.mesh, self.nodes(x)))
-        return energy if math.isfinite(energy) else math.inf
+        if math.isfinite(energy):
+            return energy
+        return math.inf
 
     def force(self, x: np.ndarray) -> np.ndarray:
         """(n, 3) −∂energy/∂x [N]."""
@@ -176,51 +231,60 @@ class ContactSets:
     def tangent(self, x: np.ndarray, definite: bool) -> sparse.csr_matrix | None:
         """(3n, 3n) ∂²energy/∂x² [N/m]; None without contacts."""
         contacts = self.at(x)
-        method = self.toolkit.PSDProjectionMethod
         if not len(contacts):
             return None
-        kind = method.CLAMP if definite else method.NONE
-        K = self.potential.hessian(contacts, self.mesh, self.nodes(x), kind)
+        projection = self.toolkit.PSDProjectionMethod.NONE
+        if definite:
+            projection = self.toolkit.PSDProjectionMethod.CLAMP
+        K = self.potential.hessian(contacts, self.mesh, self.nodes(x), projection)
         return K[: x.size, : x.size].tocsr()
 
     def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-        """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J]."""
+        """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J].
+
+        A contact has up to four nodes. The way from one part to the other is Σ c_a x_a with the
+        coefficients c_a of the toolkit, so that ∇d has the block c_a way/d for the node a.
+        """
         contacts = self.at(x)
-        nodes = self.nodes(x)
         ids = nodes_of(contacts, self.mesh)
-        places = nodes[ids].reshape(len(ids), 12)
-        lines = []
+        m = len(ids)
+        places = self.nodes(x)[ids].reshape(m, 12)
+        ways = np.zeros((m, 3))
+        coefficients = np.zeros((m, 4))
+        energies = np.zeros(m)
         for number, size in enumerate(3 * (ids >= 0).sum(axis=1)):
             pair = contacts[number]
-            own = places[number, :size]
-            way, parts = pair.compute_distance_vector_with_coefficients(own)
-            lines.append((*way, *parts, *(4 - len(parts)) * (0.0,), self.potential(pair, own)))
-        numbers = np.array(lines).reshape(-1, 8)
-        way = numbers[:, :3]
-        parts = numbers[:, 3:7]
-        energies = numbers[:, 7]
-        d = np.sqrt(np.einsum("mi,mi->m", way, way))
-        values = parts[:, :, None] * (way / d[:, None])[:, None]
+            own_places = places[number, :size]
+            way, parts = pair.compute_distance_vector_with_coefficients(own_places)
+            ways[number] = way
+            coefficients[number, : len(parts)] = parts
+            energies[number] = self.potential(pair, own_places)
+        d = np.sqrt(np.einsum("mi,mi->m", ways, ways))
+        blocks = coefficients[:, :, None] * (ways / d[:, None])[:, None]
         columns = 3 * ids[:, :, None] + np.arange(3)
-        rows = np.broadcast_to(np.arange(len(ids))[:, None, None], columns.shape)
-        own = np.broadcast_to((ids[:, :, None] >= 0) & (ids[:, :, None] < len(x)), columns.shape)
-        where = (rows[own], columns[own])
-        shape = (len(ids), x.size)
-        return sparse.csr_matrix((values[own], where), shape=shape), d, energies
+        rows = np.broadcast_to(np.arange(m)[:, None, None], columns.shape)
+        is_of_cloth = (ids[:, :, None] >= 0) & (ids[:, :, None] < len(x))
+        kept = np.broadcast_to(is_of_cloth, columns.shape)
+        where = (rows[kept], columns[kept])
+        normals = sparse.csr_matrix((blocks[kept], where), shape=(m, x.size))
+        return normals, d, energies
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
-        """The contacts at x with their normal forces and directions of sliding, for μ."""
-        # `parts` (m,) are what the normal forces are multiplied with.
-        lagged = self.toolkit.TangentialCollisions()
+        """The contacts at x with their normal forces and directions of sliding, for μ.
+
+        The normal forces are multiplied with `parts` (m,), if given.
+        """
         contacts = self.at(x)
-        for number, part in enumerate(() if parts is None else parts):
-            contacts[number].weight *= part
+        if parts is not None:
+            for number, part in enumerate(parts):
+                contacts[number].weight *= part
+            self._last = None  # as these contacts have other weights now
+        lagged = self.toolkit.TangentialCollisions()
         lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
-        self._last = self._last if parts is None else None  # as these have other weights now
         return lagged
 
     def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
-        """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v: the force [N]."""
+        """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v, the force [N]."""
         if not len(lagged):
             return 0.0, np.zeros_like(v)
         potential = self.toolkit.FrictionPotential(creep)
@@ -239,36 +303,50 @@ class ContactSets:
         return D[: v.size, : v.size].tocsr()
 
     def _velocities(self, v: np.ndarray) -> np.ndarray:
+        """(n + k, 3) v and the zero velocities of the fixed mesh."""
         return np.asfortranarray(np.vstack([v, np.zeros_like(self.fixed)]))
 
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The largest α ≤ 1 for which nothing meets on the straight way from x to x + α (y − x)."""
+        """The largest α ≤ 1 for which nothing meets on the straight way to x + α (y − x)."""
         room = min(self.least_distance(x) - self.thickness, self.gap)
-        if 2 * longest(self._without_mean(y - x)) < RESERVE * room:
+        if 2 * longest(self._without_mean(y - x)) < PART_OF_FREE_WAY * room:
             return 1.0
-        pairs = self.candidates(x, y)
-        ends = (self.nodes(x), self.nodes(y), self.thickness)
-        find = (self.toolkit if pairs is None else pairs).compute_collision_free_stepsize
-        part = float(find(self.mesh, *ends, narrow_phase_ccd=self.toolkit.AdditiveCCD()))
-        return 1.0 if part >= 1.0 else RESERVE * part
+        # Only the pairs that can touch are asked, or else the toolkit for all.
+        asked = self.candidates(x, y)
+        if asked is None:
+            asked = self.toolkit
+        part = asked.compute_collision_free_stepsize(
+            self.mesh,
+            self.nodes(x),
+            self.nodes(y),
+            self.thickness,
+            narrow_phase_ccd=self.toolkit.AdditiveCCD(),
+        )
+        if part >= 1.0:
+            return 1.0
+        return PART_OF_FREE_WAY * float(part)
 
     def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Those of the nodes `held` of whose edges or triangles one meets another from x to y."""
-        # The other one has held nodes only, too, or belongs to the fixed mesh.
+        """The nodes of edges and triangles that meet others from x to y, among the nodes `held`.
+
+        Only pairs count whose nodes are all held, or belong to the fixed mesh.
+        """
         mesh = self.mesh
         pairs = self.toolkit.Candidates()
         begin = self.nodes(x)
         end = self.nodes(y)
         pairs.build(mesh, begin, end, self.thickness)
-        moved = {*held, *range(len(x), len(begin))}
-        met: set[int] = set()
+        prescribed = {*held, *range(len(x), len(begin))}
+        struck: set[int] = set()
         for pair in [*pairs.ee_candidates, *pairs.fv_candidates]:
             nodes = pair.vertex_ids(mesh.edges, mesh.faces)
-            if moved.issuperset(nodes):
-                corners = ([points[i] for i in nodes] for points in (begin, end))
-                way = (np.concatenate(each) for each in corners)
-                met.update(nodes if pair.ccd(*way)[0] else ())
-        return np.array(sorted(met.intersection(held)), int)
+            if not prescribed.issuperset(nodes):
+                continue
+            rows = list(nodes)
+            meets, _ = pair.ccd(begin[rows].ravel(), end[rows].ravel())
+            if meets:
+                struck.update(nodes)
+        return np.array(sorted(struck.intersection(held)), int)
 
     def intersects(self, x: np.ndarray) -> bool:
         """Whether parts that share no node pass through each other."""

@@ -15,7 +15,8 @@ from fecloth.mesh.surface import find_intersections
 from fecloth.quantities.units import LENGTH, PRESSURE
 from fecloth.terms.contact import barrier
 from fecloth.terms.contact.bound_contact import BoundContact, Rubbing, Touched
-from fecloth.terms.contact.friction import CREEP
+from fecloth.terms.contact.friction import CREEP_OVER_EXTENT
+from fecloth.terms.contact.inside import MOST_NAMED
 from fecloth.terms.contact.retreat import Retreat
 from fecloth.terms.contact.shape import Shape
 from fecloth.terms.contact.sliding_triangles import SlidingTriangles, turn, turn_matrix
@@ -24,23 +25,40 @@ from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import CONTACT
 
-NAMED = 5  # pairs of triangles that an error names
+# The shortest edge over gap + thickness: with shorter edges, pairs of neighbours that share no
+# node would push each other at rest.
+LEAST_EDGE_OVER_GAP = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class BoundTriangleContact(BoundContact):
-    """`SelfContact` or `MeshObstacle` on a cloth."""
+    """`SelfContact` or `MeshObstacle` on a cloth.
 
-    name: str  # of the term
-    sets: ContactSets  # the contacts at positions of the cloth
-    # μ, and the speed of sliding [m/s] from which friction has its full value.
+    Attributes
+    ----------
+    name
+        Of the term.
+    sets
+        The contacts at positions of the cloth.
+    friction
+        Coefficient μ of Coulomb's friction.
+    creep
+        Speed of sliding ε [m/s] from which friction has its full value.
+    body
+        The motion of the fixed mesh of the sets; None where it stands still. All contact is
+        computed in the frame of this body.
+    restitution
+        Part of the speed that an impact leaves, 0 or 1.
+    moved
+        The step over which it acts; None at one state, or if it is elastic.
+    """
+
+    name: str
+    sets: ContactSets
     friction: float
     creep: float
-    # What moves and turns the fixed mesh of the sets; None where it stands still. All contact is
-    # computed in the frame of this body.
     body: Shape | None = None
-    restitution: float = 1.0  # part of the speed that an impact leaves, 0 or 1
-    # The step over which it acts, and its pairs at the begin; None at one state, or if elastic.
+    restitution: float = 1.0
     moved: Touched | None = None
 
     symmetric = True
@@ -52,7 +70,7 @@ class BoundTriangleContact(BoundContact):
 
     @cached_property
     def retreat(self) -> Retreat | None:
-        """What its pairs hold back over the step."""
+        """The pairs at the begin of the step, which push less over it; None without any."""
         moved = self.moved
         if moved is None:
             return None
@@ -85,50 +103,73 @@ class BoundTriangleContact(BoundContact):
         return self.body.pose(t).R
 
     def energy(self, x, t) -> float:
-        """Σ κ gap A b(s) [J], over a step with what is held back."""
+        """Σ κ gap A b(s) [J]; over a step with the potential of `Retreat`."""
         y = self.place(x, t)
-        return self.sets.energy(y) + (self.retreat.energy(y) if self.retreat else 0.0)
+        energy = self.sets.energy(y)
+        if self.retreat:
+            energy += self.retreat.energy(y)
+        return energy
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
         y = self.place(x, t)
         f = self.sets.force(y)
-        return turn(f + self.retreat.force(y) if self.retreat else f, self.rotation(t))
+        if self.retreat:
+            f = f + self.retreat.force(y)
+        return turn(f, self.rotation(t))
 
     def add_forces(self, x: np.ndarray, t: float, rubbing: Rubbing, f: np.ndarray) -> None:
         """f −= ∂energy/∂x, and friction [N]."""
-        f += sum((each.force(w) for each, w in rubbing), start=self.push(x, t))
+        force = self.push(x, t)
+        for sliding, w in rubbing:
+            force = force + sliding.force(w)
+        f += force
 
     def coupling(self, x, v, t, wx, wv, definite) -> sparse.spmatrix | None:
         """wx K of the barrier, without the negative part of each pair if `definite`, and wv D.
 
-        How friction changes with x is left out: over a step, for which methods ask, it is
-        lagged.
+        The change of friction with x is left out: methods ask for the tangent over a step,
+        where friction is lagged.
         """
-        rubbing = self.rubbing(x, v, t) if wv else ()
+        rubbing: Rubbing = ()
+        if wv:
+            rubbing = self.rubbing(x, v, t)
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
     def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
         y = self.place(x, t)
         stiff = [self.sets.tangent(y, definite)]
-        stiff += [self.retreat.tangent(y, definite)] if self.retreat else []
+        if self.retreat:
+            stiff.append(self.retreat.tangent(y, definite))
         R = self.rotation(t)
-        parts = [None if K is None else turn_matrix(wx * K, R) for K in stiff]
-        parts += [each.damping(w, weight) for each, w in rubbing]
-        coupled = [part for part in parts if part is not None]
-        if coupled:
-            return sum(coupled[1:], start=coupled[0])
-        return None
+        parts = [turn_matrix(wx * K, R) for K in stiff if K is not None]
+        for sliding, w in rubbing:
+            D = sliding.damping(w, weight)
+            if D is not None:
+                parts.append(D)
+        if not parts:
+            return None
+        return sum(parts[1:], start=parts[0])
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
+        """What slides at x and t; over a step with the normal forces that dissipation leaves."""
         y = self.place(x, t)
-        surface = 0.0 if self.body is None else self.body.mean_velocity(y, x, t, dt)
+        surface: np.ndarray | float = 0.0
+        if self.body is not None:
+            surface = self.body.mean_velocity(y, x, t, dt)
         parts = None
         moved = self.moved
         if moved is not None:
             begin = self.place(moved.start, moved.begin)
             parts = Retreat.at(self.sets, y, begin, moved.dt).parts(y)
         lagged = self.sets.lag(y, self.friction, parts)
-        return [SlidingTriangles(self.sets, lagged, surface, self.rotation(t), self.creep)]
+        sliding = SlidingTriangles(
+            sets=self.sets,
+            lagged=lagged,
+            surface=surface,
+            R=self.rotation(t),
+            eps=self.creep,
+        )
+        return [sliding]
 
     @property
     def gap(self) -> float:  # type: ignore[override]  # a field in the base, here of the sets
@@ -143,7 +184,7 @@ class BoundTriangleContact(BoundContact):
         return float(np.max(nearer[was_outside], initial=0.0))
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
-        """The largest α ≤ 1 for which no triangle passes through another on the way to x + α s."""
+        """The largest α ≤ 1 for which no triangle passes through another up to x + α s."""
         return self.sets.free_part(self.place(x, t), self.place(x + s, t))
 
     def over_step(self, step: StepDifference) -> BoundTerm:
@@ -164,31 +205,27 @@ class BoundTriangleContact(BoundContact):
         return self.sets.struck(self.place(x, t), self.place(end, t + dt), held)
 
     def check_start(self, x: np.ndarray, t: float, where: str) -> None:
-        """Raise `InputError` for triangles that start nearer than the thickness, or intersect."""
+        """Raise `InputError` for triangles that intersect, or are nearer than the thickness."""
         y = self.place(x, t)
         if self.sets.intersects(y):
-            raise InputError(*self.crossing(x), where, "Move them apart at the start.")
+            what, allowed = self.crossing(x)
+            raise InputError(what, allowed, where, "Move them apart at the start.")
         nearest = self.sets.least_distance(y)
         thickness = self.sets.thickness
         if nearest <= thickness:
             what = f"two layers start at a distance of {nearest:.3g} m"
             allowed = f"must be farther apart than the thickness, {thickness:g} m"
-            raise InputError(what, allowed, where, "Move them apart, or take a smaller thickness.")
+            remedy = "Move them apart, or take a smaller thickness."
+            raise InputError(what, allowed, where, remedy)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
-        """What intersects at x, and what is allowed, for an error."""
+        """The triangles that intersect at x, and what is allowed, as the words of an error."""
+        allowed = "must start free of intersections"
         pairs = find_intersections(self.sets.triangles, x)
-        if pairs is not None:
-            named = ", ".join(f"{a} and {b}" for a, b in pairs[:NAMED])
-        else:
-            named = ""
-        what = f"triangles intersect at the start: {named}"
-        if not named:
-            what = "triangles touch, or lie in one plane, at the start"
-        return what, "must start free of intersections"
-
-
-FARTHEST = 3.0  # gaps: the shortest edge must have as many
+        if pairs is None or not len(pairs):
+            return "triangles touch, or lie in one plane, at the start", allowed
+        named = ", ".join(f"{a} and {b}" for a, b in pairs[:MOST_NAMED])
+        return f"triangles intersect at the start: {named}", allowed
 
 
 @dataclass(frozen=True)
@@ -201,14 +238,14 @@ class SelfContact:
         b(d²) = −(s² − 1)² ln s², s = d/gap < 1; 0 from s = 1 on; +∞ for s = 0
 
     so that no triangle ever passes through another. The pressure between two layers is 1.7 to
-    2.7 times −κ b′(s), as nodes and edges of both act: less on unstructured meshes, more on
-    "right" ones. Pairs that share a node do not act. The forces are continuous, their slopes
-    almost: they jump where edges are exactly parallel. In each step of Newton's iteration a
-    continuous collision detection finds how far the cloth may move.
+    2.7 times −κ b′(s), as nodes and edges of both layers act: less on unstructured meshes, more
+    on "right" ones. Pairs that share a node do not act. The forces are continuous. Their slopes
+    are continuous, too, except where edges are exactly parallel. In each step of Newton's
+    iteration a continuous collision detection finds how far the cloth may move.
 
-    The pairs change from iteration to iteration. So the tangent stays outside the fixed
-    pattern of the matrix (`coupling`); without a contact a step costs as much as before, plus
-    the search for pairs. P2 triangles touch as four flat ones each.
+    The pairs change from iteration to iteration. So their tangent is not in the fixed pattern
+    of the matrix (`coupling`). Without a contact, a step costs only the search for pairs more.
+    A P2 triangle touches as four flat ones.
 
     Source: Li et al. (2020), Incremental Potential Contact: Intersection- and Inversion-free,
     Large-Deformation Dynamics, ACM Trans. Graph. 39(4); Li, Kaufman and Jiang (2021),
@@ -217,9 +254,9 @@ class SelfContact:
 
     Friction is Coulomb's, smoothed and lagged, as for `Obstacle`.
 
-    With the restitution 0 an impact dissipates: over a step pairs that move apart push less, by
-    max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little more than v
-    (`retreat`).
+    With the restitution 0 an impact dissipates: over a step the push of pairs that move apart
+    is multiplied by max(0, 1 − ḋ/v) with v = 2.5 mm/s, and layers leave each other with little
+    more than v (`retreat`).
 
     Valid for any speed and any deformation, with `BackwardEuler`, `BDF2` and `equilibrium`,
     from a start free of intersections.
@@ -264,14 +301,28 @@ class SelfContact:
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
         cloth = panel.cloth
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
-        numbers = float(self.gap), float(self.thickness), stiffness
-        sets = ContactSets.bind("SelfContact", cloth, *numbers)
-        edges = cloth.X[sets.triangles] - cloth.X[np.roll(sets.triangles, 1, axis=1)]
-        largest = float(np.linalg.norm(edges, axis=2).min()) / FARTHEST
+        sets = ContactSets.bind(
+            "SelfContact",
+            cloth,
+            gap=float(self.gap),
+            thickness=float(self.thickness),
+            stiffness=stiffness,
+        )
+        self._refuse_large_gap(cloth.X[sets.triangles])
+        return BoundTriangleContact(
+            name="SelfContact",
+            sets=sets,
+            friction=self.friction,
+            creep=CREEP_OVER_EXTENT * cloth.extent,
+            restitution=self.restitution,
+        )
+
+    def _refuse_large_gap(self, corners: np.ndarray) -> None:
+        """Raise `InputError` if neighbours would touch, for triangles with corners (s, 3, 2)."""
+        edges = corners - np.roll(corners, 1, axis=1)
+        largest = float(np.linalg.norm(edges, axis=2).min()) / LEAST_EDGE_OVER_GAP
         if self.gap + self.thickness > largest:
             what = f"gap + thickness = {self.gap + self.thickness:.4g} m"
             allowed = f"must be at most {largest:.4g} m, a third of the shortest edge"
             remedy = "Take a smaller gap, or a coarser mesh: neighbours would push each other."
             raise InputError(what, allowed, "SelfContact", remedy)
-        friction = self.friction, CREEP * cloth.extent
-        return BoundTriangleContact("SelfContact", sets, *friction, restitution=self.restitution)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -26,20 +25,20 @@ class Condition:
 
         f_a = −∂C_a k_s C,   d_a = −∂C_a k_d Ċ,   Ċ = Σ_a ∂C_aᵀ v_a
 
-    These and their Hessians follow from C, ∂C and ∂²C. C takes and returns arrays of all
-    stencils.
+    The forces and their tangents follow from C, ∂C and ∂²C. The functions take and return
+    arrays of all stencils.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8 and 11–13; see
     `fecloth.terms.loops.condition`.
 
-    Valid where C is twice differentiable. It must be so in every state of the motion: a length
-    is not at zero, an angle not at a full turn. Momentum is conserved only if C does not
-    change in rigid motion.
+    Valid where C is twice differentiable, in every state of the motion: a length is not
+    differentiable at zero, an angle not at a full turn. Momentum is conserved only if C does
+    not change in rigid motion.
 
     A derivative without a function comes from central differences of order 4 with a step of
-    1e-3 of the stencil's size: where C is smooth, ∂C is good to 1e-10 and ∂²C to 1e-7 of their
-    largest entries, for 12 k calls of C and (12 k)². A function for a derivative is compared
-    with differences when the term is bound, near the rest state.
+    1e-3 of the stencil's size. Where C is smooth, ∂C is good to 1e-10 and ∂²C to 1e-7 of their
+    largest entries. ∂C takes 12 k calls of C, and ∂²C takes (12 k)². A function for a
+    derivative is compared with differences when the term is bound, near the rest state.
 
     Parameters
     ----------
@@ -54,7 +53,7 @@ class Condition:
     gradient, hessian
         ∂C: (m, k, 3) → (m, r, k, 3) and ∂²C → (m, r, k, 3, k, 3), without r if C is (m,).
     gauss_newton
-        Leave k_s C ∂²C, and its like of the damping, out of the tangent.
+        Leave the parts with ∂²C, of k_s C and of the damping, out of the tangent.
     tangent
         Of the damping: "symmetric" (without the first part of eq. 12) or "exact".
     convex
@@ -82,7 +81,8 @@ class Condition:
 
     def __post_init__(self):
         if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in str(self.name)):
-            allowed = f"must be letters, digits, spaces, _ and -, and none of {', '.join(RESERVED)}"
+            reserved = ", ".join(RESERVED)
+            allowed = f"must be letters, digits, spaces, _ and -, and none of {reserved}"
             raise InputError(f"name = {self.name!r}", allowed, "Condition")
         if not callable(self.value):
             raise InputError(f"value = {self.value!r}", "must be a function", "Condition")
@@ -116,28 +116,60 @@ class Condition:
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
         cloth = panel.cloth
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
-        extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        size = np.where(extent > 0, extent, np.sqrt(cloth.area / len(cloth.triangles)))
-        r = self._components(rest)
-        functions = Derivatives(self.value, self.gradient, self.hessian, size, r, self.name)
+        size_of_triangle = float(np.sqrt(cloth.area / len(cloth.triangles)))
+        functions = self._make_functions(rest, size_of_triangle)
         functions.check(rest)
-        own = self.name, KERNELS, (int(self.convex),) * r
-        data: Any = self.nodes, np.zeros(1), self.stiffness, self.damping
-        more: dict[str, Any] = {"tangent": self.tangent, "functions": functions, "rest": rest}
+        hessian = "exact"
         if self.gauss_newton:
-            more["hessian"] = "gauss_newton"
+            hessian = "gauss_newton"
         try:
-            return BoundUserCondition.bind(*own, panel, slots, *data, **more)
+            return BoundUserCondition.bind(
+                self.name,
+                KERNELS,
+                convex=(int(self.convex),) * functions.r,
+                panel=panel,
+                slots=slots,
+                nodes=self.nodes,
+                constants=np.zeros(1),
+                stiffness=self.stiffness,
+                damping=self.damping,
+                hessian=hessian,
+                tangent=self.tangent,
+                functions=functions,
+                rest=rest,
+            )
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-            shapes = f"{np.shape(self.stiffness)} and {np.shape(self.damping)}"
-            what = f"stiffness and damping of shapes {shapes}"
-            m = len(self.nodes)
-            raise InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name) from None
+            raise self._wrong_shapes(functions.r) from None
+
+    def _make_functions(self, rest: np.ndarray, least_size: float) -> Derivatives:
+        """C, ∂C and ∂²C, with the sizes of the stencils at `rest` (m, k, 3) for differences.
+
+        A stencil of one node has no size: it takes `least_size` [m].
+        """
+        extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        return Derivatives(
+            value=self.value,
+            gradient=self.gradient,
+            hessian=self.hessian,
+            size=np.where(extent > 0, extent, least_size),
+            r=self._components(rest),
+            name=self.name,
+        )
+
+    def _wrong_shapes(self, r: int) -> InputError:
+        """The error for a stiffness or a damping that does not fit r components."""
+        shapes = f"{np.shape(self.stiffness)} and {np.shape(self.damping)}"
+        m = len(self.nodes)
+        what = f"stiffness and damping of shapes {shapes}"
+        return InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name)
 
     def _components(self, rest: np.ndarray) -> int:
-        """Return r, the length of C at rest; raise for a wrong shape or values not finite."""
+        """r, the number of components of C, from its value at rest.
+
+        Raises `InputError` for a wrong shape, and for values that are not finite.
+        """
         C = np.asarray(self.value(rest), dtype=float)
         m = len(rest)
         if C.ndim not in (1, 2) or len(C) != m:
@@ -147,22 +179,30 @@ class Condition:
         if len(bad):
             what = f"C = {C[bad[0]]} at rest in stencil {bad[0]}"
             raise InputError(what, "must be finite", self.name)
-        return 1 if C.ndim == 1 else C.shape[1]
+        return C.reshape(m, -1).shape[1]
 
 
 @dataclass(frozen=True, eq=False)
 class BoundUserCondition(bound_condition.BoundCondition):
-    """`Condition` bound to a cloth: the constants of a stencil are the values of C, ∂C and ∂²C."""
+    """`Condition` on a cloth: the constants of a stencil are the values of C, ∂C and ∂²C.
+
+    Attributes
+    ----------
+    functions
+        C and its derivatives.
+    rest
+        Positions (m, k, 3) of the nodes of the stencils at rest [m].
+    """
 
     functions: Derivatives = field(kw_only=True)
-    rest: np.ndarray = field(kw_only=True)  # (m, k, 3) the nodes of the stencils at rest
+    rest: np.ndarray = field(kw_only=True)
 
     @cached_property
     def objective(self) -> bool:
         return self.functions.is_objective(self.rest)
 
     def table(self, x, t, order) -> np.ndarray:
-        """Make rows (m, p) with C of each stencil, for `order` 1 also ∂C, for 2 also ∂²C."""
+        """Rows (m, p) with C of each stencil, for `order` 1 also with ∂C, for 2 also with ∂²C."""
         y = x[self.nodes]
         m = len(self.nodes)
         parts = [self.functions.C, self.functions.dC, self.functions.ddC][: order + 1]

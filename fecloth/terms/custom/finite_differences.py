@@ -7,8 +7,12 @@ import numpy as np
 
 from fecloth.errors import InputError
 
-STEP = 1e-3  # of the differences, relative to the size of the stencil
-TOLERANCE = 1e-6  # of a user's derivative against differences, relative to the largest entry
+# Step of the differences over the size of the stencil. They have order 4, so that their error is
+# about 1e-12 by truncation (step⁴) and 1e-13 by round-off (1e-16/step).
+STEP_OVER_SIZE = 1e-3
+# A user's derivative is wrong if it is farther than this from finite differences, over the
+# largest entry. Differences are good to 1e-7 where the functions are smooth (see `Condition`).
+WRONG_DERIVATIVE = 1e-6
 WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))  # central, of order 4
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -16,28 +20,41 @@ Function = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """C, ∂C and ∂²C of the stencils, from the functions of the user."""
+    """C, ∂C and ∂²C of m stencils of k nodes, from the functions of the user.
 
-    # The user's functions, or None.
+    Attributes
+    ----------
+    value
+        The user's function C.
+    gradient, hessian
+        The user's functions ∂C and ∂²C; None where there is none.
+    size
+        Size (m,) of each stencil [m].
+    r
+        Number of components of C.
+    name
+        Of the term, for errors.
+    """
+
     value: Function
     gradient: Function | None
     hessian: Function | None
-    size: np.ndarray  # (m,) of each stencil [m]
-    r: int  # number of components of C
-    name: str  # of the term, for errors
+    size: np.ndarray
+    r: int
+    name: str
 
     def C(self, y: np.ndarray) -> np.ndarray:
-        """(m, r)."""
+        """C (m, r) at positions y (m, k, 3)."""
         return np.asarray(self.value(y), dtype=float).reshape(len(y), self.r)
 
     def dC(self, y: np.ndarray) -> np.ndarray:
-        """(m, r, k, 3)."""
+        """∂C (m, r, k, 3) at positions y (m, k, 3)."""
         if self.gradient is None:
             return self.differentiate(self.C, y)
         return self._check_shape("gradient", self.gradient(y), y, 1)
 
     def ddC(self, y: np.ndarray) -> np.ndarray:
-        """(m, r, k, 3, k, 3)."""
+        """∂²C (m, r, k, 3, k, 3) at positions y (m, k, 3)."""
         if self.hessian is not None:
             return self._check_shape("hessian", self.hessian(y), y, 2)
         H = self.differentiate(self.dC, y)
@@ -46,15 +63,16 @@ class Derivatives:
     def differentiate(self, function: Function, y: np.ndarray) -> np.ndarray:
         """Differentiate a function (m, k, 3) → (m, …) by y with `WEIGHTS`: (m, …, k, 3)."""
         m, k, _ = y.shape
-        h = STEP * self.size[:, None, None]
+        h = STEP_OVER_SIZE * self.size[:, None, None]
         columns = []
-        for dof in np.eye(3 * k).reshape(3 * k, k, 3):
-            column = np.asarray(sum(weight * function(y + s * h * dof) for s, weight in WEIGHTS))
+        for coordinate in np.eye(3 * k).reshape(3 * k, k, 3):
+            terms = [weight * function(y + s * h * coordinate) for s, weight in WEIGHTS]
+            column = np.asarray(sum(terms))
             columns.append(column / h.reshape(m, *[1] * (column.ndim - 1)))
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
     def beside(self, rest: np.ndarray) -> np.ndarray:
-        """(m, k, 3) positions in a state near rest, like no other."""
+        """(m, k, 3) positions in a state near rest, without symmetries."""
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         return rest + 0.05 * self.size[:, None, None] * noise
 
@@ -64,31 +82,39 @@ class Derivatives:
         arms = (y - y.mean(axis=1, keepdims=True))[:, None]
         g = self.dC(y)
         moments = np.cross(arms, g)
-        return all(
-            (np.abs(parts.sum(axis=2)) <= TOLERANCE * np.abs(parts).max()).all()
-            for parts in (g, moments)
-        )
+        for parts in (g, moments):
+            resultant = np.abs(parts.sum(axis=2)).max()
+            if not resultant <= WRONG_DERIVATIVE * np.abs(parts).max():
+                return False
+        return True
 
     def check(self, rest: np.ndarray) -> None:
-        """Compare the user's derivatives with differences, in a state near rest."""
-        y = self.beside(rest)
-        pairs = ("gradient", self.dC, self.C), ("hessian", self.ddC, self.dC)
-        for name, function, below in pairs:
-            if getattr(self, name) is None:
-                continue
-            values = function(y)
-            expected = self.differentiate(below, y)
-            wrong = np.abs(values - expected) - TOLERANCE * np.abs(expected).max()
-            at = np.unravel_index(int(np.argmax(np.nan_to_num(wrong, nan=np.inf))), wrong.shape)
-            if not wrong[at] <= 0:
-                what = f"{name}[{', '.join(str(int(i)) for i in at)}] = {values[at]:.9g}"
-                of = "value" if name == "gradient" else "the gradient"
-                allowed = f"differences of {of} give {expected[at]:.9g}"
-                remedy = "Correct it, or leave it out to have it computed."
-                raise InputError(what, allowed, self.name, remedy)
+        """Compare the user's derivatives with differences, in a state near rest.
 
-    def _check_shape(self, name, values, y, order):
-        """Check the shape, and insert the axis of the components where C has none."""
+        Raises `InputError` for the entry that is farthest off.
+        """
+        y = self.beside(rest)
+        if self.gradient is not None:
+            expected = self.differentiate(self.C, y)
+            self._compare("gradient", self.dC(y), expected, "value")
+        if self.hessian is not None:
+            expected = self.differentiate(self.dC, y)
+            self._compare("hessian", self.ddC(y), expected, "the gradient")
+
+    def _compare(self, name: str, values: np.ndarray, expected: np.ndarray, of: str) -> None:
+        """Raise `InputError` if a derivative is not what differences `of` its function give."""
+        excess = np.abs(values - expected) - WRONG_DERIVATIVE * np.abs(expected).max()
+        worst = int(np.argmax(np.nan_to_num(excess, nan=np.inf)))
+        at = np.unravel_index(worst, excess.shape)
+        if excess[at] <= 0:
+            return
+        what = f"{name}[{', '.join(str(int(i)) for i in at)}] = {values[at]:.9g}"
+        allowed = f"differences of {of} give {expected[at]:.9g}"
+        remedy = "Correct it, or leave it out to have it computed."
+        raise InputError(what, allowed, self.name, remedy)
+
+    def _check_shape(self, name: str, values: np.ndarray, y: np.ndarray, order: int) -> np.ndarray:
+        """Check the shape of a derivative of an order, and insert the axis of one component."""
         m, k, _ = y.shape
         values = np.asarray(values, dtype=float)
         tail = (k, 3) * order

@@ -18,7 +18,9 @@ from fecloth.terms.loops.array_updates import add
 from fecloth.terms.protocol import BoundTerm, uncoupled
 from fecloth.terms.traits import LOAD
 
-STEP = 1e-5  # m and m/s: the relative error of a central difference is about 1e-10 f'''/f'
+# Step of central differences in x [m] and v [m/s]. Their relative error is about 1e-10 f'''/f'
+# by truncation and 1e-11 f/f' by round-off.
+STEP_OF_DIFFERENCES = 1e-5
 VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 
 
@@ -26,10 +28,10 @@ VARIABLES = ("X", "Y", "x", "y", "z", "vx", "vy", "vz", "t")
 class UserForce:
     """f_a = A_a g(x_a, v_a, t), a user-defined force on each node from its position and velocity.
 
-    A_a is the share of the node in the reference area or in the mass, or 1; on P2 triangles
-    zero at the corners, which is exact for g of degree 0, and the displacement keeps its third
-    order in L2 (`Cloth.load` integrates to any degree). Check derivatives with
-    `fecloth.verify.check_term`.
+    A_a is the share of the node in the reference area or in the mass, or 1. On P2 triangles the
+    share in the area is zero at the corners: that is exact for a constant g, and the
+    displacement keeps its third order in L2 (`Cloth.load` integrates to any degree). Check
+    derivatives with `fecloth.verify.check_term`.
 
     Its work is ``work:UserForce`` in the energy ledger. The tangents use `derivatives`, or else
     central differences of g over ± 1e-5 m and ± 1e-5 m/s, which take twelve evaluations of g.
@@ -80,20 +82,26 @@ class UserForce:
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
         cloth = panel.cloth
-        amount = {
-            "area": cloth.load,
-            "mass": lambda: panel.nodal_mass,
-            "node": lambda: np.ones(len(cloth.X)),
-        }[self.per]()
+        if self.per == "area":
+            amount = cloth.load()
+        elif self.per == "mass":
+            amount = panel.nodal_mass
+        else:
+            amount = np.ones(len(cloth.X))
         function = self.force
         if not callable(function):
             function = FormulaForce(_validated_parts(function), cloth.X)
-        symmetric = self.tangent == "symmetric"
-        return BoundUserForce(function, self.derivatives, amount, cloth.X, symmetric)
+        return BoundUserForce(
+            function=function,
+            derivatives=self.derivatives,
+            amount=amount,
+            X=cloth.X,
+            symmetric=self.tangent == "symmetric",
+        )
 
 
 def _validated_parts(parts) -> tuple:
-    """Return three numbers or formulas; raise `InputError` for anything else."""
+    """Three numbers or `Formula`s; raises `InputError` for anything else."""
     allowed = "must be three finite numbers or formulas, or a function of x, v, t"
     if isinstance(parts, str) or not isinstance(parts, tuple | list) or len(parts) != 3:
         raise InputError(f"force = {parts!r}", allowed, "UserForce")
@@ -101,12 +109,21 @@ def _validated_parts(parts) -> tuple:
         is_number = np.isscalar(part) and not isinstance(part, str | bool)
         if not isinstance(part, str) and not (is_number and np.isfinite(part)):
             raise InputError(f"force = {parts!r}", allowed, "UserForce")
-    return tuple(Formula(p, VARIABLES) if isinstance(p, str) else float(p) for p in parts)
+    values: list[Formula | float] = []
+    for part in parts:
+        if isinstance(part, str):
+            values.append(Formula(part, VARIABLES))
+        else:
+            values.append(float(part))
+    return tuple(values)
 
 
 @dataclass(frozen=True, eq=False)
 class FormulaForce:
-    """Three numbers or formulas as a function of x (n, 3), v (n, 3) and t."""
+    """Three numbers or formulas as a function of x (n, 3), v (n, 3) and t.
+
+    `X` (n, 2) are the places of the nodes in the flat cloth [m].
+    """
 
     parts: tuple
     X: np.ndarray
@@ -116,13 +133,30 @@ class FormulaForce:
         values = dict(zip(VARIABLES, columns, strict=True))
         g = np.empty_like(x)
         for c, part in enumerate(self.parts):
-            g[:, c] = part(**values) if isinstance(part, Formula) else part
+            if isinstance(part, Formula):
+                g[:, c] = part(**values)
+            else:
+                g[:, c] = part
         return g
 
 
 @dataclass(frozen=True, eq=False)
 class BoundUserForce(BoundTerm):
-    """`UserForce` on a cloth; `amount` (n,) is A_a."""
+    """`UserForce` on a cloth.
+
+    Attributes
+    ----------
+    function
+        g of x, v and t.
+    derivatives
+        The user's function for ∂g/∂x and ∂g/∂v, or None.
+    amount
+        A_a (n,).
+    X
+        Places (n, 2) of the nodes in the flat cloth [m].
+    symmetric
+        Whether the tangent is the symmetric part.
+    """
 
     function: Callable
     derivatives: Callable | None
@@ -144,10 +178,11 @@ class BoundUserForce(BoundTerm):
         if self.derivatives is not None:
             parts = self.derivatives(x, v, t)
             return tuple(_check_value(part, (len(x), 3, 3), "derivative", t) for part in parts)
-        shifts = STEP * np.eye(3)
+        shifts = STEP_OF_DIFFERENCES * np.eye(3)
         dx = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
         dv = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
-        return tuple(np.stack(columns, axis=2) / (2 * STEP) for columns in (dx, dv))
+        width = 2 * STEP_OF_DIFFERENCES
+        return np.stack(dx, axis=2) / width, np.stack(dv, axis=2) / width
 
     def supply(self, x, v, t) -> float:
         """Power f · v [W]."""
@@ -158,11 +193,9 @@ class BoundUserForce(BoundTerm):
         f += self.amount[:, None] * self._value(x, v, t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
-        if isinstance(self.function, FormulaForce):
-            parts = self.function.parts
-        else:
-            parts = ("unknown",)
-        if not all(isinstance(part, float) for part in parts):
+        if not isinstance(self.function, FormulaForce):
+            return None
+        if not all(isinstance(part, float) for part in self.function.parts):
             return None
         return [(add, (self.amount[:, None] * self._value(x, v, t), f))]
 
@@ -179,6 +212,7 @@ class BoundUserForce(BoundTerm):
 
 
 def _check_value(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
+    """The value of a user's function as an array; raises `InputError` if it is not usable."""
     value = np.asarray(value, dtype=float)
     if value.shape != shape or not np.isfinite(value).all():
         what = f"{name} of shape {value.shape} at t = {t:g}"

@@ -18,7 +18,7 @@ from fecloth.compiled.jit import inner, insert
 from fecloth.errors import InputError, brief
 from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
-from fecloth.terms.custom.finite_differences import WEIGHTS
+from fecloth.terms.custom.finite_differences import WEIGHTS, WRONG_DERIVATIVE
 from fecloth.terms.kinematics import VOIGT
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.protocol import element_nodes
@@ -26,39 +26,47 @@ from fecloth.terms.traits import MEMBRANE
 
 
 class MembraneLaw:
-    """Base class of a membrane with a law of your own: write `law`, and `constants` if it has any.
+    """Base class of a membrane with a law of your own.
 
-    A subclass is a frozen dataclass with the parameters of the law as its fields, and is used as
-    `StVK` is: in a `System`, on P1 and P2, with every integrator, as the `law` of
-    `StrainRateDamping`, with stresses in the output. The name of its class is the term's name.
+    Write the static method `law`, and `constants` if the law has any. A subclass is a frozen
+    dataclass with the parameters of the law as its fields. It is used as `StVK` is: in a
+    `System`, on P1 and P2, with every integrator, as the `law` of `StrainRateDamping`, and with
+    stresses in the output. The name of its class is the name of the term.
 
-    ``law(E, c)`` is a static method of the Green strain E = (E11, E22, E12) and the constants
-    c of the triangle, in warp and weft, and returns
+    ``law(E, c)`` takes the Green strain E = (E11, E22, E12) in warp and weft and the constants c
+    of the triangle, and returns
 
         W                                 energy per reference area [J/m²]
         (S11, S22, S12)                   S = ∂W/∂E [N/m]; S12 is half of ∂W/∂E12
         (C11, C22, C66, C12, C16, C26)    ℂ = ∂S/∂E [N/m], on E11, E22 and 2 E12
 
-    Numba compiles it: use numbers, tuples and `math`, and call only functions that are
-    compiled themselves (`numba.njit`; `fecloth.terms.loops.green_strain.contract` gives ℂ :
-    E). That takes a second or two for each of force, tangent and definite tangent. The machine
-    code stays on disk until the law, its constants or a function that it calls changes. Write
-    out the entries of c: a slice of c is slow. When the term is bound, S and ℂ are compared
-    with differences near rest; `fecloth.verify.check_term` does so far from it.
+    Numba compiles the law: use numbers, tuples and `math`, and call only functions that are
+    compiled themselves, by `numba.njit`, such as `fecloth.terms.loops.green_strain.contract` for
+    ℂ : E. To compile takes a second or two for each of force, tangent and definite tangent. The
+    machine code stays on disk until the law, its constants or a function that it calls changes.
+    Write out the entries of c: a slice of c is slow. When the term is bound, S and ℂ are
+    compared with differences near rest; `fecloth.verify.check_term` does so far from rest.
 
-    Newton's definite tangent clamps negative principal values of S and eigenvalues of ℂ: W
-    need not be convex. `System` raises `InputError` for what is not (W, S, ℂ) or not finite at
-    E = 0, for an entry of S or ℂ that is not the derivative, and for what Numba cannot
-    compile.
+    The definite tangent of Newton's method raises negative principal values of S and
+    eigenvalues of ℂ to zero: W need not be convex. `System` raises `InputError` for a result
+    that is not (W, S, ℂ) or not finite at E = 0, for an entry of S or ℂ that is not the
+    derivative, and for a law that Numba cannot compile.
+
+    Attributes
+    ----------
+    law
+        The static method of a subclass.
+    strain
+        On P2, "interpolated" or "pointwise", as of `StVK`.
     """
 
     traits = MEMBRANE
 
-    law: ClassVar[Any] = None  # a static method of a subclass
-    strain: ClassVar[str] = "interpolated"  # on P2; a subclass may say "pointwise"
+    law: ClassVar[Any] = None
+    strain: ClassVar[str] = "interpolated"
 
     def constants(self, fabric: Fabric) -> Sequence[float]:
-        """(p,) c, from the parameters and the fabric; none if not overridden."""
+        """The constants c (p,), from the parameters and the fabric; a subclass may have some."""
         return (0.0,)
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
@@ -72,7 +80,7 @@ class MembraneLaw:
         constants = panel.each(self._row)
         panel.each(self.moduli)  # checks the law
         try:
-            _compile_law(self.law)(NEAR, constants[0])
+            _compile_law(self.law)(STRAIN_NEAR_REST, constants[0])
         except NumbaError as error:
             what = f"law: {' '.join(str(error).split())}"
             allowed = "must be what Numba compiles"
@@ -86,12 +94,11 @@ class MembraneLaw:
             c = np.array(self.constants(fabric), dtype=float)
         except (TypeError, ValueError, NameError, AttributeError) as error:
             raise InputError(f"constants: {error}", "must be a list of numbers", name) from error
-        if c.ndim != 1 or not c.size or not np.isfinite(c).all():
-            if c.ndim != 1:
-                what = f"constants of shape {c.shape}"
-            else:
-                what = f"constants = {c}"
+        if c.ndim != 1:
+            what = f"constants of shape {c.shape}"
             raise InputError(what, "must be a list of finite numbers", name)
+        if not c.size or not np.isfinite(c).all():
+            raise InputError(f"constants = {c}", "must be a list of finite numbers", name)
         return c
 
 
@@ -103,7 +110,8 @@ def positive(C):
     det = C66 * minor - C11 * C26 * C26 - C22 * C16 * C16 + 2.0 * C12 * C16 * C26
     if (C11 > 0.0 and minor > 0.0 and det > 0.0) or not math.isfinite(det):
         return C
-    values, vectors = np.linalg.eigh(np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]]))
+    matrix = np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
+    values, vectors = np.linalg.eigh(matrix)
     A = np.zeros((3, 3))
     for k in range(3):
         for i in range(3):
@@ -123,8 +131,10 @@ def law(E, c):
 def floating_point(E, c):
     """The law with floating-point numbers in place of integers."""
     W, S, C = law(E, c)
-    S = 1.0 * S[0], 1.0 * S[1], 1.0 * S[2]
-    return 1.0 * W, S, (1.0 * C[0], 1.0 * C[1], 1.0 * C[2], 1.0 * C[3], 1.0 * C[4], 1.0 * C[5])
+    W = 1.0 * W
+    S = (1.0 * S[0], 1.0 * S[1], 1.0 * S[2])
+    C = (1.0 * C[0], 1.0 * C[1], 1.0 * C[2], 1.0 * C[3], 1.0 * C[4], 1.0 * C[5])
+    return W, S, C
 
 
 def definite(E, c):
@@ -135,6 +145,7 @@ def definite(E, c):
 
 @cache
 def _compile_law(law: Callable) -> Callable:
+    """The law as a compiled function, also if the user has compiled it."""
     if isinstance(law, Dispatcher):
         return law
     return inner(law)
@@ -148,13 +159,20 @@ def _kernels(law: Callable) -> membrane_loops.Kernels:
 
 
 NAMES = ("11", "22", "66", "12", "16", "26")  # of ℂ; the first two, and 12, of S
-NEAR = (0.011, -0.007, 0.005)  # the strain at which S and ℂ are compared with differences
-STEP = 1e-5
-TOLERANCE = 1e-5  # relative to the largest entry
+# The strain E11, E22, E12 at which S and ℂ are compared with differences: small, as cloth is
+# strained, and without symmetries, so that every entry of ℂ counts.
+STRAIN_NEAR_REST = (0.011, -0.007, 0.005)
+# Step of these differences in E11, E22 and 2 E12. They have order 4: their error is the error by
+# round-off, about 1e-16/1e-5 of the largest entry.
+STEP_OF_STRAIN = 1e-5
 
 
 def check_law(law: Callable, c: np.ndarray, name: str) -> tuple:
-    """Check the law of the term `name` for the constants c; return W, S and ℂ at E = 0."""
+    """Check the law of the term `name` for the constants c; return W, S and ℂ at E = 0.
+
+    Raises `InputError` for a law that is no function or not finite at E = 0, and for an entry
+    of S or ℂ near rest that is not the derivative.
+    """
     if not callable(law) or inspect.ismethod(law):
         allowed = "must be a function of E and c, under @staticmethod"
         raise InputError(f"law = {brief(law)}", allowed, name)
@@ -162,17 +180,17 @@ def check_law(law: Callable, c: np.ndarray, name: str) -> tuple:
     rest = _evaluate(law, (0.0, 0.0, 0.0), c, name)
     if not all(np.isfinite(part).all() for part in rest):
         raise InputError(f"law at E = 0 gives {rest}", "must be finite", name)
-    W, S, C = _evaluate(law, NEAR, c, name)
+    W, S, C = _evaluate(law, STRAIN_NEAR_REST, c, name)
     if np.isfinite(W) and np.isfinite(S).all() and np.isfinite(C).all():
         dW, dS = _differentiate(law, c, name)
-        _raise_if_different("S", S, dW, name)
+        _compare("S", S, dW, np.abs(dW).max(), (0, 1, 3), "W", name)
         for row, order in enumerate(VOIGT):
-            _raise_if_different("C", C, dS[row], name, order, np.abs(C).max())
+            _compare("C", C[list(order)], dS[row], np.abs(C).max(), order, "S", name)
     return rest
 
 
 def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
-    """Evaluate W, S (3,) and ℂ (6,) of the plain function; NaN where it overflows."""
+    """W, S (3,) and ℂ (6,) of the plain function; NaN where it overflows."""
     allowed = "must return W, (S11, S22, S12), (C11, C22, C66, C12, C16, C26)"
     try:
         with np.errstate(all="ignore"):
@@ -192,26 +210,36 @@ def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
 
 
 def _differentiate(law, c, name):
-    """Differentiate W to S (3,), and S to ∂S/∂E (3, 3) on E11, E22, 2 E12, at `NEAR`."""
+    """Differences of W (3,) and S (3, 3) by E11, E22 and 2 E12, at `STRAIN_NEAR_REST`."""
     dW = np.zeros(3)
     dS = np.zeros((3, 3))
-    for k, h in enumerate((STEP, STEP, 0.5 * STEP)):  # of E12: a step in 2 E12
+    for k, steps in enumerate(STEP_OF_STRAIN * np.diag([1.0, 1.0, 0.5])):  # half of 2 E12
         for s, weight in WEIGHTS:
-            E = tuple(e + s * h * (i == k) for i, e in enumerate(NEAR))
+            E = tuple(float(e + s * h) for e, h in zip(STRAIN_NEAR_REST, steps, strict=True))
             W, S, _ = _evaluate(law, E, c, name)
-            dW[k] += weight * W / STEP
-            dS[:, k] += weight * S / STEP
+            dW[k] += weight * W / STEP_OF_STRAIN
+            dS[:, k] += weight * S / STEP_OF_STRAIN
     return dW, dS
 
 
-def _raise_if_different(symbol, given, expected, name, order=(0, 1, 3), scale=None):
-    """Raise an `InputError` for the entry with the largest error, if that is above `TOLERANCE`."""
-    found = given if symbol == "S" else given[list(order)]
-    wrong = np.abs(found - expected)
+def _compare(
+    symbol: str,
+    values: np.ndarray,
+    expected: np.ndarray,
+    scale: float,
+    order: Sequence[int],
+    of: str,
+    name: str,
+) -> None:
+    """Raise `InputError` for the value that differs most from the differences `of` W or S.
+
+    `scale` is the largest entry, with which the difference is compared; `order` are the places
+    of the values in `NAMES`.
+    """
+    wrong = np.abs(values - expected)
     at = int(np.argmax(wrong))
-    if wrong[at] > TOLERANCE * (np.abs(expected).max() if scale is None else scale):
-        of = "W" if symbol == "S" else "S"
-        what = f"{symbol}{NAMES[order[at]]} = {found[at]:.9g} at E = {NEAR}"
+    if wrong[at] > WRONG_DERIVATIVE * scale:
+        what = f"{symbol}{NAMES[order[at]]} = {values[at]:.9g} at E = {STRAIN_NEAR_REST}"
         allowed = f"differences of {of} give {expected[at]:.9g}"
         remedy = "S12 is half of ∂W/∂E12; the C are on E11, E22 and 2 E12."
         raise InputError(what, allowed, name, remedy)

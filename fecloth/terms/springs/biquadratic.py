@@ -1,4 +1,4 @@
-"""Biquadratic springs: the sides of each triangle, coupled so that they have the energy of `StVK`.
+"""Biquadratic springs: the sides of each triangle, coupled to the energy of `StVK`.
 
 The formulas are in `Springs`. The condition of a triangle is C_i = l_i² − L_i² of its three
 sides, side i opposite node i.
@@ -19,7 +19,7 @@ from fecloth.terms.loops.bound_condition import LengthCondition
 def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
     cloth = panel.cloth
-    corners = panel.cloth.X[panel.cloth.stencil]
+    corners = cloth.X[cloth.stencil]
     sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
     square = np.sum(sides**2, axis=2)
     area = cloth.weights.sum(axis=1)
@@ -27,8 +27,18 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     lam, mu = panel.each(_lame).T[..., None, None]
     k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
     k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
-    data = cloth.stencil, square, k, damping * k
-    return BoundSides.bind("Springs", KERNELS, (1, 1, 1), panel, slots, *data, tangent=tangent)
+    return BoundSides.bind(
+        "Springs",
+        KERNELS,
+        convex=(1, 1, 1),
+        panel=panel,
+        slots=slots,
+        nodes=cloth.stencil,
+        constants=square,
+        stiffness=k,
+        damping=damping * k,
+        tangent=tangent,
+    )
 
 
 class BoundSides(LengthCondition):
@@ -65,7 +75,8 @@ def _lame(fabric: Fabric) -> np.ndarray:
 def squared_lengths(y, c, order, C, g, H):
     """C_i = |y_k − y_j|² − c_i; ∂C_i = ±2 (y_k − y_j); ∂²C_i = ±2 I."""
     for r in range(3):
-        a, b = (r + 1) % 3, (r + 2) % 3
+        a = (r + 1) % 3
+        b = (r + 2) % 3
         C[r] = -c[r]
         for i in range(3):
             d = y[b, i] - y[a, i]
@@ -77,7 +88,8 @@ def squared_lengths(y, c, order, C, g, H):
     if order > 1:
         H[:] = 0.0
         for r in range(3):
-            a, b = (r + 1) % 3, (r + 2) % 3
+            a = (r + 1) % 3
+            b = (r + 2) % 3
             for i in range(3):
                 H[r, a, i, a, i] = H[r, b, i, b, i] = 2.0
                 H[r, a, i, b, i] = H[r, b, i, a, i] = -2.0

@@ -13,15 +13,28 @@ EDGE, WARP, WEFT, SHEAR, BEND = range(5)
 
 @dataclass(frozen=True, eq=False)
 class Net:
-    """A network of springs between pairs of nodes."""
+    """A network of s springs between pairs of nodes.
 
-    nodes: np.ndarray  # (m, 2) int32
-    vectors: np.ndarray  # (m, 2) from node 0 to node 1 in the reference plane [m]
-    kind: np.ndarray  # (m,) EDGE (of no class), WARP or WEFT (stretch along X or Y), SHEAR or BEND
-    sides: np.ndarray  # (m, 2) the triangles whose area the spring has a share in; −1: none
+    Attributes
+    ----------
+    nodes
+        The two nodes (s, 2) of each spring, as int32.
+    vectors
+        The way (s, 2) from its node 0 to its node 1 in the flat cloth [m].
+    kind
+        The class (s,) of each spring: EDGE (of no class), WARP or WEFT (stretch along X or Y),
+        SHEAR or BEND.
+    sides
+        The triangles (s, 2) of whose area the spring has a share; −1 for none.
+    """
+
+    nodes: np.ndarray
+    vectors: np.ndarray
+    kind: np.ndarray
+    sides: np.ndarray
 
     def sum_over_sides(self, values: np.ndarray) -> np.ndarray:
-        """Sum values (m,) of triangles over the one or two at each spring: (s,)."""
+        """(s,) values (m,) of triangles, summed over the one or two at each spring."""
         return np.append(values, 0.0)[self.sides].sum(axis=1)
 
     def van_gelder_stiffness(self, panel: Panel) -> np.ndarray:
@@ -32,22 +45,27 @@ class Net:
     def structural_stiffness(self, panel: Panel, stiffness: tuple) -> np.ndarray:
         """Stiffness k (s,) [N/m] of a structural network.
 
-        `stiffness` has a number for stretch, shear and bend, or None: then the fabric gives
-        it.
+        `stiffness` has a number for stretch, shear and bend, or None where the fabric gives it.
         """
         stretch, shear, bend = stiffness
+        given = {EDGE: stretch, WARP: stretch, WEFT: stretch, SHEAR: shear, BEND: bend}
         k = np.zeros(len(self.nodes))
-        for kinds, value in (((EDGE, WARP, WEFT), stretch), ((SHEAR,), shear), ((BEND,), bend)):
-            for kind in kinds:
-                of_class = self.kind == kind
-                if of_class.any() and value is None:
-                    k[of_class] = self._derive_stiffness(panel, kind)[of_class]
-                elif of_class.any():
-                    k[of_class] = value
+        for kind, value in given.items():
+            is_of_class = self.kind == kind
+            if not is_of_class.any():
+                continue
+            if value is None:
+                k[is_of_class] = self._derive_stiffness(panel, kind)[is_of_class]
+            else:
+                k[is_of_class] = value
         return k
 
     def _derive_stiffness(self, panel, kind):
-        """Derive k (s,) from the fabric for the springs of a class; ignore k of other classes."""
+        """k (s,) from the fabric, as for springs of one class.
+
+        The springs of a class share the area of the whole cloth, in proportion to the area of
+        the triangles beside them.
+        """
         area = panel.cloth.weights.sum(axis=1)
         square = np.sum(self.vectors**2, axis=1)
         if kind == EDGE:
@@ -58,17 +76,20 @@ class Net:
                 _isotropic(fabric)
         values = panel.each(lambda fabric: np.array([*fabric.tensile, fabric.shear]))
         modulus = values[:, (WARP, WEFT, SHEAR).index(kind)]
-        # the springs of a class share the whole area, in proportion to the triangles beside them
-        whole = area.sum() / self.sum_over_sides(area)[self.kind == kind].sum()
-        k = whole * self.sum_over_sides(modulus * area) / square
+        area_beside_class = self.sum_over_sides(area)[self.kind == kind].sum()
+        k = area.sum() / area_beside_class * self.sum_over_sides(modulus * area) / square
         if kind != SHEAR:
             return k
-        cs = np.prod(self.vectors, axis=1) / square
+        cs = np.prod(self.vectors, axis=1) / square  # cosine times sine of the direction
         return k / np.where(cs == 0, 1.0, cs**2)
 
 
 def edges(cloth: Cloth) -> Net:
-    """Make springs of all edges of the triangles, in the order of the cloth's nodes."""
+    """Make springs of all edges of the triangles, in the order of the cloth's nodes.
+
+    An edge belongs to one triangle, or to two: `first` and `last` are its numbers among all
+    sides of triangles, three for each.
+    """
     start = cloth.triangles.ravel().astype(np.int64)
     end = np.roll(cloth.triangles, -1, axis=1).ravel().astype(np.int64)
     keys = np.minimum(start, end) * len(cloth.X) + np.maximum(start, end)
@@ -83,62 +104,72 @@ def edges(cloth: Cloth) -> Net:
 
 
 def structural(cloth: Cloth, shear: float | None = None, bend: float | None = None) -> Net:
-    """Make springs of Provot's classes on a grid, without springs of stiffness 0; else the edges.
+    """Make springs of Provot's classes on a grid; on other meshes, springs of the edges.
 
-    If `shear` is None there are shear springs; if `bend` is None there are no bend springs.
+    There are no springs of stiffness 0. With `shear` = None there are shear springs, with
+    `bend` = None there are no bend springs. Raises `InputError` for a stiffness of shear or
+    bend on a mesh that is no grid.
     """
     net = edges(cloth)
     dx, dy = np.abs(net.vectors.T)
-    across = dy < 1e-9 * dx
-    up = dx < 1e-9 * dy
-    oblique = ~(across | up)
-    if not _is_grid(net.vectors, across, up, oblique):
-        for name, value in (("shear", shear), ("bend", bend)):
-            if value:
-                remedy = 'Leave it out, or use the pattern "right" or "cross".'
-                raise InputError(f"{name} = {value!r}", "needs a grid", "Springs", remedy)
+    is_along_x = dy < 1e-9 * dx
+    is_along_y = dx < 1e-9 * dy
+    is_oblique = ~(is_along_x | is_along_y)
+    if not _is_grid(net.vectors, is_along_x, is_along_y, is_oblique):
+        _refuse_without_grid(shear=shear, bend=bend)
         return net
-    kind = np.select([across, up], [WARP, WEFT], SHEAR)
+    kind = np.select([is_along_x, is_along_y], [WARP, WEFT], SHEAR)
     parts = [(net.nodes, kind, net.sides)]
-    inner_oblique = oblique & (net.sides[:, 1] >= 0)
-    if len(_directions(net.vectors[oblique])) == 1:  # the other diagonal of each cell
-        nodes = _opposite_nodes(cloth, net.nodes[inner_oblique], net.sides[inner_oblique])
-        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[inner_oblique]))
+    if len(_directions(net.vectors[is_oblique])) == 1:  # cells have one diagonal: add the other
+        is_inner = is_oblique & (net.sides[:, 1] >= 0)
+        nodes = _opposite_nodes(cloth, net.nodes[is_inner], net.sides[is_inner])
+        parts.append((nodes, np.full(len(nodes), SHEAR), net.sides[is_inner]))
     if bend:
-        for axis, is_along in ((0, across), (1, up)):
+        for axis, is_along in ((0, is_along_x), (1, is_along_y)):
             nodes = _next_but_one(cloth.X[:, axis], net.nodes[is_along])
             parts.append((nodes, np.full(len(nodes), BEND), np.full(nodes.shape, -1)))
-    nodes, kind, sides = (np.concatenate(each) for each in zip(*parts, strict=True))
+    nodes, kind, sides = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     is_stiff = (kind != SHEAR) | (shear != 0.0)
     return _make_net(cloth, nodes[is_stiff], kind[is_stiff], sides[is_stiff])
 
 
+def _refuse_without_grid(**stiffness: float | None) -> None:
+    """Raise `InputError` for a stiffness of springs that only a grid has."""
+    for name, value in stiffness.items():
+        if value:
+            remedy = 'Leave it out, or use the pattern "right" or "cross".'
+            raise InputError(f"{name} = {value!r}", "needs a grid", "Springs", remedy)
+
+
 def _make_net(cloth, nodes, kind, sides) -> Net:
+    """The network of springs between nodes (s, 2) of a cloth."""
     nodes = np.ascontiguousarray(nodes, dtype=np.int32)
-    return Net(nodes, cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]], kind, sides)
+    vectors = cloth.X[nodes[:, 1]] - cloth.X[nodes[:, 0]]
+    return Net(nodes, vectors, kind, sides)
 
 
 def _directions(vectors):
-    """Find the distinct vectors, up to their sign and 1e-6 of the longest."""
+    """The distinct vectors, up to their sign and 1e-6 of the longest."""
     sign = np.where((vectors[:, 0] < 0) | ((vectors[:, 0] == 0) & (vectors[:, 1] < 0)), -1, 1)
-    return np.unique(np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6), axis=0)
+    rounded = np.round(vectors * sign[:, None] / np.abs(vectors).max() * 1e6)
+    return np.unique(rounded, axis=0)
 
 
-def _is_grid(vectors, across, up, oblique) -> bool:
-    """Return whether there is one vector along X, one along Y, and one or two oblique ones."""
+def _is_grid(vectors, *groups) -> bool:
+    """Whether all vectors of each group are equal, up to the signs of their components."""
     rounded = np.round(np.abs(vectors) / np.abs(vectors).max() * 1e6)
-    return all(len(np.unique(rounded[group], axis=0)) == 1 for group in (across, up, oblique))
+    return all(len(np.unique(rounded[group], axis=0)) == 1 for group in groups)
 
 
 def _opposite_nodes(cloth, pairs, sides):
-    """Find the nodes (e, 2) of the two triangles at each edge that are not on it."""
+    """The nodes (e, 2) opposite each edge, of the two triangles beside it."""
     triangles = cloth.triangles[sides]  # (e, 2, 3)
-    on = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
-    return np.where(on, 0, triangles).sum(axis=2).astype(np.int32)
+    is_on_edge = (triangles == pairs[:, :1, None]) | (triangles == pairs[:, 1:, None])
+    return np.where(is_on_edge, 0, triangles).sum(axis=2).astype(np.int32)
 
 
 def _next_but_one(coordinate, pairs):
-    """Join the ends (b, 2) of two edges in a row, by a `coordinate` (n,) along them."""
+    """The ends (b, 2) of two edges in a row, for edges along a `coordinate` (n,)."""
     is_forward = coordinate[pairs[:, 0]] < coordinate[pairs[:, 1]]
     forward = np.where(is_forward[:, None], pairs, pairs[:, ::-1])
     following = np.full(len(coordinate) + 1, -1)
@@ -148,11 +179,12 @@ def _next_but_one(coordinate, pairs):
 
 
 def _isotropic(fabric) -> np.ndarray:
-    """(1,) Y of a fabric; one whose warp and weft differ is an error."""
+    """(1,) Y of a fabric; raises `InputError` where warp and weft differ."""
     warp, weft = fabric.tensile
     if warp != weft:
         what = f"tensile_stiffness = {fabric.tensile}"
         allowed = "must be one number: these springs do not know warp and weft"
-        remedy = 'Use StVK, or kind = "structural" on the pattern "right" or "cross" without grain.'
+        pattern = 'the pattern "right" or "cross" without grain'
+        remedy = f'Use StVK, or kind = "structural" on {pattern}.'
         raise InputError(what, allowed, "Springs", remedy)
     return np.array([warp])

@@ -23,7 +23,21 @@ KINDS = ("structural", "van_gelder", "biquadratic")
 
 @dataclass(frozen=True, eq=False)
 class KnownSprings:
-    """Springs between nodes (s, 2), with rest lengths (s,) [m] and stiffness k (s,) [N/m]."""
+    """Springs between known nodes, as the description of a term.
+
+    Attributes
+    ----------
+    nodes
+        The two nodes (s, 2) of each spring.
+    length
+        Rest lengths (s,) [m].
+    k
+        Stiffness (s,) [N/m].
+    damping
+        τ [s], with k_d = τ k.
+    tangent
+        As of `Springs`.
+    """
 
     nodes: np.ndarray
     length: np.ndarray
@@ -37,9 +51,18 @@ class KnownSprings:
         return self.nodes
 
     def bind(self, panel: Panel, slots) -> LengthCondition:
-        data = self.nodes, self.length[:, None], self.k, self.damping * self.k
-        own = "Springs", KERNELS, (1,), panel, slots
-        return BoundSprings.bind(*own, *data, tangent=self.tangent)
+        return BoundSprings.bind(
+            "Springs",
+            KERNELS,
+            convex=(1,),
+            panel=panel,
+            slots=slots,
+            nodes=self.nodes,
+            constants=self.length[:, None],
+            stiffness=self.k,
+            damping=self.damping * self.k,
+            tangent=self.tangent,
+        )
 
 
 class BoundSprings(LengthCondition):
@@ -59,43 +82,43 @@ class BoundSprings(LengthCondition):
 class Springs:
     """A network of springs in place of a membrane.
 
-    ``kind = "structural"``, energy ½ k (l − l₀)² a spring. On a grid ("right" and "cross") its
-    classes are
+    ``kind = "structural"``: springs with the energy ½ k (l − l₀)² each. On a grid ("right" and
+    "cross") its classes are
 
         stretch  along the sides of the cells: k = Y A_e / l², Y of the warp or the weft
         shear    both diagonals (their halves on "cross"): k = G A_e / (l² c² s²)
         bend     from a node to the next but one along the sides: no k follows from a fabric,
                  for on a flat cloth they resist bending to fourth order only
 
-    where A_e are the shares of the springs of a direction (for shear: of all) in the cloth's
-    area and c, s the cosine and sine of their direction; the shear springs stiffen stretch as
-    well. On all other meshes there are the edges only, all with k = √3/2 Y, as an equilateral
-    lattice needs.
+    A_e is the share of a spring in the area of the cloth, which the springs of one direction
+    (for shear: all shear springs) divide among them. c and s are the cosine and sine of the
+    direction. The shear springs stiffen stretch as well. On all other meshes there are the
+    edges only, all with k = √3/2 Y, as an equilateral lattice needs.
 
-    ``kind = "van_gelder"``, the edges with k = Y Σ A / l² over the triangles at the edge. Its
-    error: the network takes no notice of the fabric's ν. It has the fabric's Y and ν = 1/3 on
-    an equilateral mesh; on "right" C11 = C22 = 5/4 Y, C12 = C33 = Y/4 with as much coupling of
-    shear and stretch, C13 = C23 = Y/4.
+    ``kind = "van_gelder"``: the edges, with k = Y Σ A / l² over the triangles at the edge. Its
+    error is that the fabric's ν has no influence. It has the fabric's Y and ν = 1/3 on an
+    equilateral mesh. On "right" it has C11 = C22 = 5/4 Y and C12 = C33 = Y/4, and stretch and
+    shear are coupled as much, C13 = C23 = Y/4.
 
-    ``kind = "biquadratic"``, in each triangle with the angles α and area A
+    ``kind = "biquadratic"``: in each triangle with the angles α and area A the energy
 
         Σ_i ¼ k_i Δ_i² + Σ_{i<j} ½ c_ij Δ_i Δ_j,   Δ_i = l_i² − L_i²,  side i opposite angle i
         k_i  = (2 (λ + μ) cot² α_i + μ) / (16 A)
         c_ij = (2 (λ + μ) cot α_i cot α_j − μ) / (16 A)
 
-    with λ = Y ν / (1 − ν²) and μ = Y / (1 + ν), twice the shear modulus: the energy of `StVK`,
-    identically, for isotropic fabrics.
+    with λ = Y ν / (1 − ν²) and μ = Y / (1 + ν), twice the shear modulus. For isotropic fabrics
+    this is exactly the energy of `StVK`.
 
     Source: Provot (1995), Deformation Constraints in a Mass-Spring Model, section 3.1
     ("structural"); Van Gelder (1998), Approximate Simulation of Elastic Membranes by
     Triangulated Spring Meshes, the formula in its simplest form ("van_gelder"); Delingette
     (2008), Triangular Springs for Modeling Nonlinear Membranes ("biquadratic").
 
-    Valid, if on edges, for a cloth where no more than the tensile stiffness at small strains
-    counts: none of these networks converges under refinement to the fabric, but for ν = 1/3 on
-    equilateral triangles, and `fecloth.plane_moduli` says which material one is. A spring in
-    compression is unstable against rotation, so that a net gives way like a truss; `definite`
-    drops that part of its tangent. "biquadratic" is valid where `StVK` is.
+    Valid: springs on edges, where only the tensile stiffness at small strains counts. None of
+    these networks converges to the fabric under refinement, except for ν = 1/3 on equilateral
+    triangles; `fecloth.plane_moduli` says which material a network is. A spring in compression
+    is unstable against rotation, so that a net gives way like a truss; `definite` drops that
+    part of its tangent. "biquadratic" is valid where `StVK` is.
 
     Cost of force and tangent relative to `StVK`: 1.2 times for the edges, 2.5 and 3.5 for
     "biquadratic".
@@ -137,7 +160,7 @@ class Springs:
         for name in ("stiffness", "shear", "bend", "damping"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value >= 0):
-                unit = "s" if name == "damping" else "N/m"
+                unit = {"damping": "s"}.get(name, "N/m")
                 raise InputError(f"{name} = {value!r}", f"must be >= 0 [{unit}]", "Springs")
             if value is not None and name != "damping" and self.kind != "structural":
                 allowed = f"the fabric gives the springs of kind {self.kind!r}"
@@ -177,7 +200,9 @@ def elongation(y, c, order, C, g, H):
     d = (y[1, 0] - y[0, 0], y[1, 1] - y[0, 1], y[1, 2] - y[0, 2])
     l = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     C[0] = l - c[0]
-    inverse = 1.0 / l if l > 0.0 else 0.0
+    inverse = 0.0
+    if l > 0.0:
+        inverse = 1.0 / l
     if order > 0:
         n = (d[0] * inverse, d[1] * inverse, d[2] * inverse)
         for i in range(3):
@@ -186,7 +211,9 @@ def elongation(y, c, order, C, g, H):
         if order > 1:
             for i in range(3):
                 for j in range(3):
-                    h = ((1.0 if i == j else 0.0) - n[i] * n[j]) * inverse
+                    h = -n[i] * n[j] * inverse
+                    if i == j:
+                        h = (1.0 - n[i] * n[i]) * inverse
                     H[0, 0, i, 0, j] = H[0, 1, i, 1, j] = h
                     H[0, 0, i, 1, j] = H[0, 1, i, 0, j] = -h
 

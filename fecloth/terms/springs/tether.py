@@ -20,11 +20,11 @@ from fecloth.terms.traits import TermTraits
 class Tether:
     """C = x − p(t), energy ½ k |x − p|² for each node: a spring of no length to the point p(t).
 
-    Force −k (x − p) − k_d (v − ṗ); K = k I and D = k_d I, exactly, for C is linear. The ledger
-    books the work of the hand, ∫ Σ f·dp, as the tether's work, jumps of p included.
+    The force is −k (x − p) − k_d (v − ṗ). K = k I and D = k_d I are exact, as C is linear. The
+    energy ledger has the work of the hand, ∫ Σ f·dp, as the work of the tether, with jumps of p.
 
-    Source: the condition loop with ∂C = I, Baraff and Witkin (1998), Large Steps in Cloth
-    Simulation, eqs. 7, 8, 11, 13.
+    Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 7, 8, 11, 13, with
+    ∂C = I.
 
     Valid for any distance. Unlike a `Pin` it gives way, by F/k under the force F; many nodes
     drawn to one point crumple the cloth there.
@@ -59,8 +59,18 @@ class Tether:
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
         point = vector(self.point, "point", "Tether")
         point(0.0)  # an error in a function of time is raised here, not in a step
-        data = self.stencil(panel.cloth), np.zeros(3), self.stiffness, self.damping
-        return BoundTether.bind("Tether", KERNELS, (1, 1, 1), panel, slots, *data, point=point)
+        return BoundTether.bind(
+            "Tether",
+            KERNELS,
+            convex=(1, 1, 1),
+            panel=panel,
+            slots=slots,
+            nodes=self.stencil(panel.cloth),
+            constants=np.zeros(3),
+            stiffness=self.stiffness,
+            damping=self.damping,
+            point=point,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +90,22 @@ class BoundTether(bound_condition.BoundCondition):
 
     def supply(self, x, v, t) -> float:
         """Power of the hand on the damping, −Σ k_d (v − ṗ)·ṗ [W]; the ledger adds ∂U/∂t."""
-        f = np.zeros_like(x)
-        w = v - self.speed(t)
         speed = self.speed(t)
-        super().add_force(x, w, t, f)
-        super().add_force(x, np.zeros_like(x), t, still := np.zeros_like(x))
-        return float((f - still).sum(axis=0) @ speed)
+        force = np.zeros_like(x)
+        elastic = np.zeros_like(x)
+        super().add_force(x, v - speed, t, force)
+        super().add_force(x, np.zeros_like(x), t, elastic)
+        return float((force - elastic).sum(axis=0) @ speed)
 
     def power(self, x, v, t) -> float:
         return super().power(x, v - self.speed(t), t)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= k (x − p) + k_d (v − ṗ) [N]."""
-        super().add_force(x, v - self.speed(t) if self.dissipative else v, t, f)
+        w = v
+        if self.dissipative:
+            w = v - self.speed(t)
+        super().add_force(x, w, t, f)
 
 
 @inner
@@ -102,7 +115,8 @@ def offset(y, c, order, C, g, H):
         C[r] = y[0, r] - c[r]
         if order > 0:
             for i in range(3):
-                g[r, 0, i] = 1.0 if i == r else 0.0
+                g[r, 0, i] = 0.0
+            g[r, 0, r] = 1.0
     if order > 1:
         H[:] = 0.0
 

@@ -87,7 +87,7 @@ def test_pairs_are_kept_while_no_node_has_moved_by_a_gap(part, is_kept):
 @pytest.mark.parametrize("part", [0.0, 0.3, 1.0])
 def test_pairs_of_a_way_are_kept_within_a_gap_of_it(part, aside, is_kept, monkeypatch):
     """And not beyond its end; they give the forces of pairs found anew."""
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 1000)
     cloth, x, over = layers(4 * GAP)
     sets, way = bound(cloth).sets, np.where(over, -3.5 * GAP, 0.0)[:, None] * [0.0, 0.0, 1.0]
     kept, y = sets.candidates(x, x + way), x + part * way
@@ -112,7 +112,7 @@ def test_a_way_with_many_pairs_leaves_the_pairs_of_its_places():
 @pytest.mark.parametrize(("part", "is_empty"), [(0.8, False), (1.25, True)])
 def test_no_pair_is_kept_where_all_are_too_far_to_touch(part, is_empty, way, monkeypatch):
     """The least distance is then three gaps, and twice the way of the nodes."""
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 1000)
     cloth, x, over = layers(part * (3 + 2 * way) * GAP, h=0.05)
     sets = bound(cloth).sets
     x[:, 2] += 0.1 * x[:, 0]  # where edges turn away, boxes around them are larger
@@ -123,7 +123,7 @@ def test_no_pair_is_kept_where_all_are_too_far_to_touch(part, is_empty, way, mon
 @pytest.mark.parametrize(("part", "is_empty"), [(0.8, True), (1.25, False)])
 def test_the_distance_of_pairs_is_asked_for_up_to_six_gaps(part, is_empty, monkeypatch):
     """Beyond it the pairs that boxes find are kept."""
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 1000)
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 1000)
     cloth, x, over = layers(8 * GAP, h=0.05)
     sets, way = bound(cloth).sets, 0.5 * (part * 6 - 3)
     x[:, 2] += 0.5 * x[:, 0]
@@ -148,7 +148,7 @@ def test_up_to_eight_pairs_for_each_node_are_kept(part, is_kept):
 
 def test_many_pairs_are_not_kept(monkeypatch):
     cloth, x, _ = layers()
-    monkeypatch.setattr("fecloth.terms.contact.toolkit.CROWDED", 0)
+    monkeypatch.setattr("fecloth.terms.contact.toolkit.MOST_PAIRS_PER_NODE", 0)
     sets, usual = bound(cloth).sets, bound(cloth).sets
     assert sets.candidates(x) is None
     monkeypatch.undo()

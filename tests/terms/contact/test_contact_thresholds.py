@@ -2,14 +2,18 @@
 
 import math
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import flat
+from scipy import sparse
 
 import fecloth as fc
 from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.inside import cutting_depth
+from fecloth.terms.contact.points import _distinct
+from fecloth.terms.contact.retreat import Retreat
 
 S = fc.shapes
 GAP = 2e-3
@@ -136,7 +140,64 @@ def test_a_way_past_the_edge_of_a_box_does_not_go_through(end, through):
     assert goes_through(box, np.array([[-3.0, 0.1, 0.5]]), np.array([end]), 0.0) == through
 
 
+@pytest.mark.parametrize(("radius", "through"), [(0.8 * 0.5, False), (1.25 * 0.5, True)])
+def test_a_way_is_looked_at_in_thirty_two_parts(radius, through):
+    """A ball between two of the places is not seen; one that reaches both of them is."""
+    ball = S.Sphere((16.5, 0.0, 0.0), radius)
+    begin, end = np.array([[[0.0, 0.0, 0.0]], [[32.0, 0.0, 0.0]]])
+    assert goes_through(ball, begin, end, 0.0) == through
+
+
+@pytest.mark.parametrize(
+    ("needed", "more"), [(0.5, 0), (1.5, 1), (10, 16), (0.8 * 33, 32), (1.25 * 33, 32)]
+)
+def test_nodes_leave_a_shape_that_deforms_by_up_to_thirty_two_gaps_more(needed, more, monkeypatch):
+    """The way is doubled until all points are outside, here `needed` gaps from the plane."""
+    plane = fc.Obstacle(S.Sdf("z + 0*t"), GAP)
+    sheet = fc.Cloth.rectangle(0.2, 0.1, 0.1, "right")
+    (term,) = fc.System(sheet, fc.Fabric(0.2, 100.0), [plane]).bound
+    monkeypatch.setattr(
+        type(term), "least_distance", lambda self, x, t: x[:, 2].min() - needed * GAP
+    )
+    places = term._make_way(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
+    assert places[:, 2] == pytest.approx(np.full(len(places), (1 + more) * GAP))
+
+
+# --- pairs of triangles ---------------------------------------------------------------------------
+
+
+def retreat_of(s, before=0.0):
+    """The `Retreat` of one pair at the distance s over the gap, which came nearer by `before`."""
+    d = GAP * math.sqrt(s)  # s = d²/gap²
+    normals = sparse.csr_matrix([[1.0, 0.0, 0.0]])
+    numbers = normals, np.array([d]), np.array([1.0])
+    sets = SimpleNamespace(gap=GAP, thickness=0.0, pairs=lambda x: numbers)
+    return Retreat.at(sets, np.array([[before, 0.0, 0.0]]), np.zeros((1, 3)), 0.01), d
+
+
+@pytest.mark.parametrize(("left", "begin"), [(0.8e-3, 1e-3), (1.25e-3, 1.25e-3), (-9.0, 1e-3)])
+def test_a_pair_was_at_least_a_thousandth_of_its_distance_apart(left, begin):
+    """The way along the gradient may be longer than the distance, so that less is `left`."""
+    retreat, d = retreat_of(0.25, (1 - left) * 0.5 * GAP)
+    assert retreat.d0[0] == pytest.approx(begin * d, rel=1e-9)
+
+
+@pytest.mark.parametrize(("part", "acts"), [(0.8, False), (1.25, True)])
+def test_a_pair_counts_from_a_millionth_of_the_gap_on(part, acts):
+    retreat, _ = retreat_of(1 - part * 1e-6)
+    assert (retreat.scale[0] > 0) == acts
+
+
 # --- points of the cloth --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("part", "places"), [(0.4, 1), (1.25, 2)])
+def test_places_are_one_where_their_shape_functions_differ_by_round_off(part, places):
+    nodes = np.array([[3, 5, 7], [7, 3, 5]])
+    N = np.array([[0.5, 0.25, 0.25], [0.25, 0.5, 0.25 + part * 1e-9]])
+    first, number = _distinct(nodes, N)
+    assert len(first) == places
+    assert len(set(number.tolist())) == places
 
 
 def bound_triangle(dip, gap=GAP):

@@ -9,7 +9,7 @@ from fecloth.simulation.doubts.planned_run import PlannedRun
 from fecloth.simulation.doubts.terms import find_no_membrane
 from fecloth.simulation.fixed_step import FixedStep
 from fecloth.terms.contact import barrier, restitution
-from fecloth.terms.contact.restitution import MOST, Approach
+from fecloth.terms.contact.restitution import MOST_DAMPING, Approach
 from fecloth.terms.step_difference import StepDifference
 
 pytestmark = pytest.mark.filterwarnings("ignore::fecloth.errors.FeclothWarning")
@@ -28,11 +28,11 @@ def test_the_damping_of_a_restitution(e, y):
 
 
 def test_the_rates_of_slow_touches_are_limited():
-    assert restitution.rates(0.0, np.array([0.0, 1.0])).tolist() == [MOST, MOST]
+    assert restitution.rates(0.0, np.array([0.0, 1.0])).tolist() == [MOST_DAMPING, MOST_DAMPING]
     assert restitution.rates(1.0, np.array([0.0, 1.0])).tolist() == [0.0, 0.0]
     c = restitution.rates(0.5, np.array([0.0, 1e-5, 2.0]))
-    assert c.tolist() == pytest.approx([MOST, MOST, 1.43275 / 2.0], rel=1e-3)
-    assert MOST == 400.0
+    assert c.tolist() == pytest.approx([MOST_DAMPING, MOST_DAMPING, 1.43275 / 2.0], rel=1e-3)
+    assert MOST_DAMPING == 400.0
 
 
 @pytest.mark.parametrize(("s0", "a"), [(0.5, 0.0), (3.0, 40.0), (0.6, 5.0), (0.3, 2.0)])

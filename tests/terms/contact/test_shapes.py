@@ -7,7 +7,7 @@ import pytest
 
 import fecloth as fc
 from fecloth.errors import InputError
-from fecloth.terms.contact.advance import LEFT, advance
+from fecloth.terms.contact.advance import LEAST_PART_LEFT, advance
 
 S = fc.shapes
 TURN = fc.Rotation((0.1, -0.2, 0.05), (1, 2, -1), "0.3 + 0.9*t + t**2")
@@ -102,7 +102,7 @@ def test_no_way_leads_inside_and_none_is_cut_in_vain(name, rng):
     y = outside(shape, rng, 3000)
     way = 0.3 * rng.standard_normal(y.shape) - y * rng.uniform(0.0, 2.0, (len(y), 1))
     parts = advance(shape, y, way, 0.0, gap)
-    least = LEFT * np.minimum(shape.distance(y, 0.0), gap)
+    least = LEAST_PART_LEFT * np.minimum(shape.distance(y, 0.0), gap)
     some = np.linspace(0, 1, 200)
     d = np.array([shape.distance(y + (a * parts)[:, None] * way, 0.0) for a in some])
     assert (d >= 0.99 * least).all()
@@ -116,7 +116,7 @@ def test_a_point_stops_before_a_thin_disk_that_the_whole_way_crosses():
     disk = S.Disk((0, 0, 0), (0, 0, 1), 0.3, 1e-4)
     y, way = np.array([[0.1, 0.0, 0.5]]), np.array([[0.0, 0.0, -1.0]])
     part = advance(disk, y, way, 0.0, 1e-3)
-    assert part[0] == pytest.approx(0.5 - 0.5e-4 - LEFT * 1e-3, abs=1e-5)
+    assert part[0] == pytest.approx(0.5 - 0.5e-4 - LEAST_PART_LEFT * 1e-3, abs=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A law that a user writes: studies/examples/law.py, clamped tangents, and what is refused."""
 
 import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import fecloth as fc
 from fecloth.integrators import METHODS
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.stability.critical_step import rate_bounds
-from fecloth.terms.custom.membrane_law import positive
+from fecloth.terms.custom.membrane_law import check_law, positive
 from fecloth.verify import check_term
 
 # steps are coarse and meshes small by intent
@@ -151,6 +152,15 @@ def test_a_law_may_have_no_stiffness_in_shear(cloth, isotropic):
     system = fc.System(cloth, isotropic, [yarns])
     stiff = fc.System(cloth, fc.Fabric(0.2, 1000.0, 0.0, 1e-6), [fc.StVK()])
     assert rate_bounds(system) == pytest.approx(rate_bounds(stiff), rel=1e-6)
+
+
+@pytest.mark.parametrize(("part", "refused"), [(0.8, False), (1.25, True)])
+def test_an_entry_is_wrong_from_a_millionth_of_the_largest_on(part, refused):
+    def spoiled(E, c):
+        return linear(E, c, C12=part * 1e-6 * 1000)
+
+    with pytest.raises(fc.InputError, match="C12") if refused else nullcontext():
+        check_law(spoiled, np.zeros(1), "Mine")
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -95,7 +94,14 @@ class Stub:
         self.bind = lambda panel, slots: bound
 
 
-HALF = SimpleNamespace(name="half", has_energy=True, dissipative=True, add_force=None)
+class Half(fc.BoundTerm):
+    """A bound term without the half of what it must have."""
+
+    name = "half"
+    has_energy = dissipative = True
+
+    def add_force(self, x, v, t, f):
+        pass
 
 
 @pytest.mark.parametrize(
@@ -106,8 +112,8 @@ HALF = SimpleNamespace(name="half", has_energy=True, dissipative=True, add_force
         (Stub(np.zeros((3, 1))), r"of shape \(3, 1\) and type float64: must be an array"),
         (Stub(np.array([[0, 20]])), r"with the nodes 0 … 20: must lie in 0 … 19"),
         (Stub(np.array([[-1, 2]])), r"with the nodes -1 … 2: must lie in 0 … 19"),
-        (Stub(), r"gives a NoneType: must have name, symmetric, has_energy"),
-        (Stub(bound=HALF), "symmetric, velocity_dependent, add_tangent, energy, po"),
+        (Stub(), r"gives a NoneType: must be an object of a class that derives from"),
+        (Stub(bound=Half()), "must have symmetric, add_tangent, energy, power"),
     ],
     ids=lambda value: "" if isinstance(value, Stub) else value[:30],
 )
