@@ -10,6 +10,7 @@ from support.power_laws import Listed, PowerLaws, candidate, known_run, listed, 
 from fecloth.study.problems import FunctionProblem
 from fecloth.study.tuning import proof as proof_module
 from fecloth.study.tuning.choices import Choice
+from fecloth.study.tuning.curves import Curve
 from fecloth.study.tuning.prediction import Goal
 from fecloth.study.tuning.proof import (
     Proof,
@@ -42,6 +43,24 @@ def test_the_stated_error_is_the_true_one_of_a_power_law_and_a_little_more(space
     (run,) = bench.run([first.choice])
     proof = verify(bench, first, run, {})
     assert true_error(run) <= 1.001 * proof.error < 1.4 * true_error(run)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0])
+def test_the_stated_error_is_the_true_one_of_a_power_of_rtol_and_a_little_more(order):
+    """A run with rtol/4 has 4^−p of the error."""
+    rtol, in_time, space = 0.01, 1e-3, 1e-7
+
+    def add_error_in_time(run):
+        return trial(run.choice, run.row["value"] + in_time * (run.choice.rtol / rtol) ** order)
+
+    by_rtol = candidate(predict(1.0, 10.0), space**-0.5, 1 / rtol, space, in_time)
+    errors = Curve(np.array([1 / rtol]), np.array([[in_time]]), -order, -order, np.array([order]))
+    by_rtol = replace(by_rtol, rule=replace(by_rtol.rule, kind="rtol", errors=errors))
+    bench = PowerLaws(change=add_error_in_time)
+    (run,) = bench.run([by_rtol.choice])
+    stated = verify(bench, by_rtol, run, {}).error
+    assert true_error(run) == pytest.approx(in_time, rel=1e-3)
+    assert true_error(run) <= 1.001 * stated < 1.15 * true_error(run)
 
 
 @pytest.mark.parametrize(("space", "in_time"), [(1.0, 10.0), (5.0, 1.0), (0.5, 100.0)])

@@ -26,7 +26,7 @@ PULL = 0.3  # towards the center, per unit of u: it holds what the data do not t
 EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}
 HOLD = 10.0  # the same for what is known not to be told
 MOST, FEW = 60, 8  # evaluations of a start, and on finer meshes
-SPREAD = np.log(3.0)  # of other starts, in u: between a third and three times the first
+LARGEST_START = np.log(3.0)  # |u| of other starts: between a third and three times the first
 SAME = 0.02  # of u: ends of two starts that are the same place
 
 
@@ -196,7 +196,7 @@ def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
     """
     validation.whole("starts", starts, 1, "fit", most=100)
     ends = []
-    for begin in _begins(fitting, starts):
+    for begin in choose_starts(len(fitting.unknowns), starts):
         ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
     ran = [end for end in ends if not end.cause]
     if not ran:
@@ -217,10 +217,13 @@ def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
     return Search(fitting, end.u, pull, FEW, "finer mesh, ").run(end.u)
 
 
-def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:
-    count = len(fitting.unknowns)
-    if starts > 1:
-        others = qmc.LatinHypercube(count, seed=0).random(starts - 1)
-    else:
-        others = []
-    return [np.zeros(count), *(SPREAD * (2 * np.asarray(place) - 1) for place in others)]
+def choose_starts(unknowns: int, starts: int) -> list[np.ndarray]:
+    """Return the places where the search begins, (m,) each in u: first the given one, u = 0.
+
+    The others lie in a Latin hypercube, on both sides of it.
+    """
+    if starts == 1:
+        return [np.zeros(unknowns)]
+    hypercube = qmc.LatinHypercube(unknowns, seed=0).random(starts - 1)  # from 0 to 1
+    others = LARGEST_START * (2 * hypercube - 1)
+    return [np.zeros(unknowns), *others]
