@@ -301,7 +301,7 @@ def test_other_starts_lie_on_both_sides_between_a_third_and_three_times(starts):
     assert places.shape == (starts, 2)
     assert not places[0].any()
     factors = np.exp(places[1:])
-    assert ((1 / 3 <= factors) & (factors <= 3)).all()
+    assert ((factors >= 1 / 3) & (factors <= 3)).all()
     if starts > 1:
         assert ((factors.min(axis=0) < 1) & (factors.max(axis=0) > 1)).all()
     if starts == 20:
