@@ -143,10 +143,14 @@ def test_a_cause_of_a_quarter_of_the_error_is_refined_in_the_verifying_run(part,
 
 @pytest.mark.parametrize(
     ("ratio", "left", "serves"),
-    [(1.4 * 1.25, 0.3 * 0.8, True), (1.4 * 1.25, 0.3 * 1.25, False), (1.4 * 0.8, 0.3 * 0.8, False)],
+    [
+        (1.41 * 1.25, 0.25 * 0.9, True),
+        (1.41 * 1.25, 0.25 * 1.25, False),
+        (1.41 * 0.8, 0.25 * 0.8, False),
+    ],
 )
 def test_the_best_run_of_the_search_proves_if_it_is_finer_and_accurate(ratio, left, serves):
-    """1.4 times the √triangles, and 0.3 of the tolerance for its own error."""
+    """√2 times the √triangles, and a quarter of the tolerance for its own error."""
     prediction, tolerance = predict(1.0, 1e-9), 1e-3
     first = Goal(tolerance).candidates(prediction)[0]
     space = known_run(prediction, ratio * first.edges, left * tolerance)
@@ -242,8 +246,8 @@ def test_the_seconds_of_meshes_below_a_fifth_of_a_second_are_measured_with_care(
     assert [asked[0], asked[-1]] == [is_timed, is_timed]
 
 
-@pytest.mark.parametrize(("share", "tries"), [(0.85 * 0.8, ["b"]), (0.85 * 1.25, [])])
-def test_a_cheaper_setting_must_save_15_per_cent(share, tries):
+@pytest.mark.parametrize(("share", "tries"), [(0.9 / 1.1, ["b"]), (1.05 / 1.1, [])])
+def test_a_cheaper_setting_must_save_more_than_the_noise_of_seconds(share, tries):
     assert tried_after(0.5, {"b": (0.2, 2.0)}, seconds=2.0 / share)[0] == tries
 
 
@@ -329,9 +333,9 @@ def test_a_verifying_run_refines_what_can_be_refined(method, kind, x, h, refined
         assert choice.steps == 2 * (of.choice.steps or 1)
 
 
-@pytest.mark.parametrize(("ratio", "factor"), [(4.0, 4.0), (6.25, 5.0), (0.25, 0.25), (0.16, 0.2)])
-def test_predicted_seconds_are_corrected_up_to_five_times(ratio, factor):
+@pytest.mark.parametrize("ratio", [4.0, 25.0, 0.1])
+def test_predicted_seconds_are_corrected_by_the_measured_ones(ratio):
     prediction = predict(1.0, 10.0)
     of = candidate(prediction, 20.0, 64, 1e-3, 1e-3)
     proof = Proof(trial(of.choice, seconds=ratio * of.seconds), of, None, {"space": of.space})
-    assert corrected(prediction, proof).factors[of.key] == pytest.approx(factor)
+    assert corrected(prediction, proof).factors[of.key] == pytest.approx(ratio)
