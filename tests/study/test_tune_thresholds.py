@@ -1,6 +1,5 @@
 """The numbers of `tune` from both sides: at about 0.8 and 1.25 times their value."""
 
-import math
 from dataclasses import replace
 
 import numpy as np

@@ -289,7 +289,7 @@ class Bench:
     changed: int = 0
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
-        """Run choices; one that is refused, that fails or is too long gives a trial not `is_ok`."""
+        """Run choices; where one is refused, fails or is too long, its trial is not `is_ok`."""
         quiet = replace(self.runs, timed=timed, quiet=True)
         rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
         trials = [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]

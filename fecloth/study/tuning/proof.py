@@ -149,8 +149,8 @@ def verify(bench: Bench, candidate: Candidate, trial: Trial, other: Errors) -> P
     """Run a finer setting and return the error of the run by its causes.
 
     Let ε be the part of an error that is left in the finer run. The distance d of both runs is
-    (1 − ε) of the error, so that the error is d (1 + ε/(1 − ε)). Its second term gets a factor of
-    safety.
+    (1 − ε) of the error, so that the error is d (1 + ε/(1 − ε)). Its second term gets a factor
+    of safety.
     """
     choice, left = finer_choice(candidate)
     (finer,) = bench.run([choice])

@@ -32,7 +32,7 @@ FIRST_TRIANGLES = 128  # of the first meshes on P1: a square sheet has 8 x 8 cel
 TRUSTED_EXTRAPOLATION = 2.0
 # Runs shorter than this are measured more than once, after a short one [s].
 QUICK_SECONDS = 0.2
-# Part of the time left that the next mesh may take, by its prediction; the rest is for the proof.
+# Part of the time left that the next mesh may take, by its prediction: the proof takes time, too.
 PART_OF_TIME_LEFT = 0.7
 
 

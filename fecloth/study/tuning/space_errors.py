@@ -170,7 +170,7 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
 
 
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
-    """Return how far the cloth may reach below its lowest node, where `depth` (n,) is largest."""
+    """Return how far the cloth may reach below its lowest node, by the (n,) depths of nodes."""
     lowest = int(np.argmax(depth))
     around = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)])
     part = DROP_INSIDE

@@ -27,10 +27,10 @@ from fecloth.study.tuning.curves import Curve
 
 CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
 RTOLS = (0.1, 0.01, 0.001)  # 1/s, of its runs with chosen steps
-# Seconds of a run over the seconds with ten times its rtol: about √10, as the steps are where the
-# error is of second order.
+# Seconds of a run over the seconds with ten times its rtol: about √10, as many more steps as an
+# error of second order needs.
 TENTH_OF_RTOL_COSTS = 3.0
-STEPS_OF_STATIC_RUN = 5  # a run of so few steps is a static solution, in which inertia is nothing
+STEPS_OF_STATIC_RUN = 5  # a run of so few long steps is a static solution
 FIRST_STEPS = 16  # of the first run, which is then repeated with twice as many, and so on
 MOST_IMPLICIT_STEPS = 8192  # of the last run
 FEWEST_STEPS = 4  # of the shortest runs: fewer show no order
@@ -39,7 +39,7 @@ FEWEST_STEPS = 4  # of the shortest runs: fewer show no order
 MOST_EXPLICIT_STEPS = 20_000
 # Error in time, at least, of an explicit run that is compared with no other run.
 LEAST_ERROR_OF_SINGLE_RUN = 1e-4
-# The seconds of a run grow with x by a power from the first to the second; see `Rule.kind` for x.
+# The seconds of a run grow with x (see `Rule.kind`) by a power from the first to the second.
 # Longer steps take more iterations each.
 POWERS_OF_SECONDS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}
 
@@ -218,7 +218,7 @@ def _own_steps(opened: Problem, otherwise: int) -> float:
 
 
 def _have_no_value(opened: Problem, trials: Sequence[Trial]) -> bool:
-    """Whether no run has the quantity, as a period, also with the steps of the problem itself."""
+    """Whether no run has the quantity, as a period, also with as many steps as the problem."""
     if not trials or any(trial.row["status"] != NO_VALUE for trial in trials):
         return False
     return (trials[-1].choice.steps or 0) >= _own_steps(opened, MOST_IMPLICIT_STEPS)
@@ -337,7 +337,7 @@ def key_of(choice: Choice) -> tuple[str, str]:
 
 
 def size_of(choice: Choice) -> float:
-    """Return x of a rule: 1/rtol, the number of steps, or 1 for a step at the stability limit."""
+    """Return x of a rule: 1/rtol, the number of steps, or 1 for steps at the stability limit."""
     if choice.rtol:
         return 1 / choice.rtol
     if not choice.is_explicit:

@@ -171,7 +171,8 @@ def _change_models(
     words: list[str] = []
     if model:
         _say("terms: what they change on a coarse mesh")
-        bench, errors["model"], words = drop_terms(bench, _coarse_choice(bench, mesh), goal.scale)
+        choice = _coarse_choice(bench, mesh)
+        bench, errors["model"], words = drop_terms(bench, choice, goal.scale)
     if bench.opened.has_contact:
         _say("gaps of contact: what halving them changes on a coarse mesh")
         bench, errors["gap"], narrowed = narrow_gaps(bench, mesh, goal.scale)
