@@ -109,8 +109,8 @@ def error_of_finest(
     """Return (q,) errors of the finest of two or more runs: the grid convergence index.
 
     Let d be the change by the last refinement, r the ratio of its sizes and p the observed
-    order: the errors are 1.25 d/(rᵖ − 1). From two runs no order is observed; then p is the theory, and
-    the factor 1.25 becomes 3. Source: Roache (1994), J. Fluids Eng. 116, 405–413.
+    order: the errors are 1.25 d/(rᵖ − 1). From two runs no order is observed; then p is the
+    theory, and the factor 1.25 becomes 3. Source: Roache (1994), J. Fluids Eng. 116, 405–413.
     """
     ratio = sizes[-1] / sizes[-2]
     change = distance(runs[-1], runs[-2])
