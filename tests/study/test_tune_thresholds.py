@@ -1,6 +1,8 @@
 """The numbers of `tune` from both sides: at about 0.8 and 1.25 times their value."""
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -372,6 +374,23 @@ def test_at_least_four_steps_are_run(free_steps):
     assert min(ladder(lambda _, n: 1e-9 / n**2, 1e-3)["newmark"]) == 4
 
 
+@pytest.mark.parametrize(("steps", "is_run"), [(0.8 * 20_000, True), (1.25 * 20_000, False)])
+def test_explicit_steps_are_run_up_to_20000_of_them(steps, is_run, monkeypatch):
+    opened = SimpleNamespace(span=1.0)
+    problem = SimpleNamespace(first=SimpleNamespace(system=None, start=None))
+    monkeypatch.setattr(time_errors, "problem_with", lambda opened, choice: problem)
+    monkeypatch.setattr(time_errors, "critical_dt", lambda system, start: 1.0 / steps)
+    bench = PowerLaws(opened=opened)
+    time_errors._explicit_runs(bench, Choice("P1", "", 0.1, "central_difference"))
+    assert bool(bench.ran) == is_run
+
+
+@pytest.mark.parametrize(("known", "error"), [(0.8e-4, 1e-4), (1.25e-4, 1.25e-4), (math.nan, 1.0)])
+def test_an_explicit_run_without_another_has_an_error_of_1e_4_or_more(known, error):
+    run = trial(Choice("P1", "", 0.1, "central_difference"), time_error=known)
+    assert time_errors._own_error(PowerLaws(), [run]) == pytest.approx([error])
+
+
 def growing(power, share=0.5, tolerance=1e-3):
     """The growth that is found, and the runs for it, where errors in time grow with x^power."""
     prediction = predict(1.0, 10.0)
@@ -428,6 +447,15 @@ def timed(others, monkeypatch):
 def test_the_seconds_of_three_settings_are_measured(monkeypatch):
     ran = timed([1.3, 1.6, 1.9, 2.2], monkeypatch)
     assert {run.choice.method for run in ran} == {"bdf2", "m0", "m1"}
+
+
+@pytest.mark.parametrize(("steps", "of_short_run"), [(6, 6), (100, 12), (1000, 50)])
+def test_a_short_run_has_12_steps_or_a_twentieth_of_all(steps, of_short_run, monkeypatch):
+    monkeypatch.setattr(corrections, "shorten", lambda opened, part: opened)
+    bench = PowerLaws(change=lambda run: trial(run.choice, seconds=run.choice.steps * 1e-3))
+    of = candidate(predict(1.0, 10.0), 20.0, steps, 1e-3, 1e-3)
+    assert corrections._measure_seconds(bench, of) == pytest.approx(steps * 1e-3)
+    assert [run.choice.steps for run in bench.ran] == [of_short_run]
 
 
 def without_damping(change, seconds, tmp_path, monkeypatch):

@@ -11,8 +11,8 @@ from fecloth.study.result import in_percent
 from fecloth.study.simplification.variants import Variant
 from fecloth.study.status import OK
 
-# Differences of seconds are noise below this part of the scene's seconds, and below so many seconds
-# of short runs.
+# Differences of seconds are noise below this part of the seconds of a scene, and below so many
+# seconds.
 NOISE_PART = 0.05
 NOISE_SECONDS = 0.02
 SIZES = {  # words, name and unit of what a check refines, by its kind

@@ -23,7 +23,7 @@ COLOURS_OF_VERDICTS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simplification(StudyResult):
-    """What `simplify` found: the table has a row for each variant, by its change.
+    """What `simplify` found.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Simplification(StudyResult):
     verdict
         The answer in words.
     table
-        One row for each run or level; see `Table`.
+        A row for each variant, by its change; then the combinations and the reduced scene.
     warnings
         A sentence for each likely mistake in the set-up of what was studied.
     remarks

@@ -23,7 +23,7 @@ from fecloth.system.system import System
 from fecloth.terms import BendingFriction
 from fecloth.terms.traits import traits_of
 
-SECONDS_OF_SHORT_RUN = 0.5  # CPU seconds that every run may take, beside a multiple of the scene's
+SECONDS_OF_SHORT_RUN = 0.5  # CPU seconds that every run may take, beside its patience
 # Friction may be left out where the curvature that it holds, HB/B, is below this part of the
 # curvature of the cloth.
 WEAK_FRICTION = 0.1

@@ -151,7 +151,7 @@ def combine_variants(
 
 
 def _allowed_seconds(variant: Variant, before: Variant | None, seconds: float) -> float:
-    """Return the seconds that a combination may take, where it takes `seconds` without a variant.
+    """Return the seconds that a combination may take; without the variant it takes `seconds`.
 
     A dropped term need not save time, nor need the first change of a part. A change in place of
     another one must save some.

@@ -168,7 +168,7 @@ def variants_of_mesh(data: Data) -> Iterator[Variant]:
 
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
-    """Yield scenes with other steps or tolerances, with explicit steps, or with one load step."""
+    """Yield scenes with other steps or tolerances, explicit steps, or one load step."""
     if "time" not in data:
         yield from _variants_of_load_steps(data)
         return

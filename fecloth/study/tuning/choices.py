@@ -186,6 +186,7 @@ def change_of(opened: Problem, choice: Choice) -> Change:
 
 
 def _change_of_function(opened: FunctionProblem, choice: Choice) -> Change:
+    """Return the change of a function's arguments; what the choice leaves open stays."""
     values: dict[str, object] = {"h": choice.h, "dt": opened.dt}
     if choice.steps and opened.t_end:
         values["dt"] = opened.t_end / choice.steps
@@ -321,6 +322,7 @@ class Bench:
         return replace(self, runs=replace(self.runs, time_limit=limit))
 
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
+        """Return the trial of a row; it is not ok if the run has no value of a quantity."""
         if row["status"] != OK:
             return Trial(choice, row)
         try:

@@ -71,7 +71,9 @@ def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Predict
     others.
     """
     candidates = goal.candidates(prediction)
-    with_equal_steps = [each for each in candidates if each.rule.kind in ("steps", "limit")]
+    with_equal_steps = [
+        candidate for candidate in candidates if candidate.rule.kind in ("steps", "limit")
+    ]
     for candidate in with_equal_steps[:BEST_CANDIDATES]:
         prediction = prediction.with_seconds(candidate, _measure_seconds(bench, candidate))
     return prediction
