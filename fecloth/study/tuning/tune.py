@@ -38,7 +38,7 @@ from fecloth.study.tuning.proof import Proof, answer, choose_yardstick, prove
 from fecloth.study.tuning.result import Tuned, summarise
 from fecloth.study.tuning.search import coarse_meshes, measure_meshes, obstacle_of
 from fecloth.study.tuning.space_errors import SpaceErrors
-from fecloth.study.tuning.time_errors import TimeErrors, measure_methods
+from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.workload import in_words
 from fecloth.terms import Springs
 from fecloth.terms.traits import traits_of
@@ -126,18 +126,8 @@ def tune(
     names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
     bench, other, changed = _change_models(bench, meshes[0], goal, model)
-    _say("errors in time: all methods on a coarse mesh")
-    times = measure_methods(bench, meshes[0], names, goal.scale, SEARCH_SECONDS / 2)
-    coarse = shared_steps.shared_run(bench, times, goal.scale)
-    bench.check_sizes(coarse)
-    _say("errors in space: all meshes with the same steps")
-    coarse = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
-    coarse, space, prediction = _measure_space(bench, meshes, times, coarse, goal)
-    bench.check_sizes(space.reference, space.error)
-    if not coarse.choice.is_explicit:  # it has a solver
-        (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER_SOLVER)])
-        if sharper.is_ok:
-            other["solver"] = bench.distance(sharper, coarse)
+    coarse, space, prediction = _measure_errors(bench, meshes, names, goal)
+    other |= _measure_solver(bench, coarse)
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
     why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why and bench.spent() < SEARCH_SECONDS:
@@ -180,13 +170,20 @@ def _change_models(
     return bench, errors, words
 
 
-def _measure_space(
-    bench: Bench, meshes: Sequence[Choice], times: TimeErrors, coarse: Trial, goal: Goal
+def _measure_errors(
+    bench: Bench, meshes: Sequence[Choice], methods: Sequence[str], goal: Goal
 ) -> tuple[Trial, SpaceErrors, Prediction]:
-    """Measure the errors of all meshes; again with half of dt, if the steps make them disagree.
+    """Measure the errors in time of all methods, and the errors in space of all meshes.
 
-    Returns the coarse run with the steps that all meshes have at last, and the errors.
+    Where the steps make the meshes disagree, these are run again with half of dt. Returns the
+    coarse run with the steps that all meshes have at last, and the errors.
     """
+    _say("errors in time: all methods on a coarse mesh")
+    times = measure_methods(bench, meshes[0], methods, goal.scale, SEARCH_SECONDS / 2)
+    coarse = shared_steps.shared_run(bench, times, goal.scale)
+    bench.check_sizes(coarse)
+    _say("errors in space: all meshes with the same steps")
+    coarse = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
     for _ in range(HALVINGS):
         space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
         is_doubtful = space.rival or space.stalls(bench, goal.scale)
@@ -196,7 +193,16 @@ def _measure_space(
         if not shorter.is_ok or bench.spent() > SEARCH_SECONDS / 2:
             break
         coarse = shorter
+    bench.check_sizes(space.reference, space.error)
     return coarse, space, prediction
+
+
+def _measure_solver(bench: Bench, coarse: Trial) -> dict[str, np.ndarray]:
+    """Return the (q,) error by the solver's tolerance, if it is known; explicit steps have none."""
+    if coarse.choice.is_explicit:
+        return {}
+    (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER_SOLVER)])
+    return {"solver": bench.distance(sharper, coarse)} if sharper.is_ok else {}
 
 
 def _seconds_of_verifying(proof: Proof | None, space: SpaceErrors) -> float:
