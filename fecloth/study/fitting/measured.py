@@ -71,20 +71,20 @@ def read_measured(
     """
     table = read_table(experiment.data, experiment.label)
     columns = experiment.columns
-    repeats = _repeats(experiment, table)
     named = zip(columns, units_of, strict=True)
     values = [table.numbers(column, unit) for column, unit in named]
+    repeats = _repeats(experiment, table)
     along = None
     if experiment.order:
         along = _along(table, experiment, along_unit, repeats, reach)
     read = []
-    for (column, quantity), unit, own in zip(columns.items(), units_of, values, strict=True):
+    for i, (column, quantity) in enumerate(columns.items()):
         points = Measured(
             column=column,
             quantity=quantity,
-            unit=unit,
-            values=own,
-            sigma=np.zeros(len(own)),
+            unit=units_of[i],
+            values=values[i],
+            sigma=np.zeros(len(values[i])),  # set below
             along=along,
             along_unit=along_unit,
         )
