@@ -24,7 +24,7 @@ OF_RUNS = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh") 
 # Evaluations that a start usually takes. On finer meshes, where it begins near the end, no more
 # are made.
 USUAL_EVALUATIONS = 8
-MOST_EVALUATIONS = 60  # of a start: one that takes more goes nowhere
+MOST_EVALUATIONS = 60  # of a start, which then ends where it is
 # Residual per unit of u, beside the residuals of the points in their uncertainties: it pulls
 # towards the start, and holds what the data do not tell. It is small beside the residual 2 of a
 # constant that is just told, see `LARGEST_UNCERTAINTY`.

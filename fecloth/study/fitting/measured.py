@@ -11,7 +11,7 @@ from fecloth.quantities.columns import DIMENSIONS, DataTable, read_table
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.fitting.experiment import Experiment
 
-# Standard uncertainty over the largest value where nobody states one: a usual one of forces.
+# Standard uncertainty over the largest value where nobody states one; the result says so.
 ASSUMED_SIGMA = 0.02
 # Points that lie beyond the reach of the run by less than this part of it are within: the reach
 # and the points are rounded.

@@ -26,7 +26,7 @@ from fecloth.study.workload import Workload
 from fecloth.system.state import State
 
 FINER = 2.0  # divides h and dt; its square divides rtol
-TIMES_OF_GRIPS = 41  # at which the motion of grips is looked at: its extremes lie near one
+TIMES_OF_GRIPS = 41  # in a run, at which the motion of grips is looked at for its extremes
 FABRIC = "fabric"
 
 Values = Mapping[str, float]

@@ -22,7 +22,7 @@ from fecloth.study.setups import table_of_grading
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 
-# CPU seconds that a search may take, where the tuned run itself is short: a user waits so long.
+# CPU seconds that a search may take, where the tuned run itself is short.
 SEARCH_SECONDS = 60.0
 # CPU seconds of a run that the search leaves out if it can do without: a tenth of its time.
 COSTLY_SECONDS = 6.0

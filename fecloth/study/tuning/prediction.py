@@ -16,7 +16,7 @@ RATIO_OF_SIZES = 2 ** (1 / 6)  # of successive sizes that are compared: the best
 COARSEST_MESH = 0.5
 FINEST_MESH = 16.0
 SHORTEST_STEPS = 64.0
-# Ratio of measured seconds below which their order is noise: repeated runs differ by as much.
+# Ratio of measured seconds up to which they are taken as equal, because of their noise.
 NOISE_OF_SECONDS = 1.1
 # Part of the tolerance that predicted errors may take, and the part where errors of neighbouring
 # settings were measured. Seconds are predicted as well as the latter, for a budget.

@@ -33,7 +33,7 @@ TENTH_OF_RTOL_COSTS = 3.0
 STEPS_OF_STATIC_RUN = 5  # a run of so few long steps is a static solution
 FIRST_STEPS = 16  # of the first run, which is then repeated with twice as many, and so on
 MOST_IMPLICIT_STEPS = 8192  # of the last run
-FEWEST_STEPS = 4  # of the shortest runs: fewer show no order
+FEWEST_STEPS = 4  # of the shortest runs
 # Most steps of the explicit run on the coarse mesh; with a smaller limit of its steps it is left
 # out. On finer meshes, where it would be used, it takes many times as many.
 MOST_EXPLICIT_STEPS = 20_000
