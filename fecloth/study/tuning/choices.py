@@ -26,8 +26,9 @@ from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 SEARCH_SECONDS = 60.0
 # CPU seconds of a run that the search leaves out if it can do without: a tenth of its time.
 COSTLY_SECONDS = 6.0
-# A cause of an error counts from this part of it: if each of the others is below it, they change
-# the whole little. Of a tolerance it is the part that each of the other causes may take.
+# A cause of an error counts from this part of the whole error. Of the tolerance, this part is left
+# to each cause that is not space or time of the tuned run: steps that all meshes share, changed
+# terms, gaps, and the error of the best run.
 COUNTING_SHARE = 0.25
 HALVINGS = 4  # largest number of halvings of h or dt, until a run serves: a factor of 16
 # Nodes along an edge of P2 over the nodes of P1. Explicit steps on P2 are shorter by as much.
