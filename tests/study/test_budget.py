@@ -517,6 +517,14 @@ def test_the_verdict_says_parts_and_the_largest_one():
     assert made(ZEROS | {"value": 1.0}, {}).verdict == "sag = 1 m: uncertain by 0"
 
 
+@pytest.mark.parametrize(("part", "is_named"), [(0.8e-2, False), (1.25e-2, True)])
+def test_parts_above_a_hundredth_of_the_total_are_named_and_drawn(part, is_named):
+    answer = made(ZEROS | {"value": 1.0, "input": 1.0, "solver": part}, {})
+    assert ("(solver)" in answer.verdict) == is_named
+    labels = [bar.get_label() for bar in answer.figure().axes[0].containers]
+    assert ("solver" in labels) == is_named
+
+
 def test_the_figure_stacks_the_parts_of_the_variance():
     known = ZEROS | {"value": 1.0, "space": 1.0, "input": math.sqrt(3.0), "solver": 1e-3}
     answer = made(known, {}, [3.5, -0.5], ("fabric.bending_rigidity", "fabric.areal_density"))

@@ -63,8 +63,8 @@ def test_a_row_proves_where_no_setting_was_predicted_but_not_where_meshes_disagr
     assert answer_of(rows, Goal(0.01), why="they disagree", is_open=True).why == "they disagree"
 
 
-@pytest.mark.parametrize(("part", "taken"), [(0.9 * 0.8, 1), (0.9 * 1.1, 0)])
-def test_another_row_must_save_a_tenth(part, taken):
+@pytest.mark.parametrize(("part", "taken"), [(0.9 / 1.1, 1), (1.05 / 1.1, 0)])
+def test_another_row_must_save_more_than_the_noise_of_seconds(part, taken):
     rows = [run_of(2e-3, 1.0), run_of(3e-3, part)]
     assert answer_of(rows, Goal(0.01), proof_of(rows[0], 3e-3)).trial is rows[taken]
 
@@ -170,17 +170,17 @@ def laws(fine, tolerance=0.01, n=16):
 
 @pytest.mark.parametrize(("fine", "steps"), [(0.8 * 2e-3, 16), (1.25 * 2e-3, 32), (0.7, 256)])
 def test_steps_are_halved_until_they_serve_on_a_finer_mesh(fine, steps):
-    """They may have twice the error in time of the coarse mesh, or a fifth of the tolerance."""
+    """They may have twice the error in time of the coarse mesh, or a quarter of the tolerance."""
     bench, times, coarse = laws(fine)
-    found = shorten_steps(bench, times, coarse, 0.01)
+    found = shorten_steps(bench, times, coarse, tolerance=0.004)
     assert found.choice.steps == steps
     assert Choice("P1", "", 0.05, "bdf2", steps) in {run.choice for run in bench.ran}
 
 
 @pytest.mark.parametrize(("part", "blamed"), [(0.8, False), (1.25, True)])
 def test_steps_are_blamed_where_half_of_dt_changes_the_finest_meshes(part, blamed):
-    """By an error above two fifths of the tolerance."""
-    bench, _, _ = laws(part * 0.4 * 0.01)
+    """By an error above half of the tolerance."""
+    bench, _, _ = laws(part * 0.5 * 0.01)
     space = known_run(PREDICTION, 20.0, 1e-4, n=16)
     space = replace(space, reference=bench.run([Choice("P1", "", 0.05, "bdf2", 16)])[0])
     assert blame_steps(bench, replace(space, meshes=()), 0.01) == blamed

@@ -29,10 +29,15 @@ from fecloth.terms import BendingFriction
 from fecloth.validation import known as known_name
 from fecloth.validation import whole
 
-LEVELS = 3
-SAMPLES = 64  # where the first order does not hold
-HOLDS = 0.25  # of the uncertainty: how far a probing sample may lie from the first order
-NOTHING = 1e-6  # of a quantity: what its solver may leave
+LEVELS = 3  # of h: the least number that shows an order
+# Samples where the first order does not hold: their standard deviation is then known to a tenth,
+# 1/√(2 · 63).
+SAMPLES = 64
+# The first order holds where a probing sample lies off it by at most this part of the
+# uncertainty.
+PART_OFF_FIRST_ORDER = 0.25
+# Part of a quantity that its solver may leave: smaller differences say nothing.
+PART_LEFT_BY_SOLVER = 1e-6
 
 
 def budget(
@@ -47,18 +52,22 @@ def budget(
 ) -> Budget:
     """Add up how uncertain computed quantities are, and compare them with measured ones.
 
-    Of each quantity these are standard uncertainties u:
+    The parts are standard uncertainties of each quantity:
 
         total² = time² + space² + solver² + input² + start² + data²
 
     time, space and solver are halves of the uncertainties that `converge` gives with 3 levels
-    of h, which cover; so `value` belongs to the finest level. input² = gᵀ V g with the
-    derivatives g of `sensitivity` by the uncertain numbers, and their covariance V: the first
-    order. Two runs, one standard deviation away on both sides, show whether it holds; where it
-    does not, as where a cloth buckles, samples take its place, and their standard deviation is
-    the uncertainty. start is the standard deviation over disturbed starts. With a measured
-    value D, whose uncertainty is data, `difference` = value − D, and they agree where
-    |difference| ≤ 2 total; otherwise the model, its law or the experiment is wrong.
+    of h; `value` is the one of the finest level. A half is taken because the uncertainties of
+    `converge` are meant to cover the exact value.
+
+    input² = gᵀ V g is the first order: g are the derivatives of `sensitivity` by the uncertain
+    numbers, and V is the covariance of these. Two runs, one standard deviation away on both
+    sides, show whether it holds. Where it does not, as where a cloth buckles, samples take its
+    place, and their standard deviation is the uncertainty.
+
+    start is the standard deviation over disturbed starts. data is the uncertainty of a measured
+    value D. With `difference` = value − D, they agree where |difference| ≤ 2 total; otherwise
+    the model, its law or the experiment is wrong.
 
     Parameters
     ----------
@@ -110,11 +119,16 @@ def budget(
     opened.check("h")
     whole("samples", SAMPLES if samples is None else samples, 2, "budget")
     whole("seed", seed, 0, "budget")
-    tables = opened.tables if isinstance(opened, SceneProblem) else {}
-    inputs = read_inputs(opened, tables.get("uncertain") or {} if uncertain is None else uncertain)
-    data = read_measured(tables.get("measured") or {} if measured is None else measured)
-    single = isinstance(quantity, str | Quantity) or callable(quantity)
-    asked: Any = [quantity] if single else quantity or opened.interest or list(data) or None
+    if uncertain is None:
+        uncertain = _table_of(opened, "uncertain")
+    if measured is None:
+        measured = _table_of(opened, "measured")
+    inputs = read_inputs(opened, uncertain)
+    data = read_measured(measured)
+    is_single = isinstance(quantity, str | Quantity) or callable(quantity)
+    asked: Any = quantity or opened.interest or list(data) or None
+    if is_single:
+        asked = [quantity]
     chosen = opened.choose_quantities(asked)
     _refuse_fields(opened, chosen)
     texts = dict.fromkeys(q.text for q in (*chosen, *opened.quantities))
@@ -123,46 +137,69 @@ def budget(
     run_problems.refuse_huge(opened, runs)
     warned = run_problems.print_warnings(opened)
     work = Work(study, opened, chosen, runs)
-    known, base = work.numerical()
-    known["input"], shares, remarks = work.input(inputs, samples, seed)
-    known["start"], lost = work.starts(inputs.starts, seed)
-    made = make_budget(opened, chosen, known, data, inputs.names, shares, single)
+    parts, base = work.numerical()
+    parts["input"], shares, remarks = work.input(inputs, samples, seed)
+    parts["start"], lost = work.starts(inputs.starts, seed)
+    made = make_budget(opened, chosen, parts, data, inputs.names, shares, is_single)
     remarks = [*work.ends_of_friction(base), *remarks, *lost]
     return replace(made, doubts=warned, remarks=tuple(remarks))
 
 
-def tolerance_of_data(study: Opened, quantity: Any) -> float:
-    """A third of input uncertainties over their quantities, the least: what the data deserve.
+def _table_of(opened: Problem, name: str) -> Mapping[str, Any]:
+    """A table of a scene; an empty one where it is not there, and of a function."""
+    if isinstance(opened, SceneProblem):
+        return opened.tables.get(name) or {}
+    return {}
 
-    Raises `InputError` for a problem without uncertain numbers.
+
+def tolerance_of_data(study: Opened, quantity: Any) -> float:
+    """The least third of input uncertainties over their quantities: what the data deserve.
+
+    Raises
+    ------
+    InputError
+        For a problem without uncertain numbers.
     """
     opened = study.problem
-    tables = opened.tables if isinstance(opened, SceneProblem) else {}
-    inputs = read_inputs(opened, tables.get("uncertain") or {})
+    inputs = read_inputs(opened, _table_of(opened, "uncertain"))
     if not inputs.parameters:
-        what = "--to-data"
         allowed = "needs numbers in [uncertain] or [fabric.uncertainty]"
-        raise InputError(what, allowed, opened.source)
+        raise InputError("--to-data", allowed, opened.source)
     work = Work(study, opened, opened.choose_quantities(quantity), study.runs())
-    values = np.abs(work.run([("the problem", {})])[0][0])
-    return float((work.input(inputs, None, 0)[0] / (3 * values)).min())
+    (values,), _ = work.run([("the problem", {})])
+    uncertainty, _, _ = work.input(inputs, None, 0)
+    return float((uncertainty / (3 * np.abs(values))).min())
 
 
 def _refuse_fields(opened: Problem, chosen: Sequence[Quantity]) -> None:
-    row = opened.first.recording(q.column for q in chosen).row()
-    for q in chosen:
-        is_vector = q.how == "value" and f"{q.column}.x" in row
-        if q.is_field or q.how == "path" or is_vector:
-            if not q.is_field:
-                remedy = f"Take a component, as {q.name}.z."
-            else:
-                remedy = "Take sag, say."
-            raise InputError(f"quantity {q.text}", "must be a number", "budget", remedy)
+    """Raise `InputError` for a quantity that is no number: a field, a path or a vector."""
+    row = opened.first.recording(quantity.column for quantity in chosen).row()
+    for quantity in chosen:
+        is_vector = quantity.how == "value" and f"{quantity.column}.x" in row
+        if not (quantity.is_field or quantity.how == "path" or is_vector):
+            continue
+        if quantity.is_field:
+            remedy = "Take sag, say."
+        else:
+            remedy = f"Take a component, as {quantity.name}.z."
+        raise InputError(f"quantity {quantity.text}", "must be a number", "budget", remedy)
 
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """The runs of a budget."""
+    """The runs of a budget.
+
+    Attributes
+    ----------
+    study
+        The opened study.
+    problem
+        Its problem.
+    quantities
+        The quantities whose uncertainties are added up.
+    runs
+        How cases are run.
+    """
 
     study: Opened
     problem: Problem
@@ -170,123 +207,174 @@ class Work:
     runs: run_problems.Runs
 
     def numerical(self) -> tuple[dict[str, Any], np.ndarray]:
-        """Values and uncertainties of mesh, step and solver, and the values of the first level."""
+        """Values and uncertainties of mesh, step and solver, and values of the first level.
+
+        Raises
+        ------
+        StudyFailed
+            If a level fails.
+        """
         opened = self.problem
-        cases = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
-        work = opened.workload
-        point = run_problems.Point
-        points = [point(opened, case, str(case), work(case)) for case in cases]
+        levels = levels_to_run(opened, self.quantities[0], "h", LEVELS, None)
+        points = [
+            run_problems.Point(opened, level, str(level), opened.workload(level))
+            for level in levels
+        ]
         run_problems.check_points(points, self.runs)
         rows = run_problems.run_points(points, self.quantities, self.runs)
+        rows_of_mesh = rows[:LEVELS]
+        others = rows[LEVELS:]  # with half of a gap, half of dt, or a sharper solver
+        no_share = 0.0 if all(row["status"] == OK for row in others) else np.nan
         columns: list[list[float]] = []
-        if all(row["status"] == OK for row in rows[LEVELS:]):
-            missing = 0.0
-        else:
-            missing = np.nan
         for quantity in self.quantities:
-            study = summarise(opened, quantity, "h", rows[:LEVELS], rows[LEVELS:])
+            study = summarise(opened, quantity, "h", rows_of_mesh, others)
             if study.estimate is None:
                 raise StudyFailed(f"{opened.source}: {study.verdict}")
-            shares = study.shares.get
-            others = [UNSAFE * shares(name, missing) for name in ("gap", "time step", "solver")]
-            space = float(np.hypot(study.estimate.uncertainty, others[0]))
-            columns.append([study.value, *(0.5 * u for u in (space, *others[1:]))])
+            gap = UNSAFE * study.shares.get("gap", no_share)
+            time = UNSAFE * study.shares.get("time step", no_share)
+            solver = UNSAFE * study.shares.get("solver", no_share)
+            space = float(np.hypot(study.estimate.uncertainty, gap))
+            columns.append([study.value, 0.5 * space, 0.5 * time, 0.5 * solver])
         named = zip(("value", "space", "time", "solver"), np.array(columns).T, strict=True)
         return dict(named), self.values(rows[:1])[0]
 
     def values(self, rows: Sequence[Mapping]) -> np.ndarray:
         """(rows, quantities) values; NaN of a run that failed."""
         values = np.full((len(rows), len(self.quantities)), np.nan)
-        for each, row in zip(values, rows, strict=True):
+        for i, row in enumerate(rows):
             if row["status"] == OK:
-                each[:] = [value_of(q, run_problems.record_at(row, q)) for q in self.quantities]
+                for k, quantity in enumerate(self.quantities):
+                    values[i, k] = value_of(quantity, run_problems.record_at(row, quantity))
         return values
 
     def run(
-        self, changed: Sequence[tuple[str, Mapping[str, Any]]], starts: Sequence[int] | None = None
+        self,
+        changed: Sequence[tuple[str, Mapping[str, Any]]],
+        starts: Sequence[int] | None = None,
     ) -> tuple[np.ndarray, str]:
-        """(changes, quantities) values with changed numbers, and a sentence on what was lost."""
-        size = self.problem.workload(FIRST)
-        points = list[Any]()
+        """(changes, quantities) values with changed numbers, and a sentence on what was lost.
+
+        A change is a name and values of numbers. `starts` are the numbers of disturbed starts,
+        one for each change.
+        """
         seeds: Sequence[int | None] = starts or [None] * len(changed)
-        for (name, values), seed in zip(changed, seeds, strict=True):
-            try:
-                given = json.loads(json.dumps(grouped(self.problem, values), default=list))
-                problem = self.problem.changed(Change(values=given))
-                points.append(run_problems.Point(problem, AS_IS, name, size, disturbed=seed))
-            except InputError as error:  # as constants that are not admissible together
-                points.append({"status": REFUSED, "cause": str(error)})
-        if able := [point for point in points if isinstance(point, run_problems.Point)]:
+        points = [
+            self._point(name, values, seed)
+            for (name, values), seed in zip(changed, seeds, strict=True)
+        ]
+        able = [point for point in points if isinstance(point, run_problems.Point)]
+        if able:
             run_problems.check_points(able, self.runs)
         rows = run_problems.run_or_skip(points, self.quantities, self.runs)
-        found = self.values(rows)
-        bad = np.flatnonzero(np.isnan(found).any(axis=1)).tolist()
-        if not bad:
-            return found, ""
-        cause = rows[bad[0]]["cause"].splitlines() or ["a quantity has no value"]
-        return found, f"{len(bad)} of {len(rows)} do not count; {changed[bad[0]][0]}: {cause[0]}"
+        values = self.values(rows)
+        failed = np.flatnonzero(np.isnan(values).any(axis=1)).tolist()
+        if not failed:
+            return values, ""
+        first = failed[0]
+        cause = rows[first]["cause"].splitlines() or ["a quantity has no value"]
+        lost = f"{len(failed)} of {len(rows)} do not count; {changed[first][0]}: {cause[0]}"
+        return values, lost
+
+    def _point(
+        self, name: str, values: Mapping[str, Any], seed: int | None
+    ) -> run_problems.Point | dict:
+        """What runs; a row with the reason if the values are not admissible together."""
+        try:
+            given = json.loads(json.dumps(grouped(self.problem, values), default=list))
+            problem = self.problem.changed(Change(values=given))
+        except InputError as error:
+            return {"status": REFUSED, "cause": str(error)}
+        size = self.problem.workload(FIRST)
+        return run_problems.Point(problem, AS_IS, name, size, disturbed=seed)
 
     def input(
         self, inputs: Inputs, samples: int | None, seed: int
     ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """The uncertainty by the uncertain numbers, the parts of its square, and in words how."""
-        # The parts (quantities, parameters) are known by the first order alone.
-        none = np.zeros((0, 0))
+        """The uncertainty by the uncertain numbers, the parts of its square, and remarks.
+
+        The parts (quantities, parameters) are known by the first order alone. It is tried unless
+        a number of samples is given.
+        """
+        no_shares = np.zeros((0, 0))
         remarks = list[str]()
         if not inputs.parameters:
-            return np.zeros(len(self.quantities)), none, remarks
+            return np.zeros(len(self.quantities)), no_shares, remarks
         if samples is None:
-            zeros = {p.name: p.width for p in inputs.parameters if not p.value}
-            asked = [q.function or q.text for q in self.quantities]
-            answer = sensitivity(self.study, inputs.names, asked, scale=zeros)
-            slopes = np.atleast_2d(answer.derivative)
-            bad = ~np.isfinite(slopes).all(axis=1)
-            bad |= ~self.first_order_holds(inputs, np.nan_to_num(slopes))
-            if not bad.any():
+            slopes = self._slopes(inputs)
+            holds = np.isfinite(slopes).all(axis=1)
+            holds &= self.first_order_holds(inputs, np.nan_to_num(slopes))
+            if holds.all():
                 shares = slopes * (slopes @ inputs.covariance)
                 return np.sqrt(np.maximum(shares.sum(axis=1), 0.0)), shares, remarks
-            names = ", ".join(self.quantities[int(i)].text for i in np.flatnonzero(bad))
+            names = ", ".join(self.quantities[i].text for i in np.flatnonzero(~holds).tolist())
             remarks.append(f"The first order does not hold for {names}: samples take its place.")
         drawn = inputs.samples(samples or SAMPLES, seed)
-        values, lost = self.run([(f"sample {i + 1}", each) for i, each in enumerate(drawn)])
-        return spread(values), none, [*remarks, *([f"Samples: {lost}"] if lost else [])]
+        changed = [(f"sample {i}", values) for i, values in enumerate(drawn, start=1)]
+        values, lost = self.run(changed)
+        if lost:
+            remarks.append(f"Samples: {lost}")
+        return spread(values), no_shares, remarks
+
+    def _slopes(self, inputs: Inputs) -> np.ndarray:
+        """(quantities, parameters) derivatives."""
+        scale_of_zeros = {p.name: p.width for p in inputs.parameters if not p.value}
+        asked = [quantity.function or quantity.text for quantity in self.quantities]
+        answer = sensitivity(self.study, inputs.names, asked, scale=scale_of_zeros)
+        return np.atleast_2d(answer.derivative)
 
     def first_order_holds(self, inputs: Inputs, slopes: np.ndarray) -> np.ndarray:
         """(quantities,) whether two runs on both sides lie where the first order puts them."""
-        d = probing_change(slopes, inputs.covariance)
-        middle = np.array([p.value for p in inputs.parameters])
-        words = {"the problem": middle, "probing sample, +": middle + d}
-        words["probing sample, -"] = middle - d
-        tables = [dict(zip(inputs.names, x.tolist(), strict=True)) for x in words.values()]
-        (base, plus, minus), _ = self.run(list(zip(words, tables, strict=True)))
-        off = np.maximum(abs(plus - base - slopes @ d), abs(minus - base + slopes @ d))
-        u = np.sqrt(np.einsum("qi,ij,qj->q", slopes, inputs.covariance, slopes))
-        return np.asarray(off <= HOLDS * u + NOTHING * abs(base))  # NaN does not
+        change = probing_change(slopes, inputs.covariance)
+        middle = np.array([parameter.value for parameter in inputs.parameters])
+        probes = {
+            "the problem": middle,
+            "probing sample, +": middle + change,
+            "probing sample, -": middle - change,
+        }
+        changed = [
+            (name, dict(zip(inputs.names, numbers.tolist(), strict=True)))
+            for name, numbers in probes.items()
+        ]
+        (base, plus, minus), _ = self.run(changed)
+        expected = slopes @ change
+        off = np.maximum(abs(plus - base - expected), abs(minus - base + expected))
+        u = standard_uncertainty(slopes, inputs.covariance)
+        allowed = PART_OFF_FIRST_ORDER * u + PART_LEFT_BY_SOLVER * abs(base)
+        return np.asarray(off <= allowed)  # NaN does not
 
     def starts(self, count: int, seed: int) -> tuple[np.ndarray | float, list[str]]:
         """The uncertainty by disturbed starts, and what was lost."""
         if not count:
             return 0.0, []
         numbers = [seed + i for i in range(1, count + 1)]
-        values, lost = self.run([(f"start {n}", {}) for n in numbers], numbers)
-        return spread(values), [f"Disturbed starts: {lost}"] if lost else []
+        values, lost = self.run([(f"start {number}", {}) for number in numbers], numbers)
+        remarks = [f"Disturbed starts: {lost}"] if lost else []
+        return spread(values), remarks
 
     def ends_of_friction(self, laid: np.ndarray) -> list[str]:
-        """A sentence on the cloth that is shaken, beside the cloth that is laid."""
+        """A sentence on the cloth that is shaken, beside the cloth that is laid, if both differ.
+
+        They do in an equilibrium with friction inside the fabric. `laid` are its values.
+        """
         problem = self.problem
-        is_static = isinstance(problem, SceneProblem) and problem.scene.equilibrium
-        terms = problem.first.system.terms if is_static else ()
-        if not any(isinstance(term, BendingFriction) for term in terms):
+        if not (isinstance(problem, SceneProblem) and problem.scene.equilibrium):
             return []
-        (values,), lost = self.run([("shaken", {"equilibrium.friction": "shaken"})])
-        pairs = zip(self.quantities, laid, values, strict=True)
+        if not any(isinstance(term, BendingFriction) for term in problem.first.system.terms):
+            return []
+        (shaken,), lost = self.run([("shaken", {"equilibrium.friction": "shaken"})])
+        pairs = zip(self.quantities, laid, shaken, strict=True)
         words = [f"{q.text} {a:.4g} laid, {b:.4g} shaken" for q, a, b in pairs]
         return [f"Both ends of the friction inside the fabric: {lost or '; '.join(words)}."]
 
 
+def standard_uncertainty(slopes: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """(q,) √(gᵀ V g) of each row g of the slopes (q, k)."""
+    return np.asarray(np.sqrt(np.einsum("qi,ij,qj->q", slopes, V, slopes)))
+
+
 def probing_change(slopes: np.ndarray, V: np.ndarray) -> np.ndarray:
     """(k,) a change of numbers by one standard deviation that moves all quantities."""
-    u = np.sqrt(np.einsum("qi,ij,qj->q", slopes, V, slopes))
+    u = standard_uncertainty(slopes, V)
     rows = slopes[u > 0] / u[u > 0, None]
     if not len(rows):  # as where a sheet is about to buckle
         return np.asarray(np.sqrt(np.diag(V)))

@@ -19,23 +19,34 @@ from fecloth.study.problems import Problem, SceneProblem
 
 WHERE = "budget"
 SIGNED = ("poisson_ratio", "bending_poisson_ratio")  # constants that may be negative
-MOST_STARTS = 1000
+MOST_STARTS = 1000  # disturbed starts: a larger number is a mistake
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Uncertain numbers of a problem, and how many disturbed starts it has."""
+    """Uncertain numbers of a problem, and how many disturbed starts it has.
+
+    Attributes
+    ----------
+    parameters
+        The k numbers.
+    covariance
+        (k, k) covariance of their values.
+    starts
+        Number of disturbed starts.
+    """
 
     parameters: tuple[Parameter, ...]
-    covariance: np.ndarray  # (k, k) of their values
+    covariance: np.ndarray
     starts: int = 0
 
     @property
     def names(self) -> list[str]:
-        return [p.name for p in self.parameters]
+        """The names of the numbers."""
+        return [parameter.name for parameter in self.parameters]
 
     def samples(self, count: int, seed: int) -> list[dict[str, float]]:
-        """Values of all numbers, `count` times, by scrambled Sobol' points.
+        """Values of all numbers by name, `count` times, by scrambled Sobol' points.
 
         Constants of fabrics that must stay positive have a logarithmic normal distribution with
         the same mean, deviation and correlation, the other numbers a normal one.
@@ -53,15 +64,20 @@ class Inputs:
         return [dict(zip(self.names, row.tolist(), strict=True)) for row in values]
 
 
-def _is_positive(p: Parameter) -> bool:
-    key = p.name.split(".")
-    return p.value > 0 and key[0] in ("fabric", "fabrics") and not set(SIGNED) & set(key)
+def _is_positive(parameter: Parameter) -> bool:
+    """Whether a number is a constant of a fabric that must stay positive."""
+    keys = parameter.name.split(".")
+    is_of_fabric = keys[0] in ("fabric", "fabrics")
+    return is_of_fabric and parameter.value > 0 and not set(SIGNED) & set(keys)
 
 
 def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     """The inputs by [fabric.uncertainty] and a table `uncertain`, which replaces entries of it.
 
-    Raises `InputError` for a key that is no number of the problem, or a wrong uncertainty.
+    Raises
+    ------
+    InputError
+        For a key that is no number of the problem, or a wrong uncertainty.
     """
     given = dict(_flat("", uncertain))
     starts = given.pop("start", 0)
@@ -74,38 +90,44 @@ def read_inputs(problem: Problem, uncertain: Mapping[str, Any]) -> Inputs:
     for prefix, fabric in _fabrics(problem).items():
         keys = [key for key in given if key.startswith(f"{prefix}.")]
         own = {key.removeprefix(f"{prefix}."): given.pop(key) for key in keys}
-        if isinstance(fabric.uncertainty, Uncertainty):
-            table = fabric.uncertainty.table()
-        else:
-            table = {}
-        both = Uncertainty.read(merged(table, (), own))
-        assert both
-        listed = [key for key, u in both.standard(fabric).items() if u]
-        blocks.append(both.covariance(fabric, listed))
-        names += [f"{prefix}.{key}" for key in listed]
+        constants, covariance = _read_fabric(fabric, own)
+        names += [f"{prefix}.{key}" for key in constants]
+        blocks.append(covariance)
     for key, value in given.items():
         items = [name for name in known if name.startswith(f"{key}.") and known[name]]
-        for name in items or [key]:  # an unknown one is refused below
-            if name in known:
-                u = _deviation(problem, name, value, known[name])
-            else:
-                u = 1.0
-            names += [name] * (u > 0)
-            blocks += [np.array([[u * u]])] * (u > 0)
+        for name in items or [key]:
+            if name not in known:  # `choose_parameters` refuses it
+                names.append(name)
+                blocks.append(np.ones((1, 1)))
+            elif u := _deviation(problem, name, value, known[name]):
+                names.append(name)
+                blocks.append(np.array([[u * u]]))
     V = block_diag(*blocks)
     pairs = zip(names, np.sqrt(np.diag(V)).tolist(), strict=True)
     scales = {name: u for name, u in pairs if not known.get(name, 1.0)}
-    return Inputs(choose_parameters(problem, names, scales) if names else (), V, starts)
+    parameters = choose_parameters(problem, names, scales) if names else ()
+    return Inputs(parameters, V, starts)
+
+
+def _read_fabric(fabric: Fabric, replaced: Mapping[str, Any]) -> tuple[list[str], np.ndarray]:
+    """The uncertain constants of a fabric and their covariance, with some entries replaced."""
+    table = {}
+    if isinstance(fabric.uncertainty, Uncertainty):
+        table = fabric.uncertainty.table()
+    uncertainty = Uncertainty.read(merged(table, (), replaced))
+    assert uncertainty
+    constants = [key for key, u in uncertainty.standard(fabric).items() if u]
+    return constants, uncertainty.covariance(fabric, constants)
 
 
 def _flat(name: str, table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The entries of nested tables by their keys with dots."""
+    """The entries of nested tables by their keys with dots; `name` is the key of the table."""
     for key, value in table.items():
-        whole = f"{name}.{key}" if name else str(key)
+        full_key = f"{name}.{key}" if name else str(key)
         if isinstance(value, Mapping):
-            yield from _flat(whole, value)
+            yield from _flat(full_key, value)
         else:
-            yield whole, value
+            yield full_key, value
 
 
 def _fabrics(problem: Problem) -> dict[str, Fabric]:
@@ -138,16 +160,15 @@ def _deviation(problem: Problem | None, key: str, given: Any, value: float) -> f
 def read_measured(given: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Measured values with standard uncertainties, by quantity: (value, u), u also as "2 %"."""
     measured = {}
-    for name, pair in _flat("", given):  # as of tip.x without quotation marks
-        fits = isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0])
-        if fits:
+    for name, pair in _flat("", given):  # nested by tip.x without quotation marks
+        u = 0.0
+        if isinstance(pair, list | tuple) and len(pair) == 2 and is_number(pair[0]):
             u = _deviation(None, f"measured {name}", pair[1], float(pair[0]))
-        else:
-            u = 0.0
         if not u:
             allowed = (
                 'must be a value and its standard uncertainty > 0, as [0.036, 0.0005 or "2 %"]'
             )
             raise InputError(f"measured {name} = {brief(pair)}", allowed, WHERE)
-        measured[" ".join(name.split())] = float(pair[0]), u
+        text = " ".join(name.split())
+        measured[text] = (float(pair[0]), u)
     return measured

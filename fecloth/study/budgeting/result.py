@@ -11,12 +11,14 @@ import numpy as np
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.problems import Problem
-from fecloth.study.result import StudyResult, Table
+from fecloth.study.result import Cell, StudyResult, Table
 from fecloth.study.status import FAILED
 
-COVERS = 2.0  # times the standard uncertainty: within it, two values agree
-LEAST = 0.1  # per cent of the variance: what the figure shows
-LITTLE = 0.01  # of the total: what a verdict does not name
+# Two values agree within this multiple of the standard uncertainty of their difference: 95 % of
+# a normal distribution.
+COVERS = 2.0
+# A part of the uncertainty that is at most this part of the total is not named, and not drawn.
+NEGLIGIBLE_PART = 0.01
 WORDS = {"space": "mesh", "time": "time step", "solver": "solver", "input": "fabric"}
 WORDS |= {"start": "start", "data": "measurement"}
 
@@ -25,7 +27,7 @@ WORDS |= {"start": "start", "data": "measurement"}
 class Budget(StudyResult):
     """What `budget` found: standard uncertainties, in the unit of each quantity.
 
-    Of a single quantity these are numbers, else arrays (quantities,).
+    Of a single quantity the fields are numbers, else arrays (quantities,).
 
     Attributes
     ----------
@@ -34,17 +36,17 @@ class Budget(StudyResult):
     verdict
         The answer in words.
     table
-        One row for each run or level; see `Table`.
+        A row for each quantity; see `Table`.
     doubts
         Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     quantities
-        Their texts.
+        Texts of the quantities.
     parameters
         Names of the uncertain numbers.
     value
-        On the finest mesh.
+        Value on the finest mesh.
     time
         Standard uncertainty by the time step.
     space
@@ -56,16 +58,16 @@ class Budget(StudyResult):
     start
         Standard uncertainty by the start; 0 where no starts were disturbed.
     data
-        Of what was measured; 0 for nothing.
+        Standard uncertainty of the measured value; 0 where nothing was measured.
     total
         Root of the sum of the squares of the six parts.
     difference
-        Value − measured; NaN for nothing measured.
+        Computed − measured value; NaN where nothing was measured.
     agrees
-        |difference| ≤ 2 total.
+        Whether |difference| ≤ 2 total.
     shares
-        (quantities, parameters) parts of input² by first order; empty where samples gave
-        it.
+        (quantities, parameters) parts of input² by the first order; empty where samples gave
+        input.
     """
 
     quantities: tuple[str, ...] = ()
@@ -92,15 +94,23 @@ class Budget(StudyResult):
                 rows.append((words, np.atleast_1d(getattr(self, name)) ** 2))
         # Correlated inputs may have negative parts.
         parts = np.maximum(np.nan_to_num([variance for _, variance in rows]), 0.0)
-        parts *= 100 / np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
+        parts /= np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
+        shown = np.flatnonzero((parts > NEGLIGIBLE_PART**2).any(axis=1))
         left = np.zeros(parts.shape[1])
-        shown = np.flatnonzero((parts > LEAST).any(axis=1))
         drawing, ax = new_figure(1, 1, (8.0, 1.6 + 0.7 * len(left) + 0.15 * len(shown)))
         for i, k in enumerate(shown):
             again, color = divmod(i, len(COLOURS))
-            look: dict[str, Any] = {"color": COLOURS[color], "hatch": "//" * again, "ec": "white"}
-            ax.barh(self.quantities, parts[k], left=left, label=rows[k][0], **look)
-            left = left + parts[k]
+            width = 100 * parts[k]
+            ax.barh(
+                self.quantities,
+                width,
+                left=left,
+                label=rows[k][0],
+                color=COLOURS[color],
+                hatch="//" * again,
+                ec="white",
+            )
+            left = left + width
         ax.set(xlabel="part of the variance [%]", xlim=(0, 100))
         ax.invert_yaxis()
         drawing.legend(loc="outside lower center", ncols=2)
@@ -116,32 +126,40 @@ def make_budget(
     shares: np.ndarray,
     single: bool,
 ) -> Budget:
-    """The result, from values and uncertainties (quantities,), and what was measured."""
+    """The result, from values and uncertainties (quantities,), and what was measured.
+
+    `known` are the values and the parts but data, `measured` are values with their uncertainties
+    by quantity. `names` are the uncertain numbers, and `shares` their parts of input², which are
+    empty if they are not known. A `single` quantity has numbers in place of arrays.
+    """
     D, data = np.array([measured.get(q.text, (np.nan, 0.0)) for q in quantities]).T
     given: dict[str, Any] = {**known, "data": data}
     columns: dict[str, Any] = {name: np.broadcast_to(u, D.shape) for name, u in given.items()}
     columns["total"] = np.sqrt(sum(columns[name] ** 2 for name in WORDS))
     columns["difference"] = columns["value"] - D
     columns["agrees"] = np.abs(columns["difference"]) <= COVERS * columns["total"]
-    at = 0 if single else slice(None)
     energies = opened.first.energies
     sentences = []
     rows = []
     for i, quantity in enumerate(quantities):
-        of = {name: values[i].item() for name, values in columns.items()}
+        numbers = {name: values[i].item() for name, values in columns.items()}
         unit = quantity.unit(energies)
         inputs = dict(zip(names, shares[i], strict=True)) if shares.size else {}
-        sentences.append(f"{quantity.text} = {_verdict(of, float(D[i]), unit, inputs, names)}")
-        shown = {name: of[name] for name in ("value", *WORDS, "total")}
-        compared = {"measured": float(D[i]), "difference": of["difference"]}
-        rows.append({"quantity": quantity.text, "unit": unit} | shown)
-        rows[-1] |= compared if np.isfinite(D[i]) else {}
-        rows[-1] |= {} if np.isfinite(of["total"]) else {"status": FAILED}
+        verdict = _verdict(numbers, float(D[i]), unit, inputs, names)
+        sentences.append(f"{quantity.text} = {verdict}")
+        row: dict[str, Cell] = {"quantity": quantity.text, "unit": unit}
+        row |= {name: numbers[name] for name in ("value", *WORDS, "total")}
+        if np.isfinite(D[i]):
+            row |= {"measured": float(D[i]), "difference": numbers["difference"]}
+        if not np.isfinite(numbers["total"]):
+            row["status"] = FAILED
+        rows.append(row)
+    at = 0 if single else slice(None)
     return Budget(
         title=opened.name,
         verdict="\n".join(sentences),
         table=Table(tuple(rows)),
-        quantities=tuple(q.text for q in quantities),
+        quantities=tuple(quantity.text for quantity in quantities),
         parameters=tuple(names),
         shares=shares,
         **{name: values[at] for name, values in columns.items()},
@@ -149,28 +167,44 @@ def make_budget(
 
 
 def _verdict(
-    of: Mapping[str, float], D: float, unit: str, inputs: Mapping[str, float], names: Sequence[str]
+    numbers: Mapping[str, float],
+    D: float,
+    unit: str,
+    inputs: Mapping[str, float],
+    names: Sequence[str],
 ) -> str:
-    """In words a value, its uncertainty, its largest part, and whether it agrees with D."""
-    # `inputs` are the parts of input² by parameter, if they are known.
-    fabric = all(name.startswith("fabric") for name in names)
-    words = WORDS | ({} if fabric else {"input": "inputs"})
-    total = of["total"]
-    counts = [name for name in WORDS if name != "data" and not of[name] <= LITTLE * total]
-    text = f"{_shown(of['value'], total)} {unit}".strip() + "".join(
-        f" ± {of[name]:.2g} ({words[name]})" for name in counts
-    )
-    text += "" if np.isnan(D) else f"; measured {_shown(D, of['data'])} ± {of['data']:.2g}"
+    """In words a value, its uncertainty, its largest part, and whether it agrees with D.
+
+    `inputs` are the parts of input² by parameter, if they are known.
+    """
+    words = dict(WORDS)
+    if not all(name.startswith("fabric") for name in names):
+        words["input"] = "inputs"
+    total = numbers["total"]
+    text = f"{_shown(numbers['value'], total)} {unit}".strip()
+    for name in WORDS:
+        is_negligible = numbers[name] <= NEGLIGIBLE_PART * total
+        if name != "data" and not is_negligible:
+            text += f" ± {numbers[name]:.2g} ({words[name]})"
+    is_measured = not np.isnan(D)
+    if is_measured:
+        text += f"; measured {_shown(D, numbers['data'])} ± {numbers['data']:.2g}"
     if not np.isfinite(total):
         return f"{text}: its uncertainty is not known, as runs for a part of it failed"
-    parts = {f"the {words[name]}": of[name] ** 2 for name in WORDS if name != "input" or not inputs}
-    largest, square = max((parts | dict(inputs)).items(), key=itemgetter(1))
-    amount = f"{total:.2g}" + (f", of which {square**0.5:.2g} are of {largest}" if square else "")
-    if np.isnan(D):
+    squares = {f"the {words[name]}": numbers[name] ** 2 for name in WORDS}
+    if inputs:
+        del squares[f"the {words['input']}"]
+        squares |= inputs
+    largest, square = max(squares.items(), key=itemgetter(1))
+    amount = f"{total:.2g}"
+    if square:
+        amount += f", of which {square**0.5:.2g} are of {largest}"
+    if not is_measured:
         return f"{text}: uncertain by {amount}"
-    off = abs(of["difference"])
+    off = abs(numbers["difference"])
     if off <= COVERS * total:
-        return f"{text}: agrees within {'twice ' if off > total else ''}its uncertainty of {amount}"
+        within = "within twice its" if off > total else "within its"
+        return f"{text}: agrees {within} uncertainty of {amount}"
     return f"{text}: the model is wrong by {off:.2g} ± {total:.2g}"
 
 

@@ -1,7 +1,7 @@
 """Computed values at the measured points, and their derivatives by the unknowns."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -17,24 +17,41 @@ from fecloth.study.fitting.unknowns import Unknown, values_of
 from fecloth.study.run_problems import Runs, Task, run_tasks
 from fecloth.study.status import OK
 
-SPARE = 0.05  # of the curve: how far beyond its end it goes on straight
+SPARE = 0.05  # part of a curve's length by which it goes on straight beyond its end
+# Relative error of the derivatives: below `LEAST_SINGULAR`, so that what is not told is seen.
+ERROR_OF_DERIVATIVES = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """What the problem gives at the points of a measured column."""
+    """What the problem gives at the n points of a measured column.
 
-    values: np.ndarray  # (n,)
-    slopes: np.ndarray  # (n, k) by the unknown constants
-    along_slope: np.ndarray  # (n,) by the place along the curve
-    shift: float = 0.0  # where the measured places begin
+    Attributes
+    ----------
+    values
+        (n,) values of the quantity.
+    slopes
+        (n, k) their derivatives by the unknown constants.
+    along_slope
+        (n,) their derivatives by the place along the curve.
+    shift
+        The measured place where the curve begins.
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+    along_slope: np.ndarray
+    shift: float = 0.0
 
 
 def computed_values(row: Mapping, number: int, count: int) -> Computed:
     """The number of a run without a curve, for each of `count` measurements of it."""
     slopes = np.array(row["slopes"][number], dtype=float)
-    same = np.ones(count)
-    return Computed(row["values"][number] * same, np.outer(same, slopes), 0.0 * same)
+    return Computed(
+        values=np.full(count, row["values"][number]),
+        slopes=np.tile(slopes, (count, 1)),
+        along_slope=np.zeros(count),
+    )
 
 
 def computed_curve(
@@ -44,46 +61,55 @@ def computed_curve(
 
     Before the shift the specimen is slack, and has the value of its start. `number` is the
     place of the quantity among the values of the row, and `order` of what orders the points;
-    None for t. With the curve q(a) of the rows (a_i, q_i) a parameter p changes a value at a
-    fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
+    None for t. The rows of the run give the curve q(a) through (a_i, q_i). A parameter p changes
+    a value at a fixed place A by ∂q/∂p − (dq/da) ∂a/∂p.
     """
-    q, dq = _rows(row, number)
-    if order is None:
-        a, da = (np.array(row["times"]), 0 * dq)
-    else:
-        a, da = _rows(row, order)
-    if order is not None:
-        a = a - a[0]
-        da = da - da[0]
-    known = np.isfinite(q) & np.isfinite(a)
-    a = a[known]
-    q = q[known]
-    da = da[known]
-    dq = dq[known]
-    if len(a) and a[-1] < a[0]:
-        a = a[::-1]
-        q = q[::-1]
-        da = da[::-1]
-        dq = dq[::-1]
+    a, da, q, dq = _read_curve(row, number, order)
     assert points.along is not None
     places = points.along - (shift or 0.0)
     _check_order(a, points, places if shift is None else np.zeros(1))
-    is_slack = (places * np.sign(a[-1] + a[0]) < 0) & (shift is not None)
+    is_slack = np.zeros(len(places), dtype=bool)
+    if shift is not None:
+        is_slack = places * np.sign(a[-1] + a[0]) < 0
     places = np.where(is_slack, 0.0, places)
     inside = np.clip(places, a[0], a[-1])
     curve = CubicSpline(a, q)
     slope = curve(inside, 1)
-    values = curve(inside) + slope * (places - inside)  # beyond the rows as at the end
-    slopes = CubicSpline(a, dq)(inside) - slope[:, None] * CubicSpline(a, da)(inside)
-    return Computed(values, slopes, np.where(is_slack, 0.0, slope), shift or 0.0)
+    return Computed(
+        values=curve(inside) + slope * (places - inside),  # beyond the rows as at the end
+        slopes=CubicSpline(a, dq)(inside) - slope[:, None] * CubicSpline(a, da)(inside),
+        along_slope=np.where(is_slack, 0.0, slope),
+        shift=shift or 0.0,
+    )
+
+
+def _read_curve(
+    row: Mapping, number: int, order: int | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return a (s,), ∂a/∂p (s, k), q (s,) and ∂q/∂p (s, k) of a run, by increasing a.
+
+    A quantity a counts from its start. Rows where a or q has no value are left out.
+    """
+    q, dq = _rows(row, number)
+    if order is None:
+        a = np.array(row["times"])
+        da = np.zeros_like(dq)
+    else:
+        a, da = _rows(row, order)
+        a = a - a[0]
+        da = da - da[0]
+    rows = np.flatnonzero(np.isfinite(q) & np.isfinite(a))
+    if len(rows) and a[rows[-1]] < a[rows[0]]:
+        rows = rows[::-1]
+    return a[rows], da[rows], q[rows], dq[rows]
 
 
 def best_shift(curve: Callable[[float], Computed], points: Measured, reach: float) -> float:
     """The shift with the least sum of squares, for a curve that is compared only."""
 
     def misfit(shift: float) -> float:
-        r = (curve(shift).values - points.values) / points.sigma
-        return float(r @ r)
+        residual = (curve(shift).values - points.values) / points.sigma
+        return float(residual @ residual)
 
     return float(minimize_scalar(misfit, bounds=(-reach, reach), method="bounded").x)
 
@@ -104,53 +130,82 @@ def _check_order(a: np.ndarray, points: Measured, places: np.ndarray) -> None:
     if not (np.diff(a) > 0).all():
         what = "the run goes back, or stands still, along the curve"
         raise InputError(what, "each row must be farther", "Experiment", 'Take along = "t".')
-    if places.max() - a[-1] > SPARE * np.ptp(a):
-        what = f"{points.column} is measured up to {places.max():.6g} {points.along_unit}".rstrip()
+    farthest = places.max()
+    if farthest - a[-1] > SPARE * np.ptp(a):
+        what = f"{points.column} is measured up to {farthest:.6g} {points.along_unit}".rstrip()
         remedy = "Move the grip farther, run longer, or leave points out."
         raise InputError(what, f"the run reaches {a[-1]:.6g}", "Experiment", remedy)
 
 
-EXACTNESS = 1e-5  # relative error of the derivatives, so that what is not told is seen
-
-
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A measured column beside what the problem gives at its points."""
+    """A measured column beside what the problem gives at its points.
+
+    Attributes
+    ----------
+    specimen
+        The specimen.
+    points
+        What was measured.
+    residual
+        (n,) values of (computed − measured)/σ; NaN where the run failed.
+    jacobian
+        (n, m) their derivatives by the unknowns.
+    computed
+        What the problem gives; None where the run failed.
+    """
 
     specimen: Specimen
     points: Measured
-    residual: np.ndarray  # (n,) (computed − measured)/σ; NaN where the run failed
-    jacobian: np.ndarray  # (n, m) its derivatives by the unknowns
-    computed: Computed | None = None  # None where the run failed
+    residual: np.ndarray
+    jacobian: np.ndarray
+    computed: Computed | None = None
 
     @property
     def label(self) -> str:
+        """The name of the experiment."""
         return self.specimen.experiment.label
 
     @property
     def is_fitted(self) -> bool:
+        """Whether the fit uses the column."""
         return self.specimen.experiment.fitted
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What the problems give at some constants, beside what was measured."""
+    """What the problems give at some constants, beside what was measured.
 
-    u: np.ndarray  # (m,)
-    values: Mapping[str, float]  # of constants and offsets
-    columns: tuple[Column, ...]  # all that were run
-    cause: str = ""  # why a run failed
+    Attributes
+    ----------
+    u
+        (m,) unknowns, see `Unknown`.
+    values
+        Values of constants and offsets, by name.
+    columns
+        The columns of all specimens that were run.
+    cause
+        Why a run failed; "" if none did.
+    """
+
+    u: np.ndarray
+    values: Mapping[str, float]
+    columns: tuple[Column, ...]
+    cause: str = ""
 
     @cached_property
     def fitted(self) -> list[Column]:
+        """The columns that the fit uses."""
         return [column for column in self.columns if column.is_fitted]
 
     @property
     def residual(self) -> np.ndarray:
+        """The residuals of all fitted points."""
         return np.concatenate([column.residual for column in self.fitted])
 
     @property
     def jacobian(self) -> np.ndarray:
+        """The derivatives of the residuals by the unknowns."""
         return np.concatenate([column.jacobian for column in self.fitted])
 
 
@@ -164,12 +219,13 @@ class Fitting:
 
     @property
     def constants(self) -> tuple[Unknown, ...]:
-        return tuple(each for each in self.unknowns if not each.is_offset)
+        """The unknowns without the offsets."""
+        return tuple(unknown for unknown in self.unknowns if not unknown.is_offset)
 
     def finer(self) -> "Fitting | None":
-        """The same with finer meshes and shorter steps, where a specimen has such."""
-        finer = [each.finer() for each in self.specimens]
-        if all(each is None for each in finer):
+        """The same with finer meshes and shorter steps; None if no specimen has such."""
+        finer = [specimen.finer() for specimen in self.specimens]
+        if all(specimen is None for specimen in finer):
             return None
         pairs = zip(finer, self.specimens, strict=True)
         return replace(self, specimens=tuple(new or old for new, old in pairs))
@@ -177,27 +233,28 @@ class Fitting:
     def evaluate(self, u: np.ndarray, only_fitted: bool = True) -> Evaluation:
         """Run all specimens, or the fitted specimens only.
 
-        A failed run gives NaN. An `InputError` is of what does not depend on the constants.
+        A failed run gives NaN, also where the fabric refuses its constants.
+
+        Raises
+        ------
+        InputError
+            For what does not depend on the constants, as points beyond the end of a curve.
         """
         values = values_of(self.unknowns, u)
-        widths = {k.name: k.slope(at) for k, at in zip(self.unknowns, u, strict=True)}
-        chosen = [
-            i for i, each in enumerate(self.specimens) if each.experiment.fitted or not only_fitted
+        numbers = [
+            i
+            for i, specimen in enumerate(self.specimens)
+            if specimen.experiment.fitted or not only_fitted
         ]
+        rows = self._run(numbers, values, u)
         cause = ""
         columns = list[Column]()
-        try:
-            tasks = [self._task(i, values, widths) for i in chosen]
-        except InputError as error:  # the fabric refuses its constants
-            rows: list[dict] = [{"status": "refused", "cause": str(error)} for _ in chosen]
-        else:
-            rows = run_tasks(tasks, replace(self.runs, quiet=True))
-        for i, row in zip(chosen, rows, strict=True):
+        for i, row in zip(numbers, rows, strict=True):
             specimen = self.specimens[i]
             if row["status"] == OK:
                 results = self._computed(i, row, values)
                 pairs = zip(specimen.points, results, strict=True)
-                columns += [self._column(i, *pair, u) for pair in pairs]
+                columns += [self._column(i, points, result, u) for points, result in pairs]
                 continue
             cause = cause or f"{specimen.experiment.label}: {row['cause']}"
             for points in specimen.points:
@@ -205,39 +262,55 @@ class Fitting:
                 columns.append(Column(specimen, points, nothing[:, 0], nothing))
         return Evaluation(u, values, tuple(columns), cause)
 
-    def _task(self, i: int, values: Mapping[str, float], widths: Mapping[str, float]) -> Task:
-        specimen = self.specimens[i]
+    def _run(
+        self, numbers: Sequence[int], values: Mapping[str, float], u: np.ndarray
+    ) -> Sequence[Mapping]:
+        """Return the rows of specimens, by their numbers; of a refused fabric no row is ok."""
+        widths = {
+            unknown.name: unknown.slope(at) for unknown, at in zip(self.unknowns, u, strict=True)
+        }
+        try:
+            tasks = [self._task(self.specimens[i], values, widths) for i in numbers]
+        except InputError as error:
+            return [{"status": "refused", "cause": str(error)} for _ in numbers]
+        return run_tasks(tasks, replace(self.runs, quiet=True))
+
+    def _task(
+        self, specimen: Specimen, values: Mapping[str, float], widths: Mapping[str, float]
+    ) -> Task:
+        """Return the run of a specimen with its derivatives by u: widths are dp/du."""
         words = f"{specimen.experiment.label} with {amount(len(specimen.names), 'derivative')}"
-        settings = {"sought": specimen.sought(values, widths, EXACTNESS).settings()}
+        sought = specimen.sought(values, widths, ERROR_OF_DERIVATIVES)
+        settings = {"sought": sought.settings()}
         return Task(derive_case, specimen.at(values), settings, words, specimen.cost)
 
     def _computed(self, i: int, row: Mapping, values: Mapping[str, float]) -> Iterator[Computed]:
+        """Yield what the run of a specimen gives for each of its columns."""
         specimen = self.specimens[i]
-        order = specimen.experiment.order
-        first = 1 if order and order[1] else 0
-        offset = next((values[k.name] for k in self.unknowns if k.specimen == i), None)
-        for number, points in enumerate(specimen.points, first):
-            if order is None:
+        experiment = specimen.experiment
+        if experiment.order is None:
+            for number, points in enumerate(specimen.points):
                 yield computed_values(row, number, len(points.values))
-                continue
-            curve = partial(computed_curve, row, number, 0 if first else None, points)
-            if offset is None:
-                free = specimen.experiment.offset
-                if free:
-                    offset = best_shift(curve, points, specimen.reach / 2)
-                else:
-                    offset = None
+            return
+        is_by_quantity = experiment.order[1] is not None  # which is the first value of the row
+        place = 0 if is_by_quantity else None
+        offsets = [values[unknown.name] for unknown in self.unknowns if unknown.specimen == i]
+        offset = offsets[0] if offsets else None
+        for number, points in enumerate(specimen.points, start=int(is_by_quantity)):
+            curve = partial(computed_curve, row, number, place, points)
+            if offset is None and experiment.offset:  # it is compared only
+                offset = best_shift(curve, points, specimen.reach / 2)
             yield curve(offset)
 
     def _column(self, i: int, points: Measured, result: Computed, u: np.ndarray) -> Column:
-        """The column of a run; the widths of constants are dp/du already."""
+        """The column of a run; its slopes by constants are by u already."""
         J = np.zeros((len(result.values), len(self.unknowns)))
         names = self.specimens[i].names
-        for k, each in enumerate(self.unknowns):
-            if each.specimen == i:
-                J[:, k] = -result.along_slope * each.slope(float(u[k]))
-            elif each.name in names:
-                J[:, k] = result.slopes[:, names.index(each.name)]
+        for k, unknown in enumerate(self.unknowns):
+            if unknown.specimen == i:
+                J[:, k] = -result.along_slope * unknown.slope(float(u[k]))
+            elif unknown.name in names:
+                J[:, k] = result.slopes[:, names.index(unknown.name)]
         residual = (result.values - points.values) / points.sigma
         return Column(self.specimens[i], points, residual, J / points.sigma[:, None], result)
 
@@ -245,15 +318,16 @@ class Fitting:
         """Print a line for an evaluation."""
         if self.runs.quiet:
             return
-        words = ", ".join(
-            f"{each.name.removeprefix('fabric.')} = {at.values[each.name]:.4g}"
-            for each in self.constants
+        constants = ", ".join(
+            f"{unknown.name.removeprefix('fabric.')} = {at.values[unknown.name]:.4g}"
+            for unknown in self.constants
         )
         if at.cause:
-            words = f"failed ({at.cause.splitlines()[0]}) with {words}"
+            result = f"failed ({at.cause.splitlines()[0]})"
         else:
-            words = f"misfit {(at.residual @ at.residual) / len(at.residual):.3g} with {words}"
-        print(f"[{phase}evaluation {number}] {words}", file=sys.stderr, flush=True)
+            result = f"misfit {(at.residual @ at.residual) / len(at.residual):.3g}"
+        words = f"[{phase}evaluation {number}] {result} with {constants}"
+        print(words, file=sys.stderr, flush=True)
 
 
 def check_signs(at: Evaluation) -> None:

@@ -101,7 +101,9 @@ class Experiment:
         if isinstance(self.along, str):
             return T, None
         ((column, text),) = self.along.items()
-        return column, None if text == T else parse_quantity(text)
+        if text == T:
+            return column, None
+        return column, parse_quantity(text)
 
     @property
     def columns(self) -> dict[str, Quantity]:
@@ -109,6 +111,7 @@ class Experiment:
         return {column: parse_quantity(text) for column, text in self.quantity.items()}
 
     def sigma_of(self, column: str) -> Sigma:
+        """The standard uncertainty that is given for a column, as `sigma` says it."""
         if isinstance(self.sigma, Mapping):
             return self.sigma.get(column)
         return self.sigma

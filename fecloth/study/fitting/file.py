@@ -21,18 +21,23 @@ def fit(
 ) -> Fit:
     """Do the fit of a TOML file; its paths are relative to its folder.
 
-    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. It
-    raises `SceneError` for keys that are missing or unknown, beside the errors of `fit`.
+    The keys are the arguments of `fit` and of `Experiment`, with `scene` for its problem. An
+    argument `starts` replaces the one of the file.
+
+    Raises
+    ------
+    SceneError
+        For keys that are missing or unknown, beside the errors of `fit`.
     """
     path = Path(path)
     tables = toml_text.read(path)
     _check_keys(tables, KEYS, ("parameters", "experiments"), str(path))
     listed = tables["experiments"]
-    if not (isinstance(listed, list) and all(isinstance(each, dict) for each in listed)):
+    if not (isinstance(listed, list) and all(isinstance(table, dict) for table in listed)):
         raise SceneError("experiments", "must be [[experiments]] tables", str(path))
-    experiments = [
-        _experiment(path, number, table, trust_geo) for number, table in enumerate(listed)
-    ]
+    experiments = [_experiment(path, i, table, trust_geo) for i, table in enumerate(listed)]
+    if starts is None:
+        starts = tables.get("starts", 1)
     fabric = tables.get("fabric")
     if isinstance(fabric, dict) and "file" in fabric:
         fabric = fabric | {"file": str(path.parent.resolve() / fabric["file"])}
@@ -40,7 +45,7 @@ def fit(
         experiments,
         toml_text.flatten(tables["parameters"]),
         fabric=fabric,
-        starts=tables.get("starts", 1) if starts is None else starts,
+        starts=starts,
         refined=tables.get("refined", True),
         title=tables.get("title", path.stem),
         **shared,
@@ -48,6 +53,7 @@ def fit(
 
 
 def _experiment(path: Path, number: int, table: Mapping[str, Any], trust_geo: bool) -> Experiment:
+    """Return the experiment of a table; its scene and its data are beside the file."""
     where = f"{path}: experiments.{number}"
     _check_keys(table, OF_EXPERIMENTS, NEEDED, where)
     given = {key: value for key, value in table.items() if key != "scene"}
@@ -60,6 +66,7 @@ def _experiment(path: Path, number: int, table: Mapping[str, Any], trust_geo: bo
 def _check_keys(
     table: Mapping, known: tuple[str, ...], needed: tuple[str, ...], where: str
 ) -> None:
+    """Raise `SceneError` for an unknown key, or for one that is missing."""
     for key in table:
         if key not in known:
             allowed = f"unknown key; must be one of {', '.join(known)}"

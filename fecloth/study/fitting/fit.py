@@ -20,14 +20,20 @@ from fecloth.study.fitting.unknowns import make_unknowns
 from fecloth.study.run_problems import Runs
 from fecloth.study.workload import check_size
 
-EVALUATIONS = 8  # that a start usually takes
-HOW = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
-PULL = 0.3  # towards the center, per unit of u: it holds what the data do not tell
-EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}
-HOLD = 10.0  # the same for what is known not to be told
-MOST, FEW = 60, 8  # evaluations of a start, and on finer meshes
-SPREAD = np.log(3.0)  # of other starts, in u: between a third and three times the first
-SAME = 0.02  # of u: ends of two starts that are the same place
+OF_RUNS = ("cache", "jobs", "scheduler", "time_limit", "most_seconds", "fresh")  # how cases run
+# Evaluations that a start usually takes. On finer meshes, where it begins near the end, no more
+# are made.
+USUAL_EVALUATIONS = 8
+MOST_EVALUATIONS = 60  # of a start, which then ends where it is
+# Residual per unit of u, beside the residuals of the points in their uncertainties: it pulls
+# towards the start, and holds what the data do not tell. It is small beside the residual 2 of a
+# constant that is just told, see `LARGEST_UNCERTAINTY`.
+PULL = 0.3
+# The same for combinations that are known not to be told: these stay where they are.
+PULL_OF_UNTOLD = 10.0
+EXACT = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-9}  # far below the uncertainty of constants
+LARGEST_START = np.log(3.0)  # |u| of other starts: between a third and three times the first
+SAME_PLACE = 0.02  # distance of two ends in u that are the same place: 2 % of a constant
 
 
 def fit(
@@ -42,10 +48,10 @@ def fit(
 ) -> Fit:
     """Find the constants with which problems meet measurements, by least squares.
 
-    The sum of ((computed − measured)/σ)² over all points is least. The derivatives are the
-    derivatives of `fecloth.sensitivity`; constants that are positive are sought by their
-    logarithms. Beside each constant stands its 95 % interval, whether the data tell it at all,
-    and its shift by half of h and dt; the constants are the ones of the finer meshes.
+    The fit makes the sum of ((computed − measured)/σ)² over all points least. It uses the
+    derivatives of `fecloth.sensitivity`, and seeks positive constants by their logarithms. The
+    result has for each constant its 95 % interval, whether the data tell it at all, and its
+    shift by half of h and dt. The constants are the ones of the finer meshes.
 
     Parameters
     ----------
@@ -82,9 +88,9 @@ def fit(
 
     Notes
     -----
-    A constant is not told if its standard uncertainty is above a factor of 1.65, or above 0.25 for
-    Poisson's ratios; it has no interval then. The law is wrong if scatter alone gives such
-    residuals with a probability below 0.5 %, by χ², or F where repeats give the scatter; no
+    A constant is not told if its standard uncertainty is above a factor of 1.65, or above 0.25
+    for Poisson's ratios; it has no interval then. The law is wrong if scatter alone gives such
+    residuals with a probability below 0.5 %, by χ², or by F where repeats give the scatter; no
     constant has an interval then.
 
     Sources: Seber and Wild (1989), Nonlinear Regression; the trust region of Branch, Coleman
@@ -106,44 +112,49 @@ def fit(
     1000.9
     """
     listed = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    if not all(isinstance(each, Experiment) for each in listed):
+    if not all(isinstance(experiment, Experiment) for experiment in listed):
         raise InputError("experiments", "must be a list of Experiment", "fit")
-    if not any(each.fitted for each in listed):
+    if not any(experiment.fitted for experiment in listed):
         raise InputError("experiments", "at least one must be fitted", "fit")
-    runs = Runs(**{key: shared.pop(key) for key in HOW if key in shared})
-    sought = parameters if isinstance(parameters, Mapping) else {}
-    specimens = open_specimens(listed, sought, fabric, shared)
+    runs = Runs(**{key: shared.pop(key) for key in OF_RUNS if key in shared})
+    begin = parameters if isinstance(parameters, Mapping) else {}  # others are refused below
+    specimens = open_specimens(listed, begin, fabric, shared)
     fitting = Fitting(specimens, make_unknowns(parameters, specimens), runs)
     _check_cost(fitting, starts, refined)
     end, same = search(fitting, starts)
-    finer = fitting.finer() if refined else None
-    coarse = None
     remarks = list[str]()
     if starts > 1:
         remarks.append(f"{same} of {starts} starts end at these constants")
-    why = "no problem has h or dt to refine"
-    if finer:
-        better = refine(finer, end)
-        why = better.cause
-        if not why:
-            fitting, end, coarse = finer, better, end
-    if refined and why:
-        remarks.append(f"the part of mesh and step is not known: {why}")
-    if not all(each.fitted for each in listed):
+    coarse = None
+    if refined:
+        finer = fitting.finer()
+        why = "no problem has h or dt to refine"
+        if finer:
+            better = refine(finer, end)
+            why = better.cause
+        if finer and not why:
+            coarse = end
+            fitting = finer
+            end = better
+        else:
+            remarks.append(f"the part of mesh and step is not known: {why}")
+    if not all(experiment.fitted for experiment in listed):
         end = fitting.evaluate(end.u, only_fitted=False)
-        remarks += [f"not compared: {end.cause}"] if end.cause else []
+        if end.cause:
+            remarks.append(f"not compared: {end.cause}")
     return summarise(fitting, end, coarse, title, remarks)
 
 
 def _check_cost(fitting: Fitting, starts: int, refined: bool) -> None:
     """Print the predicted size, and refuse a fit that would take too long."""
-    costs = [each.cost for each in fitting.specimens]
-    finer = [replace(cost, triangles=4 * cost.triangles) for cost in costs if refined]
-    sizes = EVALUATIONS * starts * costs + finer
+    costs = [specimen.cost for specimen in fitting.specimens]
+    sizes = USUAL_EVALUATIONS * starts * costs
+    if refined:
+        sizes += [replace(cost, triangles=4 * cost.triangles) for cost in costs]
     check_size(sizes, fitting.runs.jobs, fitting.runs.most_seconds, "fit")
 
 
-# --- the search: Gauss-Newton steps in a trust region, from several starts ------------------------
+# --- the search: Gauss-Newton steps in a trust region, from several starts ----------------------
 
 
 class FitFailed(FeclothError):
@@ -152,16 +163,33 @@ class FitFailed(FeclothError):
 
 @dataclass(eq=False)
 class Search:
-    """The search from one start; it keeps what it has evaluated."""
+    """The search from one start; it keeps what it has evaluated.
+
+    Attributes
+    ----------
+    fitting
+        What is evaluated.
+    center
+        (m,) place in u to which the pull is.
+    pull
+        (k, m) rows: the residuals `pull` @ (u − `center`) stand beside the ones of the points.
+    most
+        Largest number of evaluations.
+    phase
+        A word for the lines of progress.
+    known
+        What was evaluated, by the bytes of u.
+    """
 
     fitting: Fitting
-    center: np.ndarray  # (m,) where the pull is to
-    pull: np.ndarray  # (k, m) its rows, beside the residuals
-    most: int = MOST
-    phase: str = ""  # a word for the lines of progress
+    center: np.ndarray
+    pull: np.ndarray
+    most: int = MOST_EVALUATIONS
+    phase: str = ""
     known: dict[bytes, Evaluation] = field(default_factory=dict)
 
     def at(self, u: np.ndarray) -> Evaluation:
+        """Return the evaluation at u, and report it if it is new."""
         key = u.tobytes()
         if key not in self.known:
             self.known[key] = self.fitting.evaluate(u)
@@ -169,10 +197,12 @@ class Search:
         return self.known[key]
 
     def residual(self, u: np.ndarray) -> np.ndarray:
+        """Return the residuals of the points, then those of the pull."""
         pulled = self.pull @ (u - self.center)
         return np.append(self.at(u).residual, pulled)
 
     def jacobian(self, u: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the residuals by u."""
         return np.concatenate([self.at(u).jacobian, self.pull])
 
     def run(self, begin: np.ndarray) -> Evaluation:
@@ -181,10 +211,14 @@ class Search:
         if first.cause:
             return first
         check_signs(first)
-        limits = np.array([each.bounds for each in self.fitting.unknowns]).T
-        bounds = (-np.inf, np.inf) if np.isinf(limits).all() else limits
         solved = least_squares(
-            self.residual, begin, self.jacobian, bounds, x_scale=1.0, max_nfev=self.most, **EXACT
+            self.residual,
+            begin,
+            self.jacobian,
+            bounds=np.array([unknown.bounds for unknown in self.fitting.unknowns]).T,
+            x_scale=1.0,
+            max_nfev=self.most,
+            **EXACT,
         )
         return self.at(solved.x)
 
@@ -192,18 +226,21 @@ class Search:
 def search(fitting: Fitting, starts: int) -> tuple[Evaluation, int]:
     """Search from the given start and others: the least misfit, and how many of them end there.
 
-    It raises `FitFailed` if no start runs.
+    Raises
+    ------
+    FitFailed
+        If no start runs.
     """
     validation.whole("starts", starts, 1, "fit", most=100)
     ends = []
-    for begin in _begins(fitting, starts):
+    for begin in choose_starts(len(fitting.unknowns), starts):
         ends.append(Search(fitting, begin, PULL * np.eye(len(begin))).run(begin))
     ran = [end for end in ends if not end.cause]
     if not ran:
         remedy = "Begin elsewhere, or give starts = 5."
         raise FitFailed(f"no start of the fit runs: {ends[0].cause}. {remedy}")
     best = min(ran, key=lambda end: float((end.residual**2).sum()))
-    same = [end for end in ran if np.abs(end.u - best.u).max() < SAME]
+    same = [end for end in ran if np.abs(end.u - best.u).max() < SAME_PLACE]
     return best, len(same)
 
 
@@ -212,15 +249,24 @@ def refine(fitting: Fitting, end: Evaluation) -> Evaluation:
 
     Combinations that the data do not tell stay as they are.
     """
-    untold = statistics(end).untold
-    pull = np.concatenate([PULL * np.eye(len(end.u)), HOLD * untold])
-    return Search(fitting, end.u, pull, FEW, "finer mesh, ").run(end.u)
+    pull_of_untold = PULL_OF_UNTOLD * statistics(end).untold
+    again = Search(
+        fitting=fitting,
+        center=end.u,
+        pull=np.concatenate([PULL * np.eye(len(end.u)), pull_of_untold]),
+        most=USUAL_EVALUATIONS,
+        phase="finer mesh, ",
+    )
+    return again.run(end.u)
 
 
-def _begins(fitting: Fitting, starts: int) -> list[np.ndarray]:
-    count = len(fitting.unknowns)
-    if starts > 1:
-        others = qmc.LatinHypercube(count, seed=0).random(starts - 1)
-    else:
-        others = []
-    return [np.zeros(count), *(SPREAD * (2 * np.asarray(place) - 1) for place in others)]
+def choose_starts(unknowns: int, starts: int) -> list[np.ndarray]:
+    """Return the places where the search begins, (m,) each in u: first the given one, u = 0.
+
+    The others lie in a Latin hypercube, on both sides of it.
+    """
+    if starts == 1:
+        return [np.zeros(unknowns)]
+    hypercube = qmc.LatinHypercube(unknowns, seed=0).random(starts - 1)  # from 0 to 1
+    others = LARGEST_START * (2 * hypercube - 1)
+    return [np.zeros(unknowns), *others]

@@ -11,29 +11,53 @@ from fecloth.quantities.columns import DIMENSIONS, DataTable, read_table
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.fitting.experiment import Experiment
 
-ASSUMED = 0.02  # of the largest value: the uncertainty where nobody states one
-ROUND = 1e-6  # of what the run reaches: points beyond it by less are within
-LEAST = 1e-9  # of the largest value: the least uncertainty
+# Standard uncertainty over the largest value where nobody states one; the result says so.
+ASSUMED_SIGMA = 0.02
+# Points that lie beyond the reach of the run by less than this part of it are within: the reach
+# and the points are rounded.
+ROUND_OFF_OF_REACH = 1e-6
 Reach = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The points of one measured column, in SI units."""
+    """The points of one measured column, in SI units.
+
+    Attributes
+    ----------
+    column
+        Name of the column.
+    quantity
+        The quantity of the run that it measures.
+    unit
+        The SI unit of the values.
+    values
+        (n,) values.
+    sigma
+        (n,) standard uncertainties.
+    along
+        (n,) changes from the start, or times; None for numbers without a curve.
+    scatter
+        (R, n) repeats minus their mean; None where the errors of points are independent.
+    is_assumed
+        Whether nobody states sigma, so that it is 2 %.
+    along_unit
+        The SI unit of `along`.
+    """
 
     column: str
     quantity: Quantity
     unit: str
-    values: np.ndarray  # (n,)
-    sigma: np.ndarray  # (n,) standard uncertainties
-    along: np.ndarray | None = None  # (n,) changes from the start, or times; None for numbers
-    # (R, n) repeats minus their mean; None where the errors of points are independent.
+    values: np.ndarray
+    sigma: np.ndarray
+    along: np.ndarray | None = None
     scatter: np.ndarray | None = None
-    is_assumed: bool = False  # whether sigma is the usual 2 %
+    is_assumed: bool = False
     along_unit: str = ""
 
     @property
     def largest(self) -> float:
+        """The largest absolute value."""
         return float(np.abs(self.values).max())
 
 
@@ -47,14 +71,25 @@ def read_measured(
     """
     table = read_table(experiment.data, experiment.label)
     columns = experiment.columns
-    named = zip(columns.items(), units_of, strict=True)
-    listed = [(c, q, unit, table.numbers(c, unit)) for (c, q), unit in named]
+    named = zip(columns, units_of, strict=True)
+    values = [table.numbers(column, unit) for column, unit in named]
     repeats = _repeats(experiment, table)
     along = None
     if experiment.order:
         along = _along(table, experiment, along_unit, repeats, reach)
-    read = [_points(experiment, table, each, along, repeats) for each in listed]
-    return tuple(replace(points, along_unit=along_unit) for points in read)
+    read = []
+    for i, (column, quantity) in enumerate(columns.items()):
+        points = Measured(
+            column=column,
+            quantity=quantity,
+            unit=units_of[i],
+            values=values[i],
+            sigma=np.zeros(len(values[i])),  # set below
+            along=along,
+            along_unit=along_unit,
+        )
+        read.append(_with_sigma(points, experiment, table, repeats))
+    return tuple(read)
 
 
 def _repeats(experiment: Experiment, table: DataTable) -> np.ndarray:
@@ -76,23 +111,24 @@ def _along(
     assert experiment.order is not None
     column, quantity = experiment.order
     has_unit = table.cells.get(column, ("",))[0]
-    # The part of the loads has no unit, and may be written as a time of 1 s.
-    values = table.numbers(column, unit if quantity or unit or has_unit is None else "s")
+    if not quantity and not unit and has_unit is not None:
+        unit_of_column = "s"  # the part of the loads has no unit, and may be a time of 1 s
+    else:
+        unit_of_column = unit
+    values = table.numbers(column, unit_of_column)
     if reach is None:
         return values
     low, high = reach
-    spare = ROUND * max(abs(low), abs(high))
-    if quantity and values.size and not ((values >= low - spare) & (values <= high + spare)).any():
+    spare = ROUND_OFF_OF_REACH * max(abs(low), abs(high))
+    is_reached = (values >= low - spare) & (values <= high + spare)
+    if quantity and values.size and not is_reached.any():
         for number in np.unique(repeats):  # a distance, not a change: from its first value
             rows = repeats == number
             values[rows] -= values[rows][0]
     moved = values
-    if experiment.offset:  # by at most half of the reach
+    if experiment.offset and high > -low:  # the offset moves it by at most half of the reach
         half = (high - low) / 2
-        if high > -low:
-            moved = values - np.clip(values.min() - low, -half, half)
-        else:
-            moved = values
+        moved = values - np.clip(values.min() - low, -half, half)
     outside = np.flatnonzero((moved < low - spare) | (moved > high + spare))
     if len(outside):
         row = outside[np.argmax(np.abs(moved[outside]))]
@@ -103,24 +139,20 @@ def _along(
     return values
 
 
-def _points(
-    experiment: Experiment,
-    table: DataTable,
-    listed: tuple[str, Quantity, str, np.ndarray],
-    along: np.ndarray | None,
-    repeats: np.ndarray,
+def _with_sigma(
+    points: Measured, experiment: Experiment, table: DataTable, repeats: np.ndarray
 ) -> Measured:
-    column, quantity, unit, values = listed
-    asked = experiment.sigma_of(column)
+    """The points with their uncertainties; the means of repeats if these give it."""
+    asked = experiment.sigma_of(points.column)
     if asked == "repeats":
-        return _mean_of_repeats(table, listed, along, repeats)
-    sigma = _sigma(table, column, unit, values, asked)
+        return _mean_of_repeats(points, table, repeats)
+    sigma = _sigma(table, points.column, points.unit, points.values, asked)
     if not (sigma > 0).all():
         line = table.lines[int(np.argmin(sigma))]
-        what = f"line {line}: sigma of {column} = {sigma.min():g} {unit}".rstrip()
+        what = f"line {line}: sigma of {points.column} = {sigma.min():g} {points.unit}".rstrip()
         remedy = 'As "2 %" of the largest value, or "0.1 N".'
         raise InputError(what, "must be > 0", table.where, remedy)
-    return Measured(column, quantity, unit, values, sigma, along, None, asked is None)
+    return replace(points, sigma=sigma, is_assumed=asked is None)
 
 
 def _sigma(
@@ -130,7 +162,7 @@ def _sigma(
     same = np.ones(len(values))
     largest = np.abs(values).max()
     if asked is None:
-        return ASSUMED * largest * same
+        return ASSUMED_SIGMA * largest * same
     if not isinstance(asked, str):
         return float(asked) * same
     if asked in table:
@@ -148,33 +180,33 @@ def _sigma(
         raise InputError(f"sigma = {brief(asked)}", allowed, table.where) from error
 
 
-def _mean_of_repeats(
-    table: DataTable,
-    listed: tuple[str, Quantity, str, np.ndarray],
-    along: np.ndarray | None,
-    repeats: np.ndarray,
-) -> Measured:
+def _mean_of_repeats(points: Measured, table: DataTable, repeats: np.ndarray) -> Measured:
     """The mean of the repeats, on equal steps along the part of the curve that all have.
 
-    Its uncertainty is the scatter of the repeats, one number for the curve, over √R.
+    Its uncertainty is the scatter of the repeats, one number for the curve, over √R. It is at
+    least the round-off of the values, where all repeats are the same.
     """
-    column, quantity, unit, values = listed
+    along = points.along
     groups = [np.flatnonzero(repeats == number) for number in np.unique(repeats)]
     if along is None:
-        curves = np.array([[values[rows].mean()] for rows in groups])
+        curves = np.array([[points.values[rows].mean()] for rows in groups])
         places = None
     else:
-        first = max(along[rows].min() for rows in groups)
+        begin = max(along[rows].min() for rows in groups)
         end = min(along[rows].max() for rows in groups)
-        if not first < end:
+        if not begin < end:
             allowed = "the repeats have no part of the curve in common"
-            raise InputError(f"column {column!r}", allowed, table.where)
-        places = np.linspace(first, end, int(np.median([len(rows) for rows in groups])))
-        ordered = [rows[np.argsort(along[rows], kind="stable")] for rows in groups]
-        curves = np.array([np.interp(places, along[rows], values[rows]) for rows in ordered])
+            raise InputError(f"column {points.column!r}", allowed, table.where)
+        places = np.linspace(begin, end, int(np.median([len(rows) for rows in groups])))
+        curves = np.empty((len(groups), len(places)))
+        for i, rows in enumerate(groups):
+            ordered = rows[np.argsort(along[rows], kind="stable")]
+            curves[i] = np.interp(places, along[ordered], points.values[ordered])
     mean = curves.mean(axis=0)
     scatter = curves - mean
     variance = (scatter**2).sum() / (scatter.size - mean.size)  # R − 1 of R are free
-    least = LEAST * np.abs(mean).max()
-    sigma = np.full(len(mean), max(np.sqrt(variance / len(groups)), least))
-    return Measured(column, quantity, unit, mean, sigma, places, scatter)
+    round_off = np.finfo(float).eps * np.abs(mean).max()
+    sigma = max(np.sqrt(variance / len(groups)), round_off)
+    return replace(
+        points, values=mean, sigma=np.full(len(mean), sigma), along=places, scatter=scatter
+    )

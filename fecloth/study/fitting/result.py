@@ -1,5 +1,6 @@
 """The result of a fit: constants with intervals, tables, figure, and the fitted fabric."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -13,7 +14,7 @@ from fecloth.scene.toml_text import to_toml
 from fecloth.study.figures import COLOURS, Figure, new_figure
 from fecloth.study.fitting import words
 from fecloth.study.fitting.evaluation import Evaluation, Fitting
-from fecloth.study.fitting.measured import ASSUMED
+from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.specimens import fabric_with
 from fecloth.study.fitting.statistics import statistics
 from fecloth.study.parameters import numbers_of
@@ -22,12 +23,13 @@ from fecloth.study.result import Cell, StudyResult, Table, in_percent, write_csv
 
 Interval = tuple[float, float]
 EMPTY = Table(())
-COLUMNS = 3  # of panels of the figure
+NO_INTERVAL = (float("nan"), float("nan"))
+PANELS_IN_ROW = 3  # of the figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(StudyResult):
-    """What `fit` found: the table has a row for each constant.
+    """What `fit` found.
 
     Attributes
     ----------
@@ -36,32 +38,33 @@ class Fit(StudyResult):
     verdict
         The answer in words.
     table
-        One row for each run or level; see `Table`.
+        A row for each constant; see `Table`.
     doubts
         Likely mistakes in the set-up of what was studied.
     remarks
         Sentences on what was noticed.
     values
-        Name → constant [SI].
+        The constants by name, in SI units.
     intervals
-        Name → ends of the 95 % interval; NaN where the data do not tell it or the law is
-        wrong.
+        The ends of the 95 % intervals by name; NaN where the data do not tell a constant, or
+        where the law is wrong.
     covariance
-        Of values, [SI²].
+        Covariance of `values`, in their order and in SI units.
     identified
         Names of the constants that the data tell.
     misfit
         Reduced χ²: 1 if the residuals are as large as the uncertainties.
     numerical
-        Name → shift by h/2 and dt/2 [SI]; NaN where nothing can be refined.
+        The shift of each constant by h/2 and dt/2, by name and in SI units; NaN where nothing
+        can be refined.
     law_fails
         Whether the misfit is larger than the uncertainties allow.
     offsets
-        Experiment → slack [SI].
+        The slack of each experiment with an offset, by its name and in SI units.
     experiments
-        a row for each measured column.
+        A table with a row for each measured column.
     points
-        a row for each measured point.
+        A table with a row for each measured point.
     fabric
         The fitted table [fabric].
     """
@@ -88,30 +91,35 @@ class Fit(StudyResult):
 
     @property
     def exit_status(self) -> int:
-        """Exit status of the command: 0 if all constants are told and the law can meet the data."""
-        told = len(self.identified) == len(self.values)
-        if told and self.resolved and not self.law_fails:
+        """Exit status of the command: 0 if all constants are told and the law is not wrong."""
+        are_told = len(self.identified) == len(self.values)
+        if are_told and self.resolved and not self.law_fails:
             return 0
         return errors.MISSED
 
     def summary(self) -> str:
+        """The answer in words, the table of constants, and the table of experiments."""
         return "\n".join([super().summary(), str(self.experiments), ""])
 
     def figure(self) -> Figure:
-        """Return a panel for each measured column: points, computed curve, and residuals below."""
+        """Return a panel for each measured column: points and curve, with residuals below."""
         rows = list(self.experiments)
-        columns = min(COLUMNS, len(rows))
-        count = -(-len(rows) // columns)
-        size = (4.2 * columns, 4.6 * count)
-        heights = [3, 1] * count
-        drawing, axes = new_figure(2 * count, columns, size, squeeze=False, height_ratios=heights)
-        pairs = axes.reshape(count, 2, columns).swapaxes(1, 2).reshape(-1, 2)
-        for ax in pairs[len(rows) :].ravel():
+        columns = min(PANELS_IN_ROW, len(rows))
+        count = math.ceil(len(rows) / columns)
+        drawing, axes = new_figure(
+            2 * count,
+            columns,
+            (4.2 * columns, 4.6 * count),
+            squeeze=False,
+            height_ratios=[3, 1] * count,
+        )
+        panels = axes.reshape(count, 2, columns).swapaxes(1, 2).reshape(-1, 2)
+        for ax in panels[len(rows) :].ravel():
             ax.set_axis_off()
-        for row, (above, below) in zip(rows, pairs, strict=False):
+        for row, (above, below) in zip(rows, panels, strict=False):
             name = row["experiment"], row["column"]
             own: list[Any] = [p for p in self.points if (p["experiment"], p["column"]) == name]
-            _draw(above, below, row, sorted(own, key=lambda p: p["along"]))
+            _draw(above, below, row, sorted(own, key=lambda point: point["along"]))
         return drawing
 
     def report(self, folder: str | Path) -> Path:
@@ -122,28 +130,29 @@ class Fit(StudyResult):
     @property
     def scene_file(self) -> tuple[str, str]:
         """Name and text of the file of the fitted fabric and the constants of terms."""
-        head = [f"# {line}" for line in self.words()]
-        others = {k: v for k, v in self.values.items() if not k.startswith("fabric.")}
+        comments = [f"# {line}" for line in self.words()]
+        others = {
+            name: value for name, value in self.values.items() if not name.startswith("fabric.")
+        }
         tables: dict[str, Any] = {"parameters": others, "fabric": dict(self.fabric)}
-        return "fitted.toml", "\n".join([*head, "", to_toml(tables)])
+        return "fitted.toml", "\n".join([*comments, "", to_toml(tables)])
 
 
 def _draw(above: Any, below: Any, row: Mapping, points: Sequence[Mapping]) -> None:
-    names = "along", "measured", "sigma", "computed", "residual"
-    x, measured, sigma, computed, residual = ([p[name] for p in points] for name in names)
+    """Draw the points and the curve of a measured column, and the residuals."""
+    x = [point["along"] for point in points]
+    measured = [point["measured"] for point in points]
+    sigma = [point["sigma"] for point in points]
     dots = {"fmt": ".", "color": COLOURS[0], "elinewidth": 0.6}
     above.errorbar(x, measured, yerr=sigma, label="measured", **dots)
-    above.plot(x, computed, color=COLOURS[1], label="computed")
+    above.plot(x, [point["computed"] for point in points], color=COLOURS[1], label="computed")
+    above.set_ylabel(f"{row['column']} [{row['unit']}]" if row["unit"] else row["column"])
     used = "" if row["fitted"] == "yes" else " (not fitted)"
-    above.set(ylabel=f"{row['column']} [{row['unit']}]" if row["unit"] else row["column"])
     above.set_title(f"{row['experiment']}{used}", loc="left")
     above.legend()
-    below.plot(x, residual, ".", color=COLOURS[0])
+    below.plot(x, [point["residual"] for point in points], ".", color=COLOURS[0])
     below.axhline(0.0, color="k", lw=0.8)
     below.set(xlabel=row["along"], ylabel="residual / σ")
-
-
-NO_INTERVAL = (float("nan"), float("nan"))
 
 
 def summarise(
@@ -153,22 +162,22 @@ def summarise(
     facts = statistics(end)
     constants = fitting.constants
     count = len(constants)
-    at = [float(u) for u in end.u[:count]]
-    values = {each.name: each.at(u) for each, u in zip(constants, at, strict=True)}
     half = facts.quantile * np.sqrt(np.diag(facts.covariance))
-    told = {each.name: bool(facts.told[i]) for i, each in enumerate(constants)}
+    values = {}
     intervals = {}
-    for i, each in enumerate(constants):
-        known = told[each.name] and not facts.law_fails
-        if known:
-            intervals[each.name] = each.spread(at[i], float(half[i]))
-        else:
-            intervals[each.name] = NO_INTERVAL
-    numerical = {
-        name: values[name] - coarse.values[name] if told[name] and coarse else np.nan
-        for name in values
-    }
-    slopes = np.array([each.slope(u) for each, u in zip(constants, at, strict=True)])
+    numerical = {}
+    slopes = []
+    for i, constant in enumerate(constants):
+        name = constant.name
+        u = float(end.u[i])
+        values[name] = constant.at(u)
+        slopes.append(constant.slope(u))
+        intervals[name] = NO_INTERVAL
+        if facts.told[i] and not facts.law_fails:
+            intervals[name] = constant.spread(u, float(half[i]))
+        numerical[name] = np.nan
+        if facts.told[i] and coarse:
+            numerical[name] = values[name] - coarse.values[name]
     covariance = facts.covariance[:count, :count] * np.outer(slopes, slopes)
     rows: list[Any] = _experiments(end)
     verdict = [
@@ -186,7 +195,7 @@ def summarise(
         values=values,
         intervals=intervals,
         covariance=covariance,
-        identified=tuple(name for name in values if told[name]),
+        identified=tuple(constant.name for i, constant in enumerate(constants) if facts.told[i]),
         misfit=facts.misfit,
         numerical=numerical,
         law_fails=facts.law_fails,
@@ -200,21 +209,21 @@ def summarise(
 
 def _describe_held(fitting: Fitting) -> Iterator[str]:
     """Which constants of the fabric were taken as given."""
-    held: dict[str, list[str]] = {}
-    for each in fitting.specimens:
-        for name, value in numbers_of(each.problem):
-            sought = {name, name.rpartition(".")[0]} & set(each.names)
-            if name.startswith("fabric.") and value and not sought:
-                texts = held.setdefault(name.removeprefix("fabric."), [])
-                texts += [f"{value:.4g}"] if f"{value:.4g}" not in texts else []
+    held: dict[str, dict[str, None]] = {}  # texts of values by name, in their order
+    for specimen in fitting.specimens:
+        for name, value in numbers_of(specimen.problem):
+            is_sought = name in specimen.names or name.rpartition(".")[0] in specimen.names
+            if name.startswith("fabric.") and value and not is_sought:
+                held.setdefault(name.removeprefix("fabric."), {})[f"{value:.4g}"] = None
     if held:
         listed = ", ".join(f"{name} = {' and '.join(texts)}" for name, texts in held.items())
         yield f"taken as given, and not measured: {listed}"
 
 
 def _describe_assumed(end: Evaluation) -> Iterator[str]:
+    """For which experiments nobody states an uncertainty."""
     if names := {column.label for column in end.fitted if column.points.is_assumed}:
-        share = in_percent(ASSUMED)
+        share = in_percent(ASSUMED_SIGMA)
         listed = ", ".join(sorted(names))
         yield f"{listed}: no sigma is given, so {share} of the largest value is assumed"
 
@@ -225,41 +234,45 @@ def _table(
     intervals: Mapping[str, Interval],
     numerical: Mapping[str, float],
 ) -> Table:
+    """A row for each constant."""
     rows: list[dict[str, Cell]] = [
         {
-            "constant": each.name,
-            "unit": words.unit_of(each.name),
-            "value": values[each.name],
-            "from": intervals[each.name][0],
-            "to": intervals[each.name][1],
-            "shift by mesh and step": numerical[each.name],
-            "start": each.start,
+            "constant": constant.name,
+            "unit": words.unit_of(constant.name),
+            "value": values[constant.name],
+            "from": intervals[constant.name][0],
+            "to": intervals[constant.name][1],
+            "shift by mesh and step": numerical[constant.name],
+            "start": constant.start,
         }
-        for each in fitting.constants
+        for constant in fitting.constants
     ]
     return Table(tuple(rows))
 
 
 def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
+    """A row for each measured column."""
     rows: list[dict[str, Cell]] = []
     for column in end.columns:
         experiment = column.specimen.experiment
         points = column.points
         r = column.residual
+        difference = r * points.sigma  # computed − measured
         along = experiment.order[0] if experiment.order else "number"
-        apart = r * points.sigma
+        if points.along_unit:
+            along = f"{along} [{points.along_unit}]"
         shift = column.computed.shift if column.computed else np.nan
         rows.append(
             {
                 "experiment": column.label,
                 "column": points.column,
                 "unit": points.unit,
-                "along": f"{along} [{points.along_unit}]" if points.along_unit else along,
+                "along": along,
                 "points": len(points.values),
                 "sigma": float(np.median(points.sigma)),
                 "rms / sigma": float(np.sqrt(np.mean(r**2))),
-                "rms %": 100 * float(np.sqrt(np.mean(apart**2))) / points.largest,
-                "largest %": 100 * float(np.abs(apart).max()) / points.largest,
+                "rms %": 100 * float(np.sqrt(np.mean(difference**2))) / points.largest,
+                "largest %": 100 * float(np.abs(difference).max()) / points.largest,
                 "offset": shift if experiment.offset else None,
                 "fitted": "yes" if experiment.fitted else "no",
             }
@@ -268,6 +281,7 @@ def _experiments(end: Evaluation) -> list[dict[str, Cell]]:
 
 
 def _points(end: Evaluation) -> Table:
+    """A row for each measured point."""
     rows: list[dict[str, Cell]] = []
     for column in end.columns:
         points = column.points
@@ -293,18 +307,17 @@ def _fabric(
     if not (scene and own):
         return {}
     fabric = fabric_with(scene.problem.tables["fabric"], own)
-    names = list(values)
-    known = [i for i, name in enumerate(names) if name in own and np.isfinite(intervals[name][0])]
+    keys = [name.removeprefix("fabric.") for name in values]
+    has_interval = [name in own and np.isfinite(intervals[name][0]) for name in values]
+    known = np.flatnonzero(has_interval).tolist()
     standard = np.sqrt(np.diag(covariance))
-    uncertain: dict[str, Any] = {
-        names[i].removeprefix("fabric."): float(standard[i]) for i in known
-    }
-    pairs = [
-        [
-            *(names[k].removeprefix("fabric.") for k in (i, j)),
-            float(covariance[i, j] / (standard[i] * standard[j])),
-        ]
-        for i, j in combinations(known, 2)
-    ]
-    uncertain |= {"correlation": pairs} if pairs else {}
-    return fabric | ({"uncertainty": uncertain} if uncertain else {})
+    uncertainty: dict[str, Any] = {keys[i]: float(standard[i]) for i in known}
+    correlations = []
+    for i, j in combinations(known, 2):
+        correlation = float(covariance[i, j] / (standard[i] * standard[j]))
+        correlations.append([keys[i], keys[j], correlation])
+    if correlations:
+        uncertainty["correlation"] = correlations
+    if uncertainty:
+        fabric["uncertainty"] = uncertainty
+    return fabric

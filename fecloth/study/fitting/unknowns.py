@@ -11,24 +11,39 @@ from fecloth.fabric.fabric import MAX_CONSTANT
 from fecloth.study.fitting.specimens import Specimen
 
 RATIOS = ("poisson_ratio", "bending_poisson_ratio")  # of a fabric: may be negative or 0
-RATIO_WIDTH = 0.5  # the unit of a ratio
-LIMIT = 0.999  # of a ratio that must lie between -1 and 1
+# The unit of a ratio in u: with a standard uncertainty of 0.25, it is just told.
+WIDTH_OF_RATIO = 0.5
+LARGEST_RATIO = 0.999  # of a ratio that must lie between -1 and 1, where a stiffness is singular
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number that is sought, p = p₀ exp(u) where it is positive, else p₀ + w u."""
+    """A number p that is sought, p = p₀ exp(u) where it is positive, else p₀ + w u.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    start
+        p₀, where the search begins.
+    width
+        w; 0 of a positive number.
+    specimen
+        The number of the specimen whose offset it is; None for a constant.
+    """
 
     name: str
     start: float
-    width: float  # w; 0 of a positive number
-    specimen: int | None = None  # whose offset it is, if it is one
+    width: float
+    specimen: int | None = None
 
     @property
     def is_offset(self) -> bool:
+        """Whether it is an offset of an experiment, and no constant."""
         return self.specimen is not None
 
     def at(self, u: float) -> float:
+        """p at u."""
         if self.width:
             return self.start + self.width * u
         return self.start * math.exp(u)
@@ -44,15 +59,14 @@ class Unknown:
     @property
     def bounds(self) -> tuple[float, float]:
         """Limits of u, from what a fabric admits."""
-        if self.width:
-            bounded = self.name.endswith("bending_poisson_ratio")
-            low, high = (
-                ((s * LIMIT - self.start) / self.width if bounded else s * math.inf)
-                for s in (-1.0, 1.0)
-            )
-            return low, high
-        far = math.log(MAX_CONSTANT)
-        return -far - math.log(self.start), far - math.log(self.start)
+        if not self.width:
+            far = math.log(MAX_CONSTANT)
+            return -far - math.log(self.start), far - math.log(self.start)
+        if not self.name.endswith("bending_poisson_ratio"):
+            return -math.inf, math.inf
+        low = (-LARGEST_RATIO - self.start) / self.width
+        high = (LARGEST_RATIO - self.start) / self.width
+        return low, high
 
 
 def make_unknowns(
@@ -64,22 +78,27 @@ def make_unknowns(
         raise InputError(f"parameters = {parameters!r}", allowed, "fit")
     constants = [_constant(name, value) for name, value in parameters.items()]
     offsets = [
-        Unknown(f"offset of {each.experiment.label}", 0.0, each.reach, i)
-        for i, each in enumerate(specimens)
-        if each.experiment.offset and each.experiment.fitted
+        Unknown(f"offset of {specimen.experiment.label}", 0.0, specimen.reach, i)
+        for i, specimen in enumerate(specimens)
+        if specimen.experiment.offset and specimen.experiment.fitted
     ]
     return (*constants, *offsets)
 
 
 def _constant(name: str, value: float) -> Unknown:
+    """The unknown that begins at a value."""
     if not is_number(value):
-        raise InputError(f"parameter {name!r} = {value!r}", "must be a finite number, in SI", "fit")
+        what = f"parameter {name!r} = {value!r}"
+        raise InputError(what, "must be a finite number, in SI", "fit")
     value = float(value)
     if name.rpartition(".")[2] in RATIOS:
-        return Unknown(name, value, RATIO_WIDTH)
-    return Unknown(name, value, 0.0 if value > 0 else abs(value) or 1.0)
+        return Unknown(name, value, WIDTH_OF_RATIO)
+    if value > 0:
+        return Unknown(name, value, width=0.0)
+    return Unknown(name, value, width=abs(value) or 1.0)
 
 
 def values_of(unknowns: tuple[Unknown, ...], u: np.ndarray) -> dict[str, float]:
     """The constants and offsets by name."""
-    return {each.name: each.at(float(at)) for each, at in zip(unknowns, u, strict=True)}
+    pairs = zip(unknowns, u, strict=True)
+    return {unknown.name: unknown.at(float(place)) for unknown, place in pairs}

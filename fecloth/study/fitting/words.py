@@ -7,12 +7,12 @@ import numpy as np
 from fecloth.errors import amount
 from fecloth.fabric.uncertainty import CONSTANTS
 from fecloth.study.fitting.evaluation import Column, Evaluation, Fitting
+from fecloth.study.fitting.measured import ASSUMED_SIGMA
 from fecloth.study.fitting.statistics import Statistics
 from fecloth.study.result import in_percent, with_uncertainty
 
-PARTS = 3  # of a curve, for where the law fails
-SHOWN = 4  # parts of curves, the worst ones
-TELLING = 0.02  # of the largest value of a curve: residuals above it are said
+PARTS_OF_CURVE = 3  # begin, middle and end, for where the law fails
+WORST_PARTS = 4  # parts of curves that are named, where the law fails
 BENDING = "a strip that hangs over an edge, or a fold,"
 HINTS = (  # words in the names of unknowns, and what would tell them
     (("density",), "the weight of the cloth"),
@@ -28,10 +28,9 @@ HINTS = (  # words in the names of unknowns, and what would tell them
 
 def unit_of(name: str) -> str:
     """The SI unit of a constant of the fabric; "" of any other."""
-    if name.startswith("fabric."):
-        dimension = CONSTANTS.get(name.split(".")[1])
-    else:
-        dimension = None
+    if not name.startswith("fabric."):
+        return ""
+    dimension = CONSTANTS.get(name.split(".")[1])
     return dimension.si if dimension else ""
 
 
@@ -46,17 +45,17 @@ def describe_value(name: str, value: float, interval: tuple[float, float]) -> st
 def describe_untold(fitting: Fitting, facts: Statistics) -> Iterator[str]:
     """A sentence for each combination that the data do not tell."""
     for group in facts.together:
-        names = [fitting.unknowns[i].name for i in group]
-        short = [name.removeprefix("fabric.") for name in names]
-        if len(short) == 1:
-            words = short[0]
-        else:
-            words = f"{short[0]} apart from {' and '.join(short[1:])}"
-        everything = " ".join(names)
-        hint = next((h for keys, h in HINTS if all(key in everything for key in keys)), "")
-        if any(fitting.unknowns[i].is_offset for i in group):
+        unknowns = [fitting.unknowns[i] for i in group]
+        first, *others = [unknown.name.removeprefix("fabric.") for unknown in unknowns]
+        sentence = f"these tests do not tell {first}"
+        if others:
+            sentence += f" apart from {' and '.join(others)}"
+        if any(unknown.is_offset for unknown in unknowns):
             hint = "points farther along the curve, or no offset,"
-        yield f"these tests do not tell {words}" + (f": {hint} would" if hint else "")
+        else:
+            names = " ".join(unknown.name for unknown in unknowns)
+            hint = next((test for keys, test in HINTS if all(key in names for key in keys)), "")
+        yield f"{sentence}: {hint} would" if hint else sentence
 
 
 def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterator[str]:
@@ -68,34 +67,41 @@ def describe_law(fitting: Fitting, end: Evaluation, facts: Statistics) -> Iterat
         f"{np.sqrt(facts.misfit):.2g} times the uncertainty of the points"
     )
     wants = [want for column in end.fitted for want in _wants(fitting, end, column)]
-    for _, sentence in sorted(wants, reverse=True)[:SHOWN]:
+    for _, sentence in sorted(wants, reverse=True)[:WORST_PARTS]:
         yield sentence
 
 
 def _wants(fitting: Fitting, end: Evaluation, column: Column) -> Iterator[tuple[float, str]]:
-    """How far each part of a curve is off, and the value that it wants of what matters most."""
+    """How far each part of a curve is off, and in words the value that it wants of a constant.
+
+    The distance is relative to the largest value of the curve; below the usual uncertainty
+    nothing is said. The constant is the one that matters most there.
+    """
     points = column.points
-    is_curve = points.along is not None
     if points.along is None:
         places = np.zeros(len(points.values))
+        parts = [np.arange(len(places))]
     else:
         places = points.along
-    order = np.argsort(places, kind="stable")
-    for rows in np.array_split(order, PARTS if is_curve and len(order) >= PARTS else 1):
+        order = np.argsort(places, kind="stable")
+        parts = np.array_split(order, PARTS_OF_CURVE if len(order) >= PARTS_OF_CURVE else 1)
+    for rows in parts:
         r = column.residual[rows]
         J = column.jacobian[rows, : len(fitting.constants)]
-        far = float(np.abs((r * points.sigma[rows]).mean()))
-        if far < TELLING * points.largest or not J.any():
+        distance = float(np.abs((r * points.sigma[rows]).mean())) / points.largest
+        if distance < ASSUMED_SIGMA or not J.any():
             continue
         k = int(np.argmax((J**2).sum(axis=0)))
-        change = float(-(J[:, k] @ r) / (J[:, k] @ J[:, k]))
-        each = fitting.constants[k]
+        change = float(-(J[:, k] @ r) / (J[:, k] @ J[:, k]))  # of u, by least squares
+        constant = fitting.constants[k]
         at = float(end.u[k])
-        wanted = each.at(at + float(np.clip(change, -5.0, 5.0)))
-        span = f" from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
-        where = span.rstrip() if is_curve else ""
-        begin = f"{column.label}{where} wants {each.name} = "
-        yield far / points.largest, f"{begin}{wanted:.3g}, not {each.at(at):.3g}"
+        wanted = constant.at(at + float(np.clip(change, -5.0, 5.0)))  # exp(5) is far enough
+        where = column.label
+        if points.along is not None:
+            span = f"from {places[rows].min():.3g} to {places[rows].max():.3g} {points.along_unit}"
+            where = f"{where} {span}".rstrip()
+        now = f"{constant.at(at):.3g}"
+        yield distance, f"{where} wants {constant.name} = {wanted:.3g}, not {now}"
 
 
 def describe_resolution(
@@ -114,25 +120,26 @@ def describe_resolution(
 def describe_predictions(end: Evaluation) -> Iterator[str]:
     """How far the fit is off where an experiment is compared only."""
     for column in end.columns:
-        if not column.is_fitted:
-            points = column.points
-            r = column.residual
-            share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
-            yield (
-                f"not fitted: {column.label}: {points.column} is off by "
-                f"{in_percent(share)} of the largest value (rms), {np.sqrt(np.mean(r**2)):.2g} "
-                "times the uncertainty of the points"
-            )
+        if column.is_fitted:
+            continue
+        points = column.points
+        r = column.residual
+        share = float(np.sqrt(np.mean((r * points.sigma) ** 2))) / points.largest
+        yield (
+            f"not fitted: {column.label}: {points.column} is off by "
+            f"{in_percent(share)} of the largest value (rms), {np.sqrt(np.mean(r**2)):.2g} "
+            "times the uncertainty of the points"
+        )
 
 
 def describe_fit(fitting: Fitting, end: Evaluation, facts: Statistics) -> str:
     """How many constants were fitted to how many points, and the misfit."""
     constants = amount(len(fitting.constants), "constant")
     points = amount(len(end.residual), "point")
-    experiments = amount(sum(each.experiment.fitted for each in fitting.specimens), "experiment")
-    size = f"misfit {facts.misfit:.3g} (1 is the scatter)"
+    fitted = [specimen for specimen in fitting.specimens if specimen.experiment.fitted]
+    experiments = amount(len(fitted), "experiment")
     if np.isfinite(facts.misfit):
-        misfit = size
+        misfit = f"misfit {facts.misfit:.3g} (1 is the scatter)"
     else:
         misfit = "as many unknowns as points: no misfit is known"
     return f"{constants} fitted to {points} of {experiments}: {misfit}"

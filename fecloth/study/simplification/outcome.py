@@ -5,11 +5,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 
+import numpy as np
+
 from fecloth.study.result import in_percent
 from fecloth.study.simplification.variants import Variant
 from fecloth.study.status import OK
 
-LOST, NOISE = 0.05, 0.02  # fraction of the seconds, and seconds: smaller differences are noise
+# Differences of seconds are noise below this part of the seconds of a scene, and below so many
+# seconds.
+NOISE_PART = 0.05
+NOISE_SECONDS = 0.02
 SIZES = {  # words, name and unit of what a check refines, by its kind
     "mesh": ("mesh", "h", " m"),
     "dt": ("time step", "dt", " s"),
@@ -19,19 +24,38 @@ SIZES = {  # words, name and unit of what a check refines, by its kind
 
 @dataclass(frozen=True)
 class Outcome:
-    """The run of a simpler scene beside the run of the scene."""
+    """The run of a simpler scene beside the run of the scene.
 
-    name: str  # of the variant
+    Attributes
+    ----------
+    name
+        Name of the variant.
+    status
+        How the run ended; see `fecloth.study.status`.
+    cause
+        Cause of a failure.
+    changes
+        Relative change of each quantity, by its text.
+    seconds
+        CPU time of the run [s].
+    saved
+        Part of the scene's seconds that it saves.
+    triangles, steps
+        Size of the run.
+    """
+
+    name: str
     status: str
-    cause: str = ""  # of a failure
-    changes: Mapping[str, float] = field(default_factory=dict)  # relative, of each quantity
-    seconds: float = math.nan  # CPU time of the run
-    saved: float = math.nan  # part of the scene's seconds
+    cause: str = ""
+    changes: Mapping[str, float] = field(default_factory=dict)
+    seconds: float = math.nan
+    saved: float = math.nan
     triangles: int | None = None
     steps: int | None = None
 
     @property
     def is_ok(self) -> bool:
+        """Whether the run reached its end."""
         return self.status == OK
 
     @property
@@ -49,7 +73,7 @@ class Outcome:
     @property
     def is_slower(self) -> bool:
         """Whether it takes longer than the scene, by more than noise."""
-        return self.seconds > (1 + LOST) * self.whole + NOISE
+        return self.seconds > (1 + NOISE_PART) * self.whole + NOISE_SECONDS
 
     @property
     def of(self) -> str:
@@ -60,7 +84,7 @@ class Outcome:
     def saving_per_change(self) -> float:
         """The saving per change, by which variants are sorted; without saving it is ≤ 0."""
         if self.saved > 0:
-            return self.saved / max(self.change, 1e-12)
+            return self.saved / max(self.change, np.finfo(float).eps)
         return self.saved
 
 
@@ -69,17 +93,34 @@ Trial = tuple[Variant, Outcome]
 
 @dataclass(frozen=True)
 class Resolution:
-    """The error of a scene by one of its sizes, from half of h, half of dt or less rtol."""
+    """The error of a scene by one of its sizes, from half of h, half of dt or less rtol.
 
-    kind: str  # "mesh", "dt" or "rtol"
-    error: float  # estimated, relative
-    quantity: str  # whose error needs the smallest size
-    size: float  # h [m], dt [s] or rtol of the scene
-    needed: float  # the size at which the error would be within the tolerance
-    failure: str = ""  # why the error is unknown, or ""
+    Attributes
+    ----------
+    kind
+        "mesh", "dt" or "rtol".
+    error
+        Estimated relative error.
+    quantity
+        The quantity whose error needs the smallest size.
+    size
+        h [m], dt [s] or rtol [1/s] of the scene.
+    needed
+        The size at which the error would be within the tolerance.
+    failure
+        Why the error is unknown, or "".
+    """
+
+    kind: str
+    error: float
+    quantity: str
+    size: float
+    needed: float
+    failure: str = ""
 
     @property
     def is_resolved(self) -> bool:
+        """Whether the error is known and within the tolerance."""
         return self.needed >= self.size
 
     def __str__(self) -> str:
@@ -95,42 +136,44 @@ class Resolution:
 
 
 def find_resolutions(
-    checks: Sequence[Trial],
-    orders: Mapping[str, Mapping[str, float]],  # of each quantity, by text and kind
-    tolerance: float,
+    checks: Sequence[Trial], orders: Mapping[str, Mapping[str, float]], tolerance: float
 ) -> list[Resolution]:
     """Return the error by each size that was refined.
 
     A refinement by r that changes a quantity by c shows the error c/(1 − r^−p) for the order p
     (Richardson 1911); the size for the tolerance t is the present size times (t/error)^(1/p).
+    `orders` are the orders of each quantity, by its text and the kind of the size.
     """
+    return [_find_resolution(variant, run, orders, tolerance) for variant, run in checks]
 
-    def resolution(variant: Variant, outcome: Outcome) -> Resolution:
-        kind = variant.kind
-        size = variant.size
-        if not outcome.is_ok:
-            cause = (outcome.cause.splitlines() or [outcome.status])[0]
-            return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
-        found = []
-        for text, change in outcome.changes.items():
-            order = orders[text][kind]
-            error = change / (1 - variant.by**order)
-            if error:
-                needed = size * (tolerance / error) ** (1 / order)
-            else:
-                needed = math.inf
-            found.append(Resolution(kind, error, text, size, needed))
-        return min(found, key=attrgetter("needed"))
 
-    return [resolution(*check) for check in checks]
+def _find_resolution(
+    variant: Variant,
+    run: Outcome,
+    orders: Mapping[str, Mapping[str, float]],
+    tolerance: float,
+) -> Resolution:
+    """Return the error by one size, of the quantity that needs the smallest one."""
+    kind = variant.kind
+    size = variant.size
+    if not run.is_ok:
+        cause = (run.cause.splitlines() or [run.status])[0]
+        return Resolution(kind, math.nan, "", size, 0.0, f"{variant.name}: {cause}")
+    resolutions = []
+    for text, change in run.changes.items():
+        order = orders[text][kind]
+        error = change / (1 - variant.by**order)
+        needed = size * (tolerance / error) ** (1 / order) if error else math.inf
+        resolutions.append(Resolution(kind, error, text, size, needed))
+    return min(resolutions, key=attrgetter("needed"))
 
 
 def round_down(value: float) -> float:
     """Return a number with two digits that is not larger."""
     if not 0 < value < math.inf:
         return value
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)  # of the second digit
+    return float(f"{math.floor(value / unit + 1e-9) * unit:.2g}")  # 1e-9 is round-off
 
 
 @dataclass(frozen=True)
@@ -144,7 +187,7 @@ class Findings:
     @property
     def unresolved(self) -> set[str]:
         """The kinds of sizes whose error is above the tolerance."""
-        return {each.kind for each in self.resolutions if not each.is_resolved}
+        return {size.kind for size in self.resolutions if not size.is_resolved}
 
     @property
     def ranked(self) -> list[Trial]:
@@ -152,6 +195,7 @@ class Findings:
         return sorted(self.trials, key=lambda trial: trial[1].change)
 
     def judge(self, variant: Variant, outcome: Outcome) -> str:
+        """Return the verdict on a variant, as the table shows it."""
         if variant.is_check:
             if variant.kind in self.unresolved:
                 return "not resolved"
@@ -172,8 +216,12 @@ class Findings:
         """
         if variant.kind in self.unresolved:
             return math.inf
-        same = [pair for pair in self.trials if variant.size and pair[0].kind == variant.kind]
-        return max([outcome.change, *(o.change for v, o in same if v.by <= variant.by)])
+        changes = [outcome.change]
+        if variant.size:
+            for other, its_outcome in self.trials:
+                if other.kind == variant.kind and other.by <= variant.by:
+                    changes.append(its_outcome.change)
+        return max(changes)
 
     def candidates(self) -> list[Variant]:
         """Return the variants within the tolerance, the greatest saving per change first.
@@ -182,9 +230,19 @@ class Findings:
         candidates only if the scene itself is resolved.
         """
 
-        def is_worth(variant: Variant, outcome: Outcome) -> bool:
-            saves = outcome.saved > LOST or (variant.kind == "without" and not outcome.is_slower)
-            return saves and self.reliable_change(variant, outcome) <= self.tolerance
+        candidates = [
+            (variant, outcome)
+            for variant, outcome in self.trials
+            if not variant.is_check and self._is_worth(variant, outcome)
+        ]
+        candidates.sort(key=lambda trial: -trial[1].saving_per_change)
+        return [variant for variant, _ in candidates]
 
-        able = [(v, o) for v, o in self.trials if o.is_ok and not v.is_check and is_worth(v, o)]
-        return [variant for variant, _ in sorted(able, key=lambda t: -t[1].saving_per_change)]
+    def _is_worth(self, variant: Variant, outcome: Outcome) -> bool:
+        """Whether a variant saves time, or makes the scene simpler, and changes little."""
+        if not outcome.is_ok:
+            return False
+        is_dropped = variant.kind == "without" and not outcome.is_slower
+        if not is_dropped and outcome.saved <= NOISE_PART:
+            return False
+        return self.reliable_change(variant, outcome) <= self.tolerance

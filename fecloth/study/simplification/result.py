@@ -12,13 +12,18 @@ from fecloth.study.simplification.outcome import Findings, Outcome, Resolution
 
 COMBINED = "combined"
 REDUCED = "reduced scene"
-LEAST, MOST = 1e-5, 300.0  # %, limits of the axis of changes
-SHADES = {"needed": COLOURS[1], "by chance": COLOURS[1], "resolved": "0.6", "not resolved": "0.6"}
+LEAST_CHANGE_SHOWN = 1e-5  # %, where the logarithmic axis of changes begins
+COLOURS_OF_VERDICTS = {
+    "needed": COLOURS[1],
+    "by chance": COLOURS[1],
+    "resolved": "0.6",
+    "not resolved": "0.6",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simplification(StudyResult):
-    """What `simplify` found: the table has a row for each variant, by its change.
+    """What `simplify` found.
 
     Attributes
     ----------
@@ -27,7 +32,7 @@ class Simplification(StudyResult):
     verdict
         The answer in words.
     table
-        One row for each run or level; see `Table`.
+        A row for each variant, by its change; then the combinations and the reduced scene.
     doubts
         Likely mistakes in the set-up of what was studied.
     remarks
@@ -74,15 +79,15 @@ class Simplification(StudyResult):
         rows = [row for row in self.table if not str(row["verdict"]).startswith(COMBINED)]
         drawing, ax = new_figure(1, 1, (11.0, 2.0 + 0.36 * len(rows)))
         at = np.arange(len(rows))
-        changes = [row.get("change [%]") or 0.0 for row in rows]
-        shown = np.clip(np.array(changes, dtype=float), LEAST, MOST)
-        colours = [SHADES.get(str(row["verdict"]), COLOURS[0]) for row in rows]
-        ax.barh(at, shown - LEAST, left=LEAST, color=colours)
+        changes = np.array([row.get("change [%]") or 0.0 for row in rows], dtype=float)
+        left = LEAST_CHANGE_SHOWN
+        colours = [COLOURS_OF_VERDICTS.get(str(row["verdict"]), COLOURS[0]) for row in rows]
+        ax.barh(at, np.maximum(changes - left, 0.0), left=left, color=colours)
         ax.axvline(100 * self.tolerance, color="k", ls="--", label="tolerance")
-        ax.set(xscale="log", xlim=(LEAST, MOST), ylim=(-0.6, len(rows) - 0.4))
+        ax.set(xscale="log", ylim=(-0.6, len(rows) - 0.4))
+        ax.set_xlim(left=left)
         ax.set(xlabel="change of the quantities of interest [%]")
-        names = [REDUCED if row["verdict"] == REDUCED else str(row["variant"]) for row in rows]
-        ax.set_yticks(at, names)
+        ax.set_yticks(at, [_label(row) for row in rows])
         ax.grid(False, axis="y")
         for i, row in enumerate(rows):
             ax.text(1.02, i, _seconds(row), va="center", transform=ax.get_yaxis_transform())
@@ -92,7 +97,13 @@ class Simplification(StudyResult):
         return drawing
 
 
+def _label(row: Mapping) -> str:
+    """Return the name of a bar."""
+    return REDUCED if row["verdict"] == REDUCED else str(row["variant"])
+
+
 def _seconds(row: Mapping) -> str:
+    """Return in words what a row saves, or its status."""
     if row.get("seconds saved") is None:
         return str(row["status"])
     seconds = row["seconds saved"]
@@ -105,40 +116,58 @@ def _seconds(row: Mapping) -> str:
 def make_table(
     findings: Findings, attempts: Sequence[tuple[Outcome, bool]], final: Outcome | None
 ) -> Table:
-    """Return a row for each variant, by its change; then the combinations and the reduced scene."""
+    """Return a row for each variant, by its change; then combinations and the reduced scene.
+
+    `attempts` are the combinations, and whether they were taken; `final` is the reduced scene.
+    """
     rows = [_row(outcome, findings.judge(v, outcome)) for v, outcome in findings.ranked]
-    joint = [(outcome, fits) for outcome, fits in attempts if " + " in outcome.name]
-    rows += [_row(outcome, f"{COMBINED}{'' if fits else ', not taken'}") for outcome, fits in joint]
-    return Table((*rows, *([_row(final, REDUCED)] if final else [])))
+    for outcome, is_taken in attempts:
+        if " + " in outcome.name:
+            rows.append(_row(outcome, COMBINED if is_taken else f"{COMBINED}, not taken"))
+    if final:
+        rows.append(_row(final, REDUCED))
+    return Table(tuple(rows))
 
 
 def _row(outcome: Outcome, verdict: str) -> dict:
+    """Return the row of a run; without numbers if it failed."""
     is_ok = outcome.is_ok
-    seconds = outcome.seconds
-    line: dict = {"variant": outcome.name, "verdict": verdict}
-    line["change [%]"] = 100 * outcome.change if is_ok else None
-    line |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
+    row: dict = {"variant": outcome.name, "verdict": verdict}
+    row["change [%]"] = 100 * outcome.change if is_ok else None
+    row |= {f"{name} [%]": 100 * change for name, change in outcome.changes.items()}
     if is_ok:
-        line |= {"seconds saved": outcome.whole - seconds, "saved [%]": 100 * outcome.saved}
-        line |= {"cpu_seconds": seconds, "triangles": outcome.triangles, "steps": outcome.steps}
-    line["status"] = outcome.status
-    return line | ({"cause": outcome.cause.splitlines()[0]} if outcome.cause else {})
+        row["seconds saved"] = outcome.whole - outcome.seconds
+        row["saved [%]"] = 100 * outcome.saved
+        row["cpu_seconds"] = outcome.seconds
+        row["triangles"] = outcome.triangles
+        row["steps"] = outcome.steps
+    row["status"] = outcome.status
+    if outcome.cause:
+        row["cause"] = outcome.cause.splitlines()[0]
+    return row
 
 
 def make_verdict(
     findings: Findings, reduced: str, final: Outcome | None, file: str = "reduced.toml"
 ) -> str:
-    """Return the answer in words: first what is not resolved, then what is not needed."""
-    heads = f"not resolved to {in_percent(findings.tolerance)}", "not known whether it is resolved"
-    unresolved = [each for each in findings.resolutions if not each.is_resolved]
-    lines = [f"{heads[bool(each.failure)]}: {each}" for each in unresolved]
+    """Return the answer in words: first what is not resolved, then what is not needed.
+
+    `reduced` names what the reduced scene of the file has, and `final` is its run.
+    """
+    lines = []
+    for resolution in findings.resolutions:
+        if resolution.failure:
+            lines.append(f"not known whether it is resolved: {resolution}")
+        elif not resolution.is_resolved:
+            lines.append(f"not resolved to {in_percent(findings.tolerance)}: {resolution}")
     lines += [f"{head}: {', '.join(items)}" for head, items in _groups(findings) if items]
     if final is None:
         lines.append("nothing simpler was found")
     elif not final.is_ok:
         lines.append(f"{file} fails: {final.cause}")
     else:
-        saves = f"{'saves' if final.saved >= 0 else 'adds'} {in_percent(abs(final.saved))}"
+        verb = "saves" if final.saved >= 0 else "adds"
+        saves = f"{verb} {in_percent(abs(final.saved))}"
         change = f"{final.of} by {in_percent(final.change)}"
         lines.append(f"{file}: {reduced}; it changes {change} and {saves} of the seconds")
     return "\n".join(lines)
@@ -146,34 +175,52 @@ def make_verdict(
 
 def _groups(findings: Findings) -> list[tuple[str, list[str]]]:
     """Return the items of the verdict by their heading."""
-    gone, cheaper, needed, larger = (list[str]() for _ in range(4))
+    gone = list[str]()
+    cheaper = list[str]()
+    needed = list[str]()
+    too_large = list[str]()
     for variant, outcome in findings.ranked:
         if variant.is_check:
             continue
         verdict = findings.judge(variant, outcome)
-        change = outcome.status
-        saved = "none"
-        if outcome.is_ok:
-            change = f"changes {outcome.of} by {in_percent(outcome.change)}"
-        if outcome.saved > 0:
-            saved = in_percent(outcome.saved)
         is_kept = verdict in ("needed", "by chance")
-        left_out = variant.kind == "without"
-        if left_out and is_kept:
-            needed.append(str(variant.by))
-        elif left_out:
-            gone.append(f"{variant.by} ({change}, costs {saved} of the seconds)")
+        if variant.kind == "without":
+            if is_kept:
+                needed.append(str(variant.by))
+            else:
+                costs = f"costs {_saving(outcome)} of the seconds"
+                gone.append(f"{variant.by} ({_change(outcome)}, {costs})")
         elif is_kept:
-            larger.append(f"{variant.name} ({change})")
+            too_large.append(f"{variant.name} ({_change(outcome)})")
         elif verdict == "not needed" and outcome.saved > 0:
-            cheaper.append(f"{variant.name} ({change}, saves {saved})")
-    heads = "not needed", "can be cheaper", "needed", "changes too much"
-    groups = gone or ["none of the terms"], cheaper, needed, larger
-    return list(zip(heads, groups, strict=True))
+            cheaper.append(f"{variant.name} ({_change(outcome)}, saves {_saving(outcome)})")
+    return [
+        ("not needed", gone or ["none of the terms"]),
+        ("can be cheaper", cheaper),
+        ("needed", needed),
+        ("changes too much", too_large),
+    ]
+
+
+def _change(outcome: Outcome) -> str:
+    """Return in words the largest change, or the status of a failure."""
+    if outcome.is_ok:
+        return f"changes {outcome.of} by {in_percent(outcome.change)}"
+    return outcome.status
+
+
+def _saving(outcome: Outcome) -> str:
+    """Return in words the part of the seconds that is saved."""
+    return in_percent(outcome.saved) if outcome.saved > 0 else "none"
 
 
 def describe_resolved(resolutions: Sequence[Resolution], has_h: bool) -> list[str]:
     """Return sentences on the errors of the scene itself that are within the tolerance."""
-    resolved = "; ".join(str(each) for each in resolutions if each.is_resolved)
-    unknown = "Whether the mesh is resolved is not known: the scene has no cloth.h."
-    return [*([f"Resolved: {resolved}."] if resolved else []), *([] if has_h else [unknown])]
+    sentences = []
+    resolved = "; ".join(str(size) for size in resolutions if size.is_resolved)
+    if resolved:
+        sentences.append(f"Resolved: {resolved}.")
+    if not has_h:
+        unknown = "Whether the mesh is resolved is not known: the scene has no cloth.h."
+        sentences.append(unknown)
+    return sentences

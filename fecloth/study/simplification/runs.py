@@ -23,14 +23,29 @@ from fecloth.system.system import System
 from fecloth.terms import BendingFriction
 from fecloth.terms.traits import traits_of
 
-SHORT = 0.5  # CPU seconds that every run may take
-WEAK = 0.1  # of the curvature: HB/B, the curvature that friction may hold
-OF_FUNCTIONS = ("without", "cheaper", "strain", "mesh", "dt")  # kinds of their variants
+SECONDS_OF_SHORT_RUN = 0.5  # CPU seconds that every run may take, beside its patience
+# Friction may be left out where the curvature that it holds, HB/B, is below this part of the
+# curvature of the cloth.
+WEAK_FRICTION = 0.1
+# Kinds of the variants of a function's problem: its method stays.
+KINDS_OF_FUNCTIONS = ("without", "cheaper", "strain", "mesh", "dt")
 
 
 @dataclass(frozen=True, eq=False)
 class Original:
-    """The problem to simplify, the quantities that count, and how it is run."""
+    """The problem to simplify, the quantities that count, and how it is run.
+
+    Attributes
+    ----------
+    problem
+        The problem.
+    quantities
+        The quantities that count.
+    tolerance
+        The largest relative change of each of them.
+    runs
+        How cases are run.
+    """
 
     problem: Problem
     quantities: tuple[Quantity, ...]
@@ -39,28 +54,46 @@ class Original:
 
     @property
     def is_scene(self) -> bool:
+        """Whether the problem is a scene, and no function."""
         return isinstance(self.problem, SceneProblem)
 
     def list_variants(self) -> list[Variant]:
         """List all variants, terms first; of a function's problem the method stays."""
         interest = Interest(quantities=tuple(quantity.text for quantity in self.quantities))
-        traits = {type(t).__name__: traits_of(t) for t in self.problem.first.system.terms}
+        terms = self.problem.first.system.terms
+        traits = {type(term).__name__: traits_of(term) for term in terms}
         variants = list_variants(self.problem.tables, interest, traits)
-        return [v for v in variants if self.is_scene or v.kind in OF_FUNCTIONS]
+        if self.is_scene:
+            return variants
+        return [variant for variant in variants if variant.kind in KINDS_OF_FUNCTIONS]
 
     def text(self, tables: dict) -> str:
         """Return what the reduced file holds: a scene; of a function its terms, h and dt."""
         if self.is_scene:
             return to_toml(tables)
-        lines = [f"terms: {', '.join(term['type'] for term in tables['terms']) or 'none'}"]
-        lines += [f"strain of {t['type']}: {t['strain']}" for t in tables["terms"] if "strain" in t]
+        terms = tables["terms"]
+        names = ", ".join(term["type"] for term in terms)
+        lines = [f"terms: {names or 'none'}"]
+        for term in terms:
+            if "strain" in term:
+                lines.append(f"strain of {term['type']}: {term['strain']}")
         sizes = {"h": tables["cloth"].get("h"), "dt": tables.get("time", {}).get("dt")}
-        lines += [f"{name} = {size:g}" for name, size in sizes.items() if isinstance(size, float)]
+        for name, size in sizes.items():
+            if isinstance(size, float):
+                lines.append(f"{name} = {size:g}")
         return "\n".join(lines) + "\n"
 
     @cached_property
     def full(self) -> Mapping:
-        """The row of the problem: `StudyFailed` if it fails, `InputError` if all are zero."""
+        """The row of the problem.
+
+        Raises
+        ------
+        StudyFailed
+            If it fails.
+        InputError
+            If all quantities are zero.
+        """
         (row,) = run_or_skip([self._point("the scene", Change())], self.quantities, self.runs)
         if row["status"] != OK:
             raise StudyFailed(f"{self.problem.source}: the scene itself fails: {row['cause']}")
@@ -68,12 +101,12 @@ class Original:
         if not any(size_of(quantity, record) for quantity, record in pairs):
             names = ", ".join(quantity.text for quantity in self.quantities)
             remedy = "Name another with --quantity or in [interest]."
-            where = self.problem.source
             allowed = "cannot show what changes it"
-            raise InputError(f"{names} = 0", allowed, where, remedy)
+            raise InputError(f"{names} = 0", allowed, self.problem.source, remedy)
         return row
 
     def _records(self, row: Mapping) -> list[RunRecord]:
+        """Return what each quantity is computed from."""
         return [record_at(row, quantity) for quantity in self.quantities]
 
     @property
@@ -84,8 +117,10 @@ class Original:
 
     def run(self, tried: Sequence[tuple[str, Change, float]], fresh: bool = False) -> list[Outcome]:
         """Run changes, each with its name and the largest CPU time over the problem's."""
-        most = [round(SHORT + patience * self.full["cpu_seconds"], 1) for *_, patience in tried]
-        points = [self._point(*each[:2], time) for each, time in zip(tried, most, strict=True)]
+        points = []
+        for name, change, patience in tried:
+            most = SECONDS_OF_SHORT_RUN + patience * self.full["cpu_seconds"]
+            points.append(self._point(name, change, round(most, 1)))
         runs = replace(self.runs, fresh=fresh or self.runs.fresh)
         rows = run_or_skip(points, self.quantities, runs)
         return [self.compare(name, row) for (name, *_), row in zip(tried, rows, strict=True)]
@@ -96,10 +131,11 @@ class Original:
         return list(zip(tried, outcomes, strict=True))
 
     def run_one(self, name: str, change: Change, fresh: bool = False) -> Outcome:
+        """Run a change; `fresh` for a run that is not taken from the store."""
         return self.run([(name, change, PATIENCE)], fresh)[0]
 
     def _point(self, name: str, change: Change, most: float | None = None) -> Point | dict:
-        """Return what runs; a row with the reason if the change is refused."""
+        """Return what runs, for `most` CPU seconds; a row with the reason if it is refused."""
         try:
             changed = self.problem.changed(change)
         except InputError as error:
@@ -118,34 +154,44 @@ class Original:
             changes = {q.text: relative_difference(q, a, b) for q, a, b in pairs}
         except FeclothError as error:  # as where a signal has no period
             return replace(outcome, status=FAILED, cause=str(error))
-        seconds = row["cpu_seconds"]
-        saved = 1 - seconds / self.full["cpu_seconds"]
-        return Outcome(name, OK, "", changes, seconds, saved, row["triangles"], row["steps"])
+        return Outcome(
+            name=name,
+            status=OK,
+            changes=changes,
+            seconds=row["cpu_seconds"],
+            saved=1 - row["cpu_seconds"] / self.full["cpu_seconds"],
+            triangles=row["triangles"],
+            steps=row["steps"],
+        )
 
 
 def describe_weak_friction(system: System, columns: Mapping[str, np.ndarray]) -> str:
-    """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else \"\".
+    """A sentence, if HB/B is below a tenth of the curvature at the end of a run; else "".
 
-    The curvature κ is the mean of the energy of bending, W = ½ B κ² per area. HB/B is the
-    largest of all fabrics, along warp or weft.
+    HB/B is the largest of all fabrics, along warp or weft.
     """
     if not any(isinstance(term, BendingFriction) for term in system.terms):
         return ""
+    held = 0.0
+    for fabric in system.panel.fabrics:
+        for hysteresis, rigidity in zip(
+            fabric.hysteresis or (), fabric.bending or (), strict=False
+        ):
+            held = max(held, hysteresis / (2 * rigidity))
+    curvature = _mean_curvature(system, columns)
+    if not held < WEAK_FRICTION * curvature:
+        return ""
+    return (
+        f"BendingFriction may be left out: HB/B = {held:.3g}/m is below a tenth of the "
+        f"curvature, {curvature:.3g}/m"
+    )
+
+
+def _mean_curvature(system: System, columns: Mapping[str, np.ndarray]) -> float:
+    """Return κ by the energy of bending at the end of a run, W = ½ B κ² per area; 0 for no B."""
     pairs = zip(system.names, system.terms, strict=True)
     names = [name for name, term in pairs if traits_of(term).kind == "bending"]
     energy = sum(float(columns[name][-1]) for name in names)
-    both = [
-        pair
-        for f in system.panel.fabrics
-        for pair in zip(f.hysteresis or (), f.bending or (), strict=False)
-    ]
-    held = max((hysteresis / (2 * bending) for hysteresis, bending in both), default=0.0)
     rigidity = system.panel.each(lambda fabric: np.mean(fabric.bending or 0.0))[:, 0]
     total = float(rigidity @ system.cloth.weights.sum(axis=1))
-    curvature = math.sqrt(2 * energy / total) if total else 0.0
-    if not held < WEAK * curvature:
-        return ""
-    return (
-        f"BendingFriction may be left out: HB/B = {held:.3g}/m is below a tenth of the curvature, "
-        f"{curvature:.3g}/m"
-    )
+    return math.sqrt(2 * energy / total) if total else 0.0

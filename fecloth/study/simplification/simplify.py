@@ -19,8 +19,8 @@ from fecloth.study.run_problems import Runs, print_warnings, refuse_huge
 from fecloth.study.sensitivities import describe_weak_terms
 from fecloth.study.simplification import result
 from fecloth.study.simplification.outcome import (
-    LOST,
-    NOISE,
+    NOISE_PART,
+    NOISE_SECONDS,
     SIZES,
     Findings,
     Outcome,
@@ -63,8 +63,8 @@ def simplify(
     repeats
         Runs of each scene of less than about a second; the fastest counts.
     shared
-        Arguments of `fecloth.study.of`, as probes, jobs and cache.
-        Seconds of cases that run side by side are less certain.
+        Arguments of `fecloth.study.of`, as probes, jobs and cache. Seconds of cases that run
+        side by side are less certain.
 
     Raises
     ------
@@ -74,27 +74,30 @@ def simplify(
     StudyFailed
         If the scene itself fails.
     """
-    chosen = read_tolerance(tolerance)
+    largest_change = read_tolerance(tolerance)
     study = open_study(problem, shared)
     opened = study.problem
     runs = replace(study.runs(), timed=True, repeats=repeats)
-    original = open_original(opened, quantity, chosen, runs)
-    given = original.problem, original.quantities, chosen, replace(runs, timed=False)
-    if weak := describe_weak_terms(*given):
-        print(weak, file=sys.stderr, flush=True)
-    tried = original.list_variants()
+    original = open_original(opened, quantity, largest_change, runs)
+    weak_terms = describe_weak_terms(
+        original.problem, original.quantities, largest_change, replace(runs, timed=False)
+    )
+    if weak_terms:
+        print(weak_terms, file=sys.stderr, flush=True)
+    variants = original.list_variants()
     at_once = 1 if runs.scheduler else runs.jobs
-    check_size(_sizes(opened, tried), at_once, runs.most_seconds, opened.source)
-    checks = original.try_variants([variant for variant in tried if variant.is_check])
+    check_size(_sizes(opened, variants), at_once, runs.most_seconds, opened.source)
+    checks = original.try_variants([variant for variant in variants if variant.is_check])
     orders = {
         quantity.text: dict(zip(SIZES, (*opened.orders(quantity), RTOL_ORDER), strict=True))
         for quantity in original.quantities
     }
-    resolutions = find_resolutions(checks, orders, chosen)
+    resolutions = find_resolutions(checks, orders, largest_change)
     for resolution in resolutions:
         print(resolution, file=sys.stderr, flush=True)
-    others = original.try_variants([variant for variant in tried if not variant.is_check])
-    return summarise(original, Findings(checks + others, chosen, resolutions), folder, weak)
+    others = original.try_variants([variant for variant in variants if not variant.is_check])
+    findings = Findings(checks + others, largest_change, resolutions)
+    return summarise(original, findings, folder, weak_terms)
 
 
 def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Original:
@@ -110,12 +113,14 @@ def open_original(opened: Problem, quantity, tolerance: float, runs: Runs) -> Or
     return Original(opened, chosen, tolerance, runs)
 
 
-def _sizes(opened: Problem, tried: Sequence[Variant]) -> list[Workload]:
+def _sizes(opened: Problem, variants: Sequence[Variant]) -> list[Workload]:
     """Return the predicted sizes of all runs: about half of the variants are combined."""
-    checks = {variant.kind for variant in tried if variant.is_check}
-    finer = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
-    usual = [opened.workload(FIRST)] * (1 + len(tried) - len(checks) + len(tried) // 2)
-    return [*usual, *(opened.workload(finer[kind]) for kind in sorted(checks))]
+    checks = sorted({variant.kind for variant in variants if variant.is_check})
+    levels = {"dt": Level(dt=2.0), "rtol": FIRST, "mesh": Level(h=2.0)}
+    alone = 1 + len(variants) - len(checks)  # the scene, and all variants that are no checks
+    combined = len(variants) // 2
+    usual = [opened.workload(FIRST)] * (alone + combined)
+    return usual + [opened.workload(levels[kind]) for kind in checks]
 
 
 def combine_variants(
@@ -131,36 +136,53 @@ def combine_variants(
     attempts = []
     for variant in candidates:
         before = chosen.get(variant.slot)
-        drops = variant.kind == "without"
         if before and before.kind == "without":
             continue
-        trial = {**chosen, variant.slot: variant}
-        name = " + ".join(each.name for each in trial.values())
-        outcome = original.run_one(name, changes_of(trial.values()))
-        most = (1 + LOST if drops or not before else 1 - LOST) * seconds + NOISE * drops
-        fits = outcome.change <= original.tolerance and outcome.seconds <= most
-        attempts.append((outcome, fits))
-        if fits:
-            chosen = trial
+        together = {**chosen, variant.slot: variant}
+        name = " + ".join(taken.name for taken in together.values())
+        outcome = original.run_one(name, changes_of(together.values()))
+        allowed = _allowed_seconds(variant, before, seconds)
+        is_taken = outcome.change <= original.tolerance and outcome.seconds <= allowed
+        attempts.append((outcome, is_taken))
+        if is_taken:
+            chosen = together
             seconds = outcome.seconds
     return changes_of(chosen.values()), attempts
+
+
+def _allowed_seconds(variant: Variant, before: Variant | None, seconds: float) -> float:
+    """Return the seconds that a combination may take; without the variant it takes `seconds`.
+
+    A dropped term need not save time, nor need the first change of a part. A change in place of
+    another one must save some.
+    """
+    if variant.kind == "without":
+        return (1 + NOISE_PART) * seconds + NOISE_SECONDS
+    if before is None:
+        return (1 + NOISE_PART) * seconds
+    return (1 - NOISE_PART) * seconds
 
 
 def summarise(
     original: Original, findings: Findings, folder: str | Path | None, weak: str
 ) -> result.Simplification:
-    """Combine the variants, run the reduced scene, and return the result."""
+    """Combine the variants, run the reduced scene, and return the result.
+
+    `weak` is a sentence on terms that change little, or "".
+    """
     change, attempts = combine_variants(original, findings.candidates())
-    taken = [outcome.name for outcome, fits in attempts if fits]
+    taken = [outcome.name for outcome, is_taken in attempts if is_taken]
     tables = original.problem.tables
-    file = f"reduced.{'toml' if original.is_scene else 'txt'}"
+    file = "reduced.toml" if original.is_scene else "reduced.txt"
     text = original.text(change.apply(tables))
     final = original.run_one(file, change, fresh=True) if taken else None
+    reduced = taken[-1] if taken else ""
     name = "the reduced scene" if folder is None else file
+    sentences = [words for words in (weak, original.weak_friction) if words]
     simplification = result.Simplification(
         title=original.problem.name,
         doubts=original.problem.doubts,
-        verdict=result.make_verdict(findings, taken[-1] if taken else "", final, name),
+        verdict=result.make_verdict(findings, reduced, final, name),
         table=result.make_table(findings, attempts, final),
         tolerance=original.tolerance,
         quantities=tuple(quantity.text for quantity in original.quantities),
@@ -170,7 +192,7 @@ def summarise(
         change=final.change if final else 0.0,
         saved=final.saved if final else 0.0,
         remarks=(
-            *(f"{each[0].upper()}{each[1:]}." for each in (weak, original.weak_friction) if each),
+            *(f"{words[0].upper()}{words[1:]}." for words in sentences),
             *result.describe_resolved(findings.resolutions, "h" in tables["cloth"]),
         ),
     )

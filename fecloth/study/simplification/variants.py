@@ -13,40 +13,70 @@ from fecloth.terms import TRAITS
 from fecloth.terms.traits import TermTraits
 
 Data = dict
-LONG = 1e5  # s, a step of backward Euler in which inertia is negligible
-LARGER = (2, 4)  # times dt, rtol
-COARSER = (1.5, 2.0)  # times h
-WIDER = 2.0  # times the gap of contact
-FINER = 0.5  # times h, dt; for rtol twice that power
-PATIENCE = 3.0  # times the seconds of the full scene; a slower variant saves nothing
+# s, a step of backward Euler in which inertia is negligible: it lasts a day, a motion seconds.
+LONG_STEP = 1e5
+LARGER_STEPS = (2, 4)  # factors of dt and rtol
+LARGER_TRIANGLES = (1.5, 2.0)  # factors of h
+WIDER_GAP = 2.0  # factor of the gap of contact
+FINER = 0.5  # factor of h and dt; its square of rtol
+# CPU time that a run may take, over the time of the full scene: a slower variant saves nothing.
+PATIENCE = 3.0
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A change of a scene, and what it is."""
+    """A change of a scene, and what it is.
 
-    name: str  # in the tables
-    kind: str  # of the change
-    by: Any  # its factor, or the type of the term that is left out or stands in another's place
-    slot: str  # the part that changes; the reduced scene has at most one change of each part
-    apply: Edit  # of the tables of the scene
-    is_check: bool = False  # True for a refinement, which shows errors and is not taken
-    size: float = 0.0  # h, dt or rtol of the scene, where the variant multiplies it by `by`
+    Attributes
+    ----------
+    name
+        Name in the tables.
+    kind
+        Kind of the change.
+    by
+        Its factor, or the type of the term that is left out or takes another's place.
+    slot
+        The part that changes; the reduced scene has at most one change of each part.
+    apply
+        The edit of the tables of the scene.
+    is_check
+        True for a refinement, which shows errors and is not taken.
+    size
+        h, dt or rtol of the scene, where the variant multiplies it by `by`; else 0.
+    """
+
+    name: str
+    kind: str
+    by: Any
+    slot: str
+    apply: Edit
+    is_check: bool = False
+    size: float = 0.0
 
     @property
     def patience(self) -> float:
-        """Largest CPU time, as a multiple of the full scene's."""
+        """Largest CPU time, as a multiple of the full scene's.
+
+        Half of dt takes twice the steps; half of h four times the triangles, and up to twice the
+        steps.
+        """
         if not self.is_check:
             return PATIENCE
-        return 20.0 if self.kind == "mesh" else 6.0
+        if self.kind == "mesh":
+            return PATIENCE / FINER**3
+        return PATIENCE / FINER
 
 
 def changes_of(variants: Iterable[Variant]) -> Change:
+    """Return the change by several variants."""
     return Change(edits=tuple(variant.apply for variant in variants))
 
 
 def put(cloth: Mapping | None = None, **tables: object) -> Edit:
-    """Return the edit that sets values of [cloth] and replaces other tables; None removes one."""
+    """Return the edit that sets values of [cloth] and replaces other tables by name.
+
+    None in place of a table removes it.
+    """
 
     def edit(data: Data) -> Data:
         return data | {"cloth": data["cloth"] | (cloth or {})} | tables
@@ -59,15 +89,25 @@ def list_variants(
 ) -> list[Variant]:
     """List all variants of a scene, terms first; `traits` says what its terms are."""
     element = data["cloth"].get("element", "P1")
-    terms = data.get("terms", [])
-    variants = [v for term in terms for v in variants_of_term(term, element, traits[term["type"]])]
+    variants: list[Variant] = []
+    for term in data.get("terms", []):
+        variants += variants_of_term(term, element, traits[term["type"]])
     variants += [*variants_of_mesh(data), *variants_of_time(data)]
     if interest.at_end_only and "time" in data:
-        moved = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
-        if not (moved or any(term.get("friction") for term in terms)):
-            variants.append(Variant("equilibrium", "static", None, "time", equilibrium_of(data)))
-        variants.append(Variant("one long step", "static", None, "time", long_step_of(data)))
+        variants += _variants_of_rest(data)
     return variants
+
+
+def _variants_of_rest(data: Data) -> Iterator[Variant]:
+    """Yield static scenes in place of a motion whose end alone counts.
+
+    Its end is no equilibrium of its own where pins move or where contact has friction.
+    """
+    has_moving_pins = any(pin.get("motion") or pin.get("rotate") for pin in data.get("pins", []))
+    has_friction = any(term.get("friction") for term in data.get("terms", []))
+    if not (has_moving_pins or has_friction):
+        yield Variant("equilibrium", "static", None, "time", equilibrium_of(data))
+    yield Variant("one long step", "static", None, "time", long_step_of(data))
 
 
 def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[Variant]:
@@ -76,20 +116,24 @@ def variants_of_term(term: Data, element: str, traits: TermTraits) -> Iterator[V
     slot = f"term {term}"
     unclamps = traits.holds_normals
     yield Variant(f"without {name}", "without", name, slot, replace_term(term, None, unclamps))
-    others: list[tuple[str, str, object]] = []
-    if term.get("friction"):
-        others.append((f"no friction of {name}", "friction", 0.0))
-    if "gap" in term:
-        others.append((f"gap × {WIDER:g} of {name}", "gap", WIDER * term["gap"]))
-    if element == "P2" and term.get("strain") == "interpolated":
-        others.append((f"pointwise strain of {name}", "strain", "pointwise"))
-    for words, kind, value in others:
+    for words, kind, value in _cheaper_values(term, element):
         yield Variant(words, kind, name, slot, replace_term(term, term | {kind: value}))
     is_flat = traits.kind != "bending" or term.get("rest", "flat") in ("flat", None)
     if is_flat and element == "P1":
         for other in traits.cheaper:
             replaced = replace_term(term, {"type": other}, unclamps)
             yield Variant(f"{other} for {name}", "cheaper", other, slot, replaced)
+
+
+def _cheaper_values(term: Data, element: str) -> Iterator[tuple[str, str, object]]:
+    """Yield cheaper values of a term: in words, its key, and the value."""
+    name = term["type"]
+    if term.get("friction"):
+        yield f"no friction of {name}", "friction", 0.0
+    if "gap" in term:
+        yield f"gap × {WIDER_GAP:g} of {name}", "gap", WIDER_GAP * term["gap"]
+    if element == "P2" and term.get("strain") == "interpolated":
+        yield f"pointwise strain of {name}", "strain", "pointwise"
 
 
 def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit:
@@ -103,9 +147,10 @@ def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit
         if unclamps:
             data = data | {"pins": [pin | {"clamp": False} for pin in data.get("pins", [])]}
         terms = [other if own == term else own for own in data["terms"]]
-        removed = {head + term["type"] for head in ("", "dissipated:", "work:")}
-        expect = {key: value for key, value in data.get("expect", {}).items() if key not in removed}
-        return data | {"terms": [own for own in terms if own], "expect": expect}
+        columns = {head + term["type"] for head in ("", "dissipated:", "work:")}
+        expect = data.get("expect", {})
+        kept = {column: value for column, value in expect.items() if column not in columns}
+        return data | {"terms": [own for own in terms if own], "expect": kept}
 
     return edit
 
@@ -113,40 +158,49 @@ def replace_term(term: Data, other: Data | None, unclamps: bool = False) -> Edit
 def variants_of_mesh(data: Data) -> Iterator[Variant]:
     """Yield scenes with smaller and larger triangles, and with P1 instead of P2."""
     cloth = data["cloth"]
-    for factor in (FINER, *COARSER) if "h" in cloth else ():
-        edit = put({"h": cloth["h"] * factor})
-        is_check = factor < 1
-        yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, is_check, cloth["h"])
+    if "h" in cloth:
+        h = cloth["h"]
+        for factor in (FINER, *LARGER_TRIANGLES):
+            edit = put({"h": h * factor})
+            yield Variant(f"h × {factor:g}", "mesh", factor, "mesh", edit, factor < 1, h)
     if cloth.get("element") == "P2":
         yield Variant("P1 for P2", "P1", None, "element", put({"element": "P1"}, mass="lumped"))
 
 
 def variants_of_time(data: Data) -> Iterator[Variant]:
-    """Yield scenes with other steps or tolerances, and with explicit steps."""
+    """Yield scenes with other steps or tolerances, explicit steps, or one load step."""
     if "time" not in data:
-        static = data["equilibrium"]
-        follows = any(term["type"] == "BendingFriction" for term in data.get("terms", []))
-        if static.get("load_steps", 1) > 1 and not follows:
-            edit = put(equilibrium=static | {"load_steps": 1})
-            yield Variant("one load step", "load steps", None, "time", edit)
+        yield from _variants_of_load_steps(data)
         return
     time = data["time"]
-    key = "rtol" if data["time"]["dt"] == "auto" else "dt"
-    explicit = method_name(data) in EXPLICIT
-    at_limit = key == "rtol" and explicit and not {"rtol", "atol"} & set(time)
-    finer = FINER if key == "dt" else FINER**2
-    for factor in () if at_limit else (finer, *LARGER):
-        if key == "rtol" or number_of_steps(time, factor) != number_of_steps(time, 1):
+    key = "rtol" if time["dt"] == "auto" else "dt"
+    is_explicit = method_name(data) in EXPLICIT
+    is_at_limit = key == "rtol" and is_explicit and not {"rtol", "atol"} & set(time)
+    if not is_at_limit:
+        finer = FINER if key == "dt" else FINER**2
+        for factor in (finer, *LARGER_STEPS):
+            if key == "dt" and number_of_steps(time, factor) == number_of_steps(time, 1):
+                continue
             edit = multiply_step(data, key, factor)
             size = time.get(key, Adaptive.rtol)
             yield Variant(f"{key} × {factor:g}", key, factor, "time", edit, factor < 1, size)
-    if not explicit and method_name(data) != "auto":
+    if not is_explicit and method_name(data) != "auto":
         yield Variant("explicit", "explicit", None, "time", explicit_steps_of(data))
+
+
+def _variants_of_load_steps(data: Data) -> Iterator[Variant]:
+    """Yield an equilibrium with one load step, unless its friction follows the loads."""
+    static = data["equilibrium"]
+    has_friction = any(term["type"] == "BendingFriction" for term in data.get("terms", []))
+    if static.get("load_steps", 1) > 1 and not has_friction:
+        edit = put(equilibrium=static | {"load_steps": 1})
+        yield Variant("one load step", "load steps", None, "time", edit)
 
 
 def number_of_steps(time: Data, factor: float) -> int:
     """Return the number of steps with dt times a factor."""
-    return math.ceil((time["t_end"] - time.get("t_start", 0.0)) / (factor * time["dt"]) - 1e-9)
+    steps = (time["t_end"] - time.get("t_start", 0.0)) / (factor * time["dt"])
+    return math.ceil(steps - 1e-9)  # 1e-9 is round-off
 
 
 def multiply_step(data: Data, key: str, factor: float) -> Edit:
@@ -166,8 +220,10 @@ def explicit_steps_of(data: Data) -> Edit:
 
 
 def equilibrium_of(data: Data) -> Edit:
-    """Return the edit to the equilibrium, in place of a motion that comes to rest."""
-    # What belongs to a motion is left out; [expect] is, too, because it may name times.
+    """Return the edit to the equilibrium, in place of a motion that comes to rest.
+
+    What belongs to a motion is left out; so is [expect], because it may name times.
+    """
     start = {key: value for key, value in data.get("start", {}).items() if key != "velocity"}
     static = {"equilibrium": {"load_steps": 1}, "start": start, "output": {"frames": 1}}
     return put(time=None, solver=None, expect={}, **static)
@@ -180,12 +236,14 @@ def long_step_of(data: Data) -> Edit:
     dropped, because it may name times before the end.
     """
     end = data["time"]["t_end"]
-    time = {"method": "backward_euler", "dt": LONG, "t_start": end - LONG, "t_end": end}
+    start = end - LONG_STEP
+    time = {"method": "backward_euler", "dt": LONG_STEP, "t_start": start, "t_end": end}
     solver = {**data.get("solver", {}), "tolerance": 1e-9, "definiteness": "clamp"}
     return put(time=time, solver=solver, output={"every_steps": 1}, expect={})
 
 
 def method_name(data: Data) -> str:
+    """Return the name of the method, which may be a text or a table."""
     method = data["time"]["method"]
     if isinstance(method, str):
         return method

@@ -22,22 +22,63 @@ from fecloth.study.setups import table_of_grading
 from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 from fecloth.study.workload import EQUILATERAL, TRIANGLES, in_words
 
-SEARCH, COSTLY = 60.0, 6.0  # CPU time [s] of a search, and of a run that it can do without
+# CPU seconds that a search may take, where the tuned run itself is short.
+SEARCH_SECONDS = 60.0
+# CPU seconds of a run that the search leaves out if it can do without: a tenth of its time.
+COSTLY_SECONDS = 6.0
+# A cause of an error counts from this part of the whole error. Of the tolerance, this part is left
+# to each cause that is not space or time of the tuned run: steps that all meshes share, changed
+# terms, gaps, and the error of the best run.
+COUNTING_SHARE = 0.25
+HALVINGS = 4  # largest number of halvings of h or dt, until a run serves: a factor of 16
+# Nodes along an edge of P2 over the nodes of P1. Explicit steps on P2 are shorter by as much.
+NODES_OF_P2 = 2.0
+# Seconds of a run with half of h, over the seconds of the run. It lies in the upper half of 2
+# to 2^3.2 = 9, by the powers of √triangles with which the seconds of a step grow.
+HALF_OF_H_COSTS = 6.0
+# Relative distances below it are round-off; they have logarithms in place of 0.
+ROUND_OFF_OF_DISTANCES = np.finfo(float).eps
+ZERO_SIZE = 1e-12  # size of a quantity that is round-off, in its SI unit
+# A component is zero by symmetry below the first part of its vector, which solvers leave. Below
+# the second it may be zero: it is, where meshes do not even tell its first digit.
+ZERO_PART_OF_VECTOR = 1e-6
+SMALL_PART_OF_VECTOR = 1e-2
+FIELD = parse_quantity("displacement")
 PATTERNS = ("right", "cross", "equilateral", "unstructured")
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One setting; "", None and () stand for what the problem has."""
+    """One setting; "", None and () stand for what the problem itself has.
 
-    element: str = ""  # "P1" or "P2"
-    pattern: str = ""  # of the mesh; "" also where it has none
-    h: float | None = None  # edge length [m]
+    Attributes
+    ----------
+    element
+        "P1" or "P2".
+    pattern
+        Pattern of the mesh; "" also where the mesh has none.
+    h
+        Edge length [m].
+    method
+        Method in time.
+    steps
+        Number of equal steps. Without `steps` and `rtol`, explicit methods take their limit.
+    rtol
+        Tolerance of the chosen steps [1/s].
+    sharper
+        Divides a fixed tolerance of the nonlinear solver.
+    grading
+        Places with smaller triangles.
+    """
+
+    element: str = ""
+    pattern: str = ""
+    h: float | None = None
     method: str = ""
-    steps: int | None = None  # equal ones; without steps and rtol explicit methods take their limit
-    rtol: float | None = None  # [1/s]
-    sharper: float | None = None  # divides a fixed tolerance of the nonlinear solver
-    grading: tuple[Grading, ...] = ()  # places with smaller triangles
+    steps: int | None = None
+    rtol: float | None = None
+    sharper: float | None = None
+    grading: tuple[Grading, ...] = ()
 
     @property
     def is_explicit(self) -> bool:
@@ -46,22 +87,33 @@ class Choice:
 
     @property
     def mesh(self) -> tuple[str, str, tuple[Grading, ...]]:
+        """The kind of the mesh: element, pattern and grading."""
         return self.element, self.pattern, self.grading
 
     def __str__(self) -> str:
-        mesh = self.element, self.pattern, "graded" if self.grading else ""
-        size = f"h = {1e3 * self.h:.3g} mm" if self.h else ""
-        how = f"rtol = {self.rtol:g} 1/s" if self.rtol else ""
-        how = amount(self.steps, "step") if self.steps else how
-        exact = "sharper tolerance" if self.sharper else ""
-        parts = (" ".join(filter(None, mesh)), size, self.method, how, exact)
+        """Return the setting in words."""
+        words = [self.element, self.pattern]
+        if self.grading:
+            words.append("graded")
+        parts = [" ".join(filter(None, words))]
+        if self.h:
+            parts.append(f"h = {1e3 * self.h:.3g} mm")
+        parts.append(self.method)
+        if self.steps:
+            parts.append(amount(self.steps, "step"))
+        elif self.rtol:
+            parts.append(f"rtol = {self.rtol:g} 1/s")
+        if self.sharper:
+            parts.append("sharper tolerance")
         return ", ".join(filter(None, parts))
 
     def with_half_of_h(self) -> "Choice":
+        """Return the choice with half of h, rounded to six digits."""
         assert self.h is not None
         return replace(self, h=float(f"{self.h / 2:.6g}"))
 
     def with_half_of_dt(self) -> "Choice":
+        """Return the choice with twice as many steps."""
         return replace(self, steps=2 * (self.steps or 1))
 
 
@@ -74,19 +126,22 @@ def meshes_to_try(opened: Problem, elements: Sequence[str] | None) -> list[Choic
     if isinstance(opened, FunctionProblem):
         return [Choice(element, h=opened.h) for element in elements or ("",)]
     cloth = opened.scene.cloth
-    own = cloth.pattern if cloth.shape == "rectangle" else ""
-    h = cloth.h
     chosen = known_names("element", elements or ELEMENTS, ELEMENTS)
-    choices = []
-    for pattern in dict.fromkeys([own, *PATTERNS]) if own else [""]:
-        count = [TRIANGLES.get(name, EQUILATERAL) for name in (pattern, own)]
-        if h is None or pattern == own:
-            size = h
-        else:
-            size = h * math.sqrt(count[0] / count[1])
-        tried = chosen if pattern == own else chosen[:1]
-        choices += [Choice(element, pattern, size) for element in tried]
+    if cloth.shape != "rectangle" or not cloth.pattern:
+        return [Choice(element, h=cloth.h) for element in chosen]
+    own = cloth.pattern
+    choices = [Choice(element, own, cloth.h) for element in chosen]
+    for pattern in PATTERNS:
+        if pattern != own:
+            h = None if cloth.h is None else cloth.h * _ratio_of_h(pattern, own)
+            choices.append(Choice(chosen[0], pattern, h))
     return choices
+
+
+def _ratio_of_h(pattern: str, own: str) -> float:
+    """Return h of a pattern over h of the scene's own, for as many triangles."""
+    triangles = TRIANGLES.get(pattern, EQUILATERAL)
+    return math.sqrt(triangles / TRIANGLES.get(own, EQUILATERAL))
 
 
 def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
@@ -96,9 +151,11 @@ def methods_to_try(opened: Problem, methods: Sequence[str] | None) -> list[str]:
         return list(methods or [""])
     if methods:
         return known_names("method", methods, ALL_METHODS)
-    own = opened.scene.time.method.type
     tried = sorted(studied_by("tune"), key=_preference)
-    return list(dict.fromkeys([*tried, *([own] if own != "auto" else [])]))
+    own = opened.scene.time.method.type
+    if own not in ("auto", *tried):
+        tried.append(own)
+    return tried
 
 
 def _preference(name: str) -> tuple:
@@ -108,26 +165,41 @@ def _preference(name: str) -> tuple:
 
 
 def problem_with(opened: Problem, choice: Choice) -> Problem:
+    """Return the problem with a choice, whose `sharper` is left to a `Level`."""
     return opened.changed(change_of(opened, choice))
 
 
 def change_of(opened: Problem, choice: Choice) -> Change:
     """Return the change to a choice; without `sharper`, which a level of the problem has."""
     if isinstance(opened, FunctionProblem):
-        names = {"method": choice.method, "element": choice.element}
-        dt = opened.t_end / choice.steps if choice.steps and opened.t_end else opened.dt
-        return Change(values={"h": choice.h, "dt": dt} | {k: v for k, v in names.items() if v})
-    names = {"element": choice.element or opened.scene.cloth.element, "model": ""}
-    names["method"] = choice.method or "equilibrium"  # keeps its time as it is
-    if choice.steps and opened.span:
-        steps = {"dt": opened.span / choice.steps}
-    else:
-        steps = {}
-    in_time = change_names(opened, names | ({"rtol": choice.rtol} if choice.rtol else steps))
+        return _change_of_function(opened, choice)
+    names: dict[str, object] = {
+        "element": choice.element or opened.scene.cloth.element,
+        "model": "",
+        "method": choice.method or "equilibrium",  # an equilibrium keeps its time as it is
+    }
+    if choice.rtol:
+        names["rtol"] = choice.rtol
+    elif choice.steps and opened.span:
+        names["dt"] = opened.span / choice.steps
+    in_time = change_names(opened, names)
     return Change(edits=(*in_time.edits, partial(_set_mesh, choice)))
 
 
+def _change_of_function(opened: FunctionProblem, choice: Choice) -> Change:
+    """Return the change of a function's arguments; what the choice leaves open stays."""
+    values: dict[str, object] = {"h": choice.h, "dt": opened.dt}
+    if choice.steps and opened.t_end:
+        values["dt"] = opened.t_end / choice.steps
+    if choice.method:
+        values["method"] = choice.method
+    if choice.element:
+        values["element"] = choice.element
+    return Change(values=values)
+
+
 def _set_mesh(choice: Choice, tables: dict) -> dict:
+    """Set the mesh of a choice in the tables of a scene, and what goes with its method."""
     grading = list(map(table_of_grading, choice.grading))
     values = {"pattern": choice.pattern, "h": choice.h, "grading": grading}
     tables["cloth"] |= {name: value for name, value in values.items() if value}
@@ -140,15 +212,19 @@ def _set_mesh(choice: Choice, tables: dict) -> dict:
     return tables
 
 
-ZERO = 1e-12  # size of a quantity that is round-off, in its SI unit
-FIELD = parse_quantity("displacement")
-NOTHING, SMALL = 1e-6, 1e-2  # parts of a vector: components that are zero, or may be
-LEAST = 1e-13  # relative: distances below it are round-off
-
-
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The run of a choice: its row of `measure`, and what each quantity is computed from."""
+    """The run of a choice.
+
+    Attributes
+    ----------
+    choice
+        The setting.
+    row
+        Its row of `measure`.
+    records
+        What each quantity is computed from; empty if the run failed or measured seconds only.
+    """
 
     choice: Choice
     row: Mapping
@@ -156,6 +232,7 @@ class Trial:
 
     @property
     def is_ok(self) -> bool:
+        """Whether the run reached its end and has the quantities."""
         return self.row["status"] == OK
 
     @property
@@ -180,6 +257,7 @@ class Trial:
 
     @cached_property
     def cloth(self) -> Cloth:
+        """The cloth of the run, for its displacement."""
         cloth = self.row["point"].refined.cloth_for(FIELD)
         assert cloth is not None
         return cloth
@@ -187,17 +265,33 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A problem whose choices are run for quantities, and all runs so far."""
+    """A problem whose choices are run for quantities, and all runs so far.
+
+    Attributes
+    ----------
+    opened
+        The problem.
+    quantities
+        The q quantities that count.
+    runs
+        How cases are run.
+    begin
+        CPU time of this process when the search began [s].
+    done
+        All runs so far; `run` adds to them.
+    changed
+        The index in `done` of the first run of this problem. Earlier runs have other terms.
+    """
 
     opened: Problem
     quantities: tuple[Quantity, ...]
     runs: Runs
-    begin: float = field(default_factory=time.process_time)  # CPU time of this process then [s]
-    done: list[Trial] = field(default_factory=list)  # each run is added
-    changed: int = 0  # number of the first one of this problem: those before have other terms
+    begin: float = field(default_factory=time.process_time)
+    done: list[Trial] = field(default_factory=list)
+    changed: int = 0
 
     def run(self, choices: Sequence[Choice], timed: bool = False) -> list[Trial]:
-        """Run choices; one that is refused, fails or is too long gives a trial that is not ok."""
+        """Run choices; where one is refused, fails or is too long, its trial is not `is_ok`."""
         quiet = replace(self.runs, timed=timed, quiet=True)
         rows = run_or_skip(list(map(self._point, choices)), self.quantities, quiet)
         trials = [self._trial(choice, row) for choice, row in zip(choices, rows, strict=True)]
@@ -205,7 +299,7 @@ class Bench:
         return trials
 
     def with_problem(self, opened: Problem) -> "Bench":
-        """Return it with another problem, whose runs follow."""
+        """Return the bench with another problem, whose runs follow."""
         return replace(self, opened=opened, changed=len(self.done))
 
     def other_than(self, run: Trial | None) -> list[Trial]:
@@ -224,11 +318,12 @@ class Bench:
         return Point(problem, Level(sharper=choice.sharper), str(choice), size)
 
     def within(self, seconds: float) -> "Bench":
-        """Return it with a time limit of its runs, in place of a longer one [s]."""
+        """Return the bench with a time limit of its runs, in place of a longer one [s]."""
         limit = min(seconds, self.runs.time_limit or math.inf)
         return replace(self, runs=replace(self.runs, time_limit=limit))
 
     def _trial(self, choice: Choice, row: Mapping) -> Trial:
+        """Return the trial of a row; it is not ok if the run has no value of a quantity."""
         if row["status"] != OK:
             return Trial(choice, row)
         try:
@@ -245,20 +340,24 @@ class Bench:
         It counts what lies between the runs, as meshes and estimates of errors. Runs in other
         processes are added; of runs from the store it counts what they took.
         """
-        here = time.process_time() - self.begin
-        runs = spent(self.other_than(without))
-        is_elsewhere = self.runs.jobs > 1 or self.runs.scheduler
-        if is_elsewhere:
-            return here + runs
-        return max(here, runs)
+        in_this_process = time.process_time() - self.begin
+        in_runs = spent(self.other_than(without))
+        if self.runs.jobs > 1 or self.runs.scheduler:  # the runs are elsewhere
+            return in_this_process + in_runs
+        return max(in_this_process, in_runs)
 
     def distance(self, a: Trial, b: Trial) -> np.ndarray:
-        """Return (q,) distances of the quantities of `b` from those of `a`, relative to `a`."""
+        """Return how far the quantities of `b` lie from the ones of `a`, (q,), relative to `a`.
+
+        A distance that is not known, as of a NaN, is infinite.
+        """
         if a is b:
             return np.zeros(len(self.quantities))
-        pairs = zip(self.quantities, a.records, b.records, strict=True)
-        apart = [difference_of(q, x, y) / max(size_of(q, x), ZERO) for q, x, y in pairs]
-        return np.nan_to_num(np.maximum(apart, LEAST), nan=np.inf)
+        apart = []
+        for quantity, of_a, of_b in zip(self.quantities, a.records, b.records, strict=True):
+            size = max(size_of(quantity, of_a), ZERO_SIZE)
+            apart.append(difference_of(quantity, of_a, of_b) / size)
+        return np.nan_to_num(np.maximum(apart, ROUND_OFF_OF_DISTANCES), nan=np.inf)
 
     def check_sizes(self, trial: Trial, errors: np.ndarray | None = None) -> None:
         """Raise `InputError` for a quantity of size zero: it has no relative error.
@@ -270,8 +369,10 @@ class Bench:
         for k, (quantity, record) in enumerate(zip(self.quantities, trial.records, strict=True)):
             size = size_of(quantity, record)
             whole = size_of_vector(quantity, trial)
-            is_unknown = errors is not None and errors[k] > 1 and size < SMALL * whole
-            if size > max(ZERO, NOTHING * whole) and not is_unknown:
+            is_small = size < SMALL_PART_OF_VECTOR * whole
+            is_unknown = errors is not None and errors[k] > 1
+            is_zero = size <= max(ZERO_SIZE, ZERO_PART_OF_VECTOR * whole)
+            if not is_zero and not (is_small and is_unknown):
                 continue
             what = f"{quantity} = 0"
             allowed = "has no relative error"
@@ -284,14 +385,17 @@ class Bench:
 
 
 def size_of_vector(quantity: Quantity, trial: Trial) -> float:
-    """Return the length at the end of the vector whose component a quantity is; else 0."""
+    """Return the length at the end of the vector whose component a quantity is; else 0.
+
+    Of a probe, which has a place, it is the length of its way from the start.
+    """
     name = quantity.column.rpartition(".")[0]
     ends = trial.row.get("ends", {})
-    parts = [ends.get(f"{name}.{c}") for c in "xyz"]
-    if not name or None in parts:
+    components = [ends.get(f"{name}.{axis}") for axis in "xyz"]
+    if not name or None in components:
         return 0.0
-    begin = name in trial.row["point"].problem.probes
-    return float(np.linalg.norm([part[1] - begin * part[0] for part in parts]))
+    is_probe = name in trial.row["point"].problem.probes
+    return float(np.linalg.norm([end - is_probe * start for start, end in components]))
 
 
 def spent(trials: Sequence[Trial]) -> float:
@@ -300,6 +404,8 @@ def spent(trials: Sequence[Trial]) -> float:
 
 
 def each_once(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials without copies: a run that comes again from the store has its seconds."""
-    seen = {(r.choice, bool(r.records), r.row.get("cpu_seconds")): r for r in trials}
-    return list(seen.values())
+    """Return the trials without copies: a run from the store has the same seconds again."""
+    by_run = {
+        (trial.choice, bool(trial.records), trial.row.get("cpu_seconds")): trial for trial in trials
+    }
+    return list(by_run.values())

@@ -7,15 +7,21 @@ import numpy as np
 
 from fecloth.study.change import Change
 from fecloth.study.problems import FunctionProblem, Problem
-from fecloth.study.tuning.choices import COSTLY, Bench
+from fecloth.study.tuning.choices import (
+    COSTLY_SECONDS,
+    COUNTING_SHARE,
+    HALF_OF_H_COSTS,
+    Bench,
+)
 from fecloth.study.tuning.prediction import Candidate, Goal, Prediction
 
-BEST = 3  # candidates that are looked at
-COUNTS = 0.2  # part of the predicted error from which the error in time matters
-MOST = 2.0  # power of √triangles
-CLOSE = 3.0  # times the seconds of the best one, up to which others are candidates
-FEWEST, PART = 12, 0.05  # steps of a short run, and its part of the whole one
-DEARER = 6.0  # times the seconds: a run with half of h
+BEST_CANDIDATES = 3  # whose errors in time and seconds are measured, or measured again
+# Errors in time grow at most with this power of √triangles, and at least with the power 0: a
+# larger one would be noise of a small error.
+LARGEST_GROWTH = 2.0
+# A short run that shows seconds has at least so many steps, and at least this part of all.
+STEPS_OF_SHORT_RUN = 12
+PART_OF_SHORT_RUN = 0.05
 
 
 def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
@@ -26,33 +32,36 @@ def measure_growth(bench: Bench, prediction: Prediction, goal: Goal) -> Predicti
     the largest power.
     """
     times = prediction.times
-    candidates = [of for of in goal.candidates(prediction)[:BEST] if _errs_in_time(of)]
+    best = goal.candidates(prediction)[:BEST_CANDIDATES]
+    candidates = [candidate for candidate in best if _errs_in_time(candidate)]
     able = [run for run in times.trials if run.is_ok and run.choice.steps]
     implicit = [run for run in able if not run.choice.is_explicit]
     if not candidates or not implicit or prediction.coarse.choice.h is None:
         return prediction
     reference = min(implicit, key=lambda run: float(bench.distance(times.reference, run).max()))
-    (finest,) = bench.run([reference.choice.with_half_of_h()])
+    (finer_reference,) = bench.run([reference.choice.with_half_of_h()])
     growth = dict(prediction.growth)
     for candidate in candidates:
         apart = np.abs(np.log(candidate.rule.errors.x / candidate.x))
         trial = candidate.rule.trials[int(np.argmin(apart))]
-        if trial is reference or not finest.is_ok or DEARER * trial.seconds > COSTLY:
+        is_costly = HALF_OF_H_COSTS * trial.seconds > COSTLY_SECONDS
+        if trial is reference or not finer_reference.is_ok or is_costly:
             continue
         (finer,) = bench.run([trial.choice.with_half_of_h()])
         if finer.is_ok:
-            ratio = bench.distance(finest, finer).max() / bench.distance(reference, trial).max()
-            power = math.log(ratio) / math.log(finer.edges / trial.edges)
-            growth[candidate.rule.key] = float(np.clip(power, 0.0, MOST))
-    most = max(growth.values(), default=0.0)
-    others = {rule.key: most for rule in times.rules if rule.kind in ("steps", "rtol")}
+            error = bench.distance(reference, trial).max()
+            error_of_finer = bench.distance(finer_reference, finer).max()
+            power = math.log(error_of_finer / error) / math.log(finer.edges / trial.edges)
+            growth[candidate.rule.key] = float(np.clip(power, 0.0, LARGEST_GROWTH))
+    largest = max(growth.values(), default=0.0)
+    others = {rule.key: largest for rule in times.rules if rule.kind in ("steps", "rtol")}
     return replace(prediction, growth=others | growth)
 
 
 def _errs_in_time(candidate: Candidate) -> bool:
     """Whether steps are chosen whose error is a part of the whole that counts."""
     is_chosen = candidate.rule.kind in ("steps", "rtol")
-    return is_chosen and candidate.time.max() > COUNTS * candidate.error
+    return is_chosen and candidate.time.max() > COUNTING_SHARE * candidate.error
 
 
 def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Prediction:
@@ -61,34 +70,39 @@ def time_candidates(bench: Bench, prediction: Prediction, goal: Goal) -> Predict
     Steps that follow rtol are not measured, because the steps of the beginning say little of the
     others.
     """
-    fixed = [of for of in goal.candidates(prediction) if of.rule.kind in ("steps", "limit")]
-    for candidate in fixed[:BEST]:
-        if candidate.seconds <= CLOSE * fixed[0].seconds:
-            seconds = _seconds(bench, candidate)
-            prediction = prediction.with_seconds(candidate, seconds)
+    candidates = goal.candidates(prediction)
+    with_equal_steps = [
+        candidate for candidate in candidates if candidate.rule.kind in ("steps", "limit")
+    ]
+    for candidate in with_equal_steps[:BEST_CANDIDATES]:
+        prediction = prediction.with_seconds(candidate, _measure_seconds(bench, candidate))
     return prediction
 
 
-def _seconds(bench: Bench, candidate: Candidate) -> float:
+def _measure_seconds(bench: Bench, candidate: Candidate) -> float:
     """Return the seconds of a candidate from a short run; infinite if that fails."""
     choice = candidate.choice
-    part = min(max(PART, FEWEST / (choice.steps or FEWEST / PART)), 1.0)
-    short = replace(bench, opened=shorten(bench.opened, part), quantities=())
+    part = PART_OF_SHORT_RUN
     if choice.steps:
+        part = min(max(PART_OF_SHORT_RUN, STEPS_OF_SHORT_RUN / choice.steps), 1.0)
         choice = replace(choice, steps=max(round(part * choice.steps), 1))
+    short = replace(bench, opened=shorten(bench.opened, part), quantities=())
     (trial,) = short.run([choice], timed=True)
-    return trial.seconds / part if trial.is_ok else math.inf
+    if trial.is_ok:
+        return trial.seconds / part
+    return math.inf
 
 
 def shorten(opened: Problem, part: float) -> Problem:
-    """Return the beginning of a run."""
+    """Return the problem that ends after a part of its time."""
     span = opened.span
     assert span is not None
     if isinstance(opened, FunctionProblem):
         return replace(opened, t_end=part * span)
 
-    def edit(tables: dict) -> dict:
+    def end_earlier(tables: dict) -> dict:
         tables["time"]["t_end"] = opened.scene.time.t_start + part * span
-        return {k: v for k, v in tables.items() if k not in ("interest", "expect")}
+        of_the_end = ("interest", "expect")
+        return {name: table for name, table in tables.items() if name not in of_the_end}
 
-    return opened.changed(Change(edits=(edit,)))
+    return opened.changed(Change(edits=(end_earlier,)))

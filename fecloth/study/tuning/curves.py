@@ -10,28 +10,45 @@ import numpy as np
 from fecloth.study.uncertainty import SAFE, UNSAFE
 
 Run = TypeVar("Run")
-CAREFUL = 0.75  # times the theoretical order, where no two errors are clear
-LOWEST = 0.5  # order that is assumed at least, where refinement helps at all
-STALLED = 0.3  # observed order below which refinement does not help
+# Part of the theoretical order that is assumed where no two errors are clear.
+CAREFUL_PART_OF_ORDER = 0.75
+# Order that is assumed at least, where refinement helps at all: also the least one that the grid
+# convergence index trusts.
+LEAST_ORDER = 0.5
+STALLED_ORDER = 0.3  # observed order below which refinement does not help; not far below it
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Values y at sizes x, with powers of x between and beyond them."""
+    """Values y at sizes x, with powers of x between and beyond them.
 
-    x: np.ndarray  # (k,) increasing sizes, as √triangles or the number of steps
-    y: np.ndarray  # (k, q) positive values
-    slope: np.ndarray | float  # power of x beyond the largest x
-    below: np.ndarray | float  # power of x below the smallest x
-    order: np.ndarray | float = LOWEST  # (q,) orders of errors over all runs, see `clear_orders`
+    Attributes
+    ----------
+    x
+        (k,) increasing sizes, as √triangles or the number of steps.
+    y
+        (k, q) positive values.
+    slope
+        Power of x beyond the largest x.
+    below
+        Power of x below the smallest x.
+    order
+        (q,) orders of errors over all runs, see `clear_orders`.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    slope: np.ndarray | float
+    below: np.ndarray | float
+    order: np.ndarray | float = LEAST_ORDER
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Return (m, q) values at (m,) sizes."""
-        s = np.log(np.asarray(x, dtype=float))
-        t = np.log(self.x)
-        inside = np.stack([np.interp(s, t, column) for column in np.log(self.y).T], axis=1)
-        beyond = np.maximum(s - t[-1], 0.0)[:, None] * self.slope
-        before = np.minimum(s - t[0], 0.0)[:, None] * self.below
+        at = np.log(np.asarray(x, dtype=float))
+        known = np.log(self.x)
+        inside = np.stack([np.interp(at, known, column) for column in np.log(self.y).T], axis=1)
+        beyond = np.maximum(at - known[-1], 0.0)[:, None] * self.slope
+        before = np.minimum(at - known[0], 0.0)[:, None] * self.below
         return np.exp(inside + beyond + before)
 
     def scaled(self, factor: float | np.ndarray) -> "Curve":
@@ -51,14 +68,17 @@ def error_curve(
     """
     sizes, values = _sorted(x, apart)
     values = np.maximum.accumulate((values + left)[::-1])[::-1]
-    slope = first = -CAREFUL * theory
     if len(sizes) > 1:
         powers = np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
-        first = powers[0]
-        slope = powers[-1]
-    beyond = np.clip(slope, -theory, -np.minimum(LOWEST, theory))
-    below = np.clip(first, -theory, -np.minimum(1.0, theory))
-    return Curve(sizes, values, beyond, below, clear_orders(sizes, values, theory, left))
+    else:
+        powers = -CAREFUL_PART_OF_ORDER * theory[None]
+    return Curve(
+        x=sizes,
+        y=values,
+        slope=np.clip(powers[-1], -theory, -np.minimum(LEAST_ORDER, theory)),
+        below=np.clip(powers[0], -theory, -np.minimum(1.0, theory)),
+        order=clear_orders(sizes, values, theory, left),
+    )
 
 
 def clear_orders(
@@ -67,15 +87,17 @@ def clear_orders(
     """Return (q,) orders between the first and the last clear error, at least 1/2.
 
     An error is clear if it is above twice `left`, the error of the reference that it contains:
-    the others say more of the reference. With less than two it is `CAREFUL` times the theory.
+    the others say more of the reference. With less than two clear errors it is three quarters
+    of the theory.
     """
-    orders = CAREFUL * theory
+    orders = CAREFUL_PART_OF_ORDER * theory
     for k, is_clear in enumerate((errors > 2 * np.asarray(left)).T):
-        at = np.flatnonzero(is_clear)
-        if len(at) > 1:
-            a, b = at[0], at[-1]
-            orders[k] = math.log(errors[a, k] / errors[b, k]) / math.log(x[b] / x[a])
-    return np.clip(orders, LOWEST, theory)
+        clear = np.flatnonzero(is_clear)
+        if len(clear) > 1:
+            first, last = clear[0], clear[-1]
+            fall = errors[first, k] / errors[last, k]
+            orders[k] = math.log(fall) / math.log(x[last] / x[first])
+    return np.clip(orders, LEAST_ORDER, theory)
 
 
 def error_of_finest(
@@ -86,16 +108,16 @@ def error_of_finest(
 ) -> np.ndarray:
     """Return (q,) errors of the finest of two or more runs: the grid convergence index.
 
-    With d the change by the last refinement, r the ratio of its sizes and p the observed order,
-    these are 1.25 d/(rᵖ − 1). From two runs no order is observed: p is the theory, in place of
-    1.25 comes 3 (Roache 1994, J. Fluids Eng. 116, 405–413).
+    Let d be the change by the last refinement, r the ratio of its sizes and p the observed
+    order: the errors are 1.25 d/(rᵖ − 1). From two runs no order is observed; then p is the
+    theory, and the factor 1.25 becomes 3. Source: Roache (1994), J. Fluids Eng. 116, 405–413.
     """
     ratio = sizes[-1] / sizes[-2]
     change = distance(runs[-1], runs[-2])
     if len(runs) == 2:
         return UNSAFE * change / (ratio**theory - 1)
     order = np.log(distance(runs[-2], runs[-3]) / change) / math.log(ratio)
-    return SAFE * change / (ratio ** np.clip(order, LOWEST, theory) - 1)
+    return SAFE * change / (ratio ** np.clip(order, LEAST_ORDER, theory) - 1)
 
 
 def grouped(
@@ -115,14 +137,17 @@ def cost_curve(x: Sequence[float], seconds: Sequence[float], low: float, high: f
     which loads compiled code: the seconds of the finer run replace its seconds.
     """
     sizes, values = _sorted(x, seconds)
-    values = np.minimum.accumulate(np.maximum(values, 1e-6)[::-1])[::-1]
-    power = (low + high) / 2
+    values = np.maximum(values, np.finfo(float).eps)  # which have logarithms: a clock may show 0
+    values = np.minimum.accumulate(values[::-1])[::-1]
     if len(sizes) > 1:
-        power = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))
-    power = min(max(power, low), high)
-    return Curve(sizes, values[:, None], power, power)
+        measured = float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2]))
+        power = min(max(measured, low), high)
+    else:
+        power = (low + high) / 2
+    return Curve(x=sizes, y=values[:, None], slope=power, below=power)
 
 
 def _sorted(x: Sequence[float], values: Sequence) -> tuple[np.ndarray, np.ndarray]:
+    """Return sizes and their values by increasing sizes."""
     order = np.argsort(x)
     return np.asarray(x, dtype=float)[order], np.asarray(values, dtype=float)[order]

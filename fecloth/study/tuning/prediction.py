@@ -3,28 +3,47 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from fecloth.study.tuning.choices import SEARCH, Choice, Trial
+from fecloth.study.tuning.choices import NODES_OF_P2, SEARCH_SECONDS, Choice, Trial
 from fecloth.study.tuning.space_errors import Mesh
 from fecloth.study.tuning.time_errors import Rule, TimeErrors, key_of, size_of
 
-FINE = 2 ** (1 / 6)  # ratio of the sizes that are compared
-COARSER, FINER = 0.5, 16.0  # times the measured √triangles
-LONGER, SHORTER = 1.0, 64.0  # times the measured numbers of steps
-NOISE = 1.1  # times the least seconds: settings whose order the measured seconds do not tell
-NODES_OF_P2 = 2.0  # per edge, over the nodes of P1
-P2_STEPS = 2.0  # explicit steps on P2 over the steps on P1 with the same triangles
-MARGIN = 0.75  # part of the tolerance that predicted errors may take
-IN_TIME = 0.9  # part of the budget that predicted seconds may take
-TIMES = 3.0  # times the CPU time of the tuned run: what its search may take if this is longer
+RATIO_OF_SIZES = 2 ** (1 / 6)  # of successive sizes that are compared: the best is off by 6 %
+# Settings are sought from the first to the second times the measured √triangles, and up to the
+# third times the measured numbers of steps. Farther off, errors are only guessed.
+COARSEST_MESH = 0.5
+FINEST_MESH = 16.0
+SHORTEST_STEPS = 64.0
+# Ratio of measured seconds up to which they are taken as equal, because of their noise.
+NOISE_OF_SECONDS = 1.1
+# Part of the tolerance that predicted errors may take, and the part where errors of neighbouring
+# settings were measured. Seconds are predicted as well as the latter, for a budget.
+PART_OF_TOLERANCE = 0.75
+PART_AFTER_MEASUREMENT = 0.9
+# A search may take this multiple of the CPU time of the tuned run, if that is longer than
+# `SEARCH_SECONDS`.
+SEARCH_OVER_RUN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A setting with its predicted errors in space and time, (q,) each, and seconds."""
+    """A setting with its predicted errors and seconds.
+
+    Attributes
+    ----------
+    mesh, rule
+        Its kind of mesh, and its method.
+    edges
+        √triangles of its mesh.
+    x
+        The size of its steps; see `Rule.kind`.
+    space, time
+        Predicted errors in space and in time, (q,) each.
+    seconds
+        Predicted CPU time [s].
+    """
 
     mesh: Mesh
     rule: Rule
@@ -36,32 +55,88 @@ class Candidate:
 
     @property
     def choice(self) -> Choice:
+        """The setting."""
         return self.rule.choose(self.mesh.choose(self.edges), self.x)
 
     @property
     def key(self) -> tuple:
         """What its measured seconds hold for: element, pattern and rule."""
-        return self.mesh.choice.mesh, *self.rule.key
+        return key_of_pair(self.mesh, self.rule)
 
     @property
     def error(self) -> float:
+        """The largest predicted error of all quantities, without `Prediction.other`."""
         return float((self.space + self.time).max())
+
+
+def key_of_pair(mesh: Mesh, rule: Rule) -> tuple:
+    """Return what tells pairs of a mesh and a rule apart."""
+    return mesh.choice.mesh, *rule.key
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """The m settings of a mesh with a rule, and what is predicted for each.
+
+    Attributes
+    ----------
+    edges, x
+        √triangles and sizes of steps, (m,) each.
+    space, time
+        Errors in space and in time, (m, q) each.
+    seconds
+        CPU times [s], (m,).
+    """
+
+    edges: np.ndarray
+    x: np.ndarray
+    space: np.ndarray
+    time: np.ndarray
+    seconds: np.ndarray
+
+    def candidate(self, mesh: Mesh, rule: Rule, k: int) -> Candidate:
+        """Return the setting k."""
+        return Candidate(
+            mesh=mesh,
+            rule=rule,
+            edges=float(self.edges[k]),
+            x=float(self.x[k]),
+            space=self.space[k],
+            time=self.time[k],
+            seconds=float(self.seconds[k]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Errors and seconds of all meshes and methods."""
+    """Errors and seconds of all meshes and methods.
+
+    Attributes
+    ----------
+    meshes
+        All kinds of meshes, with their errors in space.
+    times
+        All methods, with their errors in time.
+    coarse
+        The run that the measurements of methods and of meshes have in common.
+    other
+        Error that no mesh and no step changes: by the solver, changed terms and gaps.
+    factors
+        Measured over predicted seconds, by `Candidate.key`.
+    growth
+        Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have
+        shorter waves.
+    dropped
+        `Candidate.key` of what is not tried again.
+    """
 
     meshes: Sequence[Mesh]
     times: TimeErrors
-    coarse: Trial  # the run that the measurements of methods and meshes share
-    other: float = 0.0  # error that no mesh and no step changes: of the solver and left-out terms
-    # Measured over predicted seconds, by `Candidate.key`.
+    coarse: Trial
+    other: float = 0.0
     factors: Mapping[tuple, float] = field(default_factory=dict)
-    # Power of √triangles with which errors in time grow, by `Rule.key`: finer meshes have
-    # shorter waves.
     growth: Mapping[tuple, float] = field(default_factory=dict)
-    dropped: frozenset[tuple] = frozenset()  # `Candidate.key` of what is not tried again
+    dropped: frozenset[tuple] = frozenset()
 
     def with_seconds(self, candidate: Candidate, seconds: float) -> "Prediction":
         """Return the prediction with the measured seconds of a candidate."""
@@ -69,9 +144,9 @@ class Prediction:
         return replace(self, factors={**self.factors, candidate.key: factor})
 
     def without(self, candidate: Candidate, on_all_meshes: bool = False) -> "Prediction":
-        """Return the prediction without the rule of a candidate on its mesh, or on all meshes."""
+        """Return the prediction without a candidate's rule on its mesh, or on all meshes."""
         meshes = self.meshes if on_all_meshes else [candidate.mesh]
-        keys = {(mesh.choice.mesh, *candidate.rule.key) for mesh in meshes}
+        keys = {key_of_pair(mesh, candidate.rule) for mesh in meshes}
         return replace(self, dropped=self.dropped | keys)
 
     def pairs(self) -> list[tuple[Mesh, Rule]]:
@@ -80,65 +155,80 @@ class Prediction:
         Explicit methods lump the mass, which changes the error of P2: there both kinds of rules
         need meshes that were run with their own kind.
         """
-        lumped = self.coarse.choice.is_explicit
-        return [
-            (mesh, rule)
-            for mesh in self.meshes
-            for rule in self.times.rules
-            if (mesh.choice.element != "P2" or (rule.kind == "limit") == lumped)
-            and (mesh.choice.mesh, *rule.key) not in self.dropped
-        ]
+        is_lumped = self.coarse.choice.is_explicit
+        pairs = []
+        for mesh in self.meshes:
+            for rule in self.times.rules:
+                is_measured = mesh.choice.element != "P2" or (rule.kind == "limit") == is_lumped
+                if is_measured and key_of_pair(mesh, rule) not in self.dropped:
+                    pairs.append((mesh, rule))
+        return pairs
 
-    def settings_of(self, mesh: Mesh, rule: Rule) -> tuple[np.ndarray, ...]:
-        """Return m settings of a mesh and a rule: edges, x, (m, q) errors in space, time; seconds.
+    def settings_of(self, mesh: Mesh, rule: Rule) -> Settings:
+        """Return the settings of a mesh and a rule, on a grid of sizes.
 
-        They lie on a grid of sizes from below to above the measured ones.
+        The grid reaches from coarser meshes than the measured ones to finer ones, and to shorter
+        steps.
         """
-        is_p2 = mesh.choice.element == "P2"
         coarse = self.coarse
+        is_p2 = mesh.choice.element == "P2"
+        edges = mesh.errors.x[-1:]
         if mesh.choice.h:
-            edges = _sizes(mesh.errors.x, COARSER, FINER)
-        else:
-            edges = mesh.errors.x[-1:]
-        fixed = rule.kind in ("limit", "static")
-        x = np.array([1.0]) if fixed else _sizes(rule.errors.x, LONGER, SHORTER)
+            edges = _sizes(COARSEST_MESH * mesh.errors.x[0], FINEST_MESH * mesh.errors.x[-1])
+        x = np.ones(1)
+        if rule.kind in ("steps", "rtol"):
+            x = _sizes(rule.errors.x[0], SHORTEST_STEPS * rule.errors.x[-1])
         edges, x = (values.ravel() for values in np.meshgrid(edges, x))
         if rule.kind == "limit":
-            more = P2_STEPS if is_p2 and coarse.choice.element != "P2" else 1.0
-            x = more * edges / coarse.edges
+            x = edges / coarse.edges
+            if is_p2 and coarse.choice.element != "P2":
+                x *= NODES_OF_P2
         elif rule.kind == "steps":
             x = np.ceil(x)
-        finer = np.maximum(edges * (NODES_OF_P2 if is_p2 else 1.0) / coarse.edges, 1.0)
-        in_time = rule.errors(x) * finer[:, None] ** self.growth.get(rule.key, 0.0)
-        per_step = mesh.seconds(edges)[:, 0] / (coarse.seconds / coarse.steps)
-        factor = self.factors.get((mesh.choice.mesh, *rule.key), 1.0)
-        return edges, x, mesh.errors(edges), in_time, rule.seconds(x)[:, 0] * per_step * factor
+        nodes = edges * NODES_OF_P2 if is_p2 else edges
+        in_time = rule.errors(x) * self._growth(rule, nodes)[:, None]
+        seconds_of_step = mesh.seconds(edges)[:, 0] / (coarse.seconds / coarse.steps)
+        factor = self.factors.get(key_of_pair(mesh, rule), 1.0)
+        seconds = rule.seconds(x)[:, 0] * seconds_of_step * factor
+        return Settings(edges, x, mesh.errors(edges), in_time, seconds)
 
     def error_in_time(self, trial: Trial) -> np.ndarray:
         """Return the (q,) predicted error in time of a run on any mesh."""
         key = key_of(trial.choice)
         rules = self.times.rules
         rule = next((rule for rule in rules if rule.key == key), rules[0])
-        finer = max(trial.edges / self.coarse.edges, 1.0)
-        in_time = rule.errors(np.array([size_of(trial.choice)]))[0]
-        return in_time * finer ** self.growth.get(rule.key, 0.0)
+        on_coarse_mesh = rule.errors(np.array([size_of(trial.choice)]))[0]
+        return on_coarse_mesh * self._growth(rule, np.array([trial.edges]))
+
+    def _growth(self, rule: Rule, edges: np.ndarray) -> np.ndarray:
+        """Return the factor of errors in time on finer meshes than the coarse one."""
+        return np.maximum(edges / self.coarse.edges, 1.0) ** self.growth.get(rule.key, 0.0)
 
 
-def _sizes(measured: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return sizes from below to above the measured ones, in equal ratios."""
-    ends = low * measured[0], high * measured[-1]
-    return np.geomspace(*ends, math.ceil(math.log(ends[1] / ends[0]) / math.log(FINE)) + 1)
+def _sizes(least: float, largest: float) -> np.ndarray:
+    """Return sizes in equal ratios."""
+    count = math.ceil(math.log(largest / least) / math.log(RATIO_OF_SIZES)) + 1
+    return np.geomspace(least, largest, count)
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What is asked for: the largest error, or the longest CPU time [s]; the other is infinite."""
+    """What is asked for; one of both is infinite.
+
+    Attributes
+    ----------
+    tolerance
+        The largest error.
+    budget
+        The longest CPU time of the tuned run [s].
+    """
 
     tolerance: float = math.inf
     budget: float = math.inf
 
     @property
     def has_budget(self) -> bool:
+        """Whether the most accurate setting within a time is asked for."""
         return math.isfinite(self.budget)
 
     @property
@@ -151,38 +241,51 @@ class Goal:
     def limit(self, candidates: Sequence[Candidate]) -> float:
         """Return the CPU time that the search may take [s]."""
         if self.has_budget:
-            return max(SEARCH, TIMES * self.budget)
-        return max(SEARCH, TIMES * candidates[0].seconds if candidates else 0.0)
+            return max(SEARCH_SECONDS, SEARCH_OVER_RUN * self.budget)
+        if candidates:
+            return max(SEARCH_SECONDS, SEARCH_OVER_RUN * candidates[0].seconds)
+        return SEARCH_SECONDS
 
-    def candidates(self, prediction: Prediction, margin: float = MARGIN) -> list[Candidate]:
+    def candidates(
+        self, prediction: Prediction, margin: float = PART_OF_TOLERANCE
+    ) -> list[Candidate]:
         """Return the predicted candidate of each mesh and rule, the best first.
 
         They are the cheapest within `margin` times the tolerance, or the most accurate within
-        the budget. Of candidates that differ by less than `NOISE` the most accurate counts:
-        errors have no noise.
+        the budget. Candidates that differ by less than `NOISE_OF_SECONDS` are sorted by their
+        errors, which have no noise.
         """
+        best = [self._best_setting(prediction, *pair, margin) for pair in prediction.pairs()]
+        candidates = [candidate for candidate in best if candidate]
 
-        def rank(error: Any, seconds: Any) -> Any:
-            return error if self.has_budget else seconds
+        def place(candidate: Candidate) -> float:
+            if self.has_budget:
+                return candidate.error + prediction.other
+            return candidate.seconds
 
-        chosen = []
-        for mesh, rule in prediction.pairs():
-            edges, x, space, in_time, seconds = prediction.settings_of(mesh, rule)
-            error = (space + in_time).max(axis=1) + prediction.other
-            fits = seconds <= IN_TIME * self.budget
-            allowed = np.flatnonzero(fits if self.has_budget else error <= margin * self.tolerance)
-            if not len(allowed):
-                continue
-            ranks = rank(error[allowed], seconds[allowed])
-            close = allowed[ranks <= NOISE * ranks.min()]
-            k = close[np.argmin(error[close])]
-            numbers = float(edges[k]), float(x[k]), space[k], in_time[k], float(seconds[k])
-            chosen.append(Candidate(mesh, rule, *numbers))
-        places = [rank(each.error + prediction.other, each.seconds) for each in chosen]
-        limit = NOISE * min(places, default=0.0)
+        limit = NOISE_OF_SECONDS * min(map(place, candidates), default=0.0)
 
-        def order(pair: tuple[Candidate, float]) -> tuple[bool, float]:
-            candidate, place = pair
-            return place > limit, candidate.error if place <= limit else place
+        def order(candidate: Candidate) -> tuple[bool, float]:
+            if place(candidate) <= limit:
+                return False, candidate.error
+            return True, place(candidate)
 
-        return [each for each, _ in sorted(zip(chosen, places, strict=True), key=order)]
+        return sorted(candidates, key=order)
+
+    def _best_setting(
+        self, prediction: Prediction, mesh: Mesh, rule: Rule, margin: float
+    ) -> Candidate | None:
+        """Return the best candidate of a mesh and a rule; None if none serves."""
+        settings = prediction.settings_of(mesh, rule)
+        error = (settings.space + settings.time).max(axis=1) + prediction.other
+        if self.has_budget:
+            serves = settings.seconds <= PART_AFTER_MEASUREMENT * self.budget
+            rank = error
+        else:
+            serves = error <= margin * self.tolerance
+            rank = settings.seconds
+        if not serves.any():
+            return None
+        is_close = serves & (rank <= NOISE_OF_SECONDS * rank[serves].min())
+        close = np.flatnonzero(is_close)
+        return settings.candidate(mesh, rule, close[np.argmin(error[close])])

@@ -29,7 +29,7 @@ COLUMNS = {  # of a setting: names in `Choice` and in the table
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(StudyResult):
-    """What `tune` found: the table has a row for each run, with its estimated error.
+    """What `tune` found.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Tuned(StudyResult):
     verdict
         The answer in words.
     table
-        One row for each run or level; see `Table`.
+        A row for each run, with its estimated error; see `Table`.
     doubts
         Likely mistakes in the set-up of what was studied.
     remarks
@@ -59,8 +59,8 @@ class Tuned(StudyResult):
     quantities
         Texts of the quantities.
     parts
-        The error by its cause: "space", "time", "solver" and "model", as far as they
-        exist.
+        The error by its cause, as far as it exists: "space", "time", "solver", "model" for
+        changed terms, and "gap".
     settings
         The tuned setting in words: element, pattern, h [m], method, dt [s] or rtol [1/s].
     text
@@ -87,14 +87,16 @@ class Tuned(StudyResult):
 
     def notes(self) -> list[str]:
         """Sentences on the parts of the error, the cost and what was noticed."""
-        parts = ", ".join(f"{name} {in_percent(size)}" for name, size in self.parts.items())
-        lines = [f"Estimated parts of the error: {parts}."] if parts else []
-        known = math.isfinite(self.predicted)
-        predicted = f", predicted {self.predicted:.2g} s" if known else ""
-        took = f"; the search took {self.search_seconds:.2g} s"
-        took = took if math.isfinite(self.search_seconds) else ""
-        lines.append(f"CPU time: {self.seconds:.2g} s{predicted}{took}.")
-        return [*lines, *self.remarks]
+        lines = []
+        if self.parts:
+            parts = ", ".join(f"{name} {in_percent(size)}" for name, size in self.parts.items())
+            lines.append(f"Estimated parts of the error: {parts}.")
+        cost = f"CPU time: {self.seconds:.2g} s"
+        if math.isfinite(self.predicted):
+            cost += f", predicted {self.predicted:.2g} s"
+        if math.isfinite(self.search_seconds):
+            cost += f"; the search took {self.search_seconds:.2g} s"
+        return [*lines, f"{cost}.", *self.remarks]
 
     @property
     def scene_file(self) -> tuple[str, str]:
@@ -111,19 +113,20 @@ class Tuned(StudyResult):
         drawing, ax = new_figure(size=(10.0, 6.0))
         rows = [row for row in self.table if _is_shown(row)]
         if not rows:
-            ax.text(0.5, 0.5, "The error of no run is known.", ha="center", transform=ax.transAxes)
+            words = "The error of no run is known."
+            ax.text(0.5, 0.5, words, ha="center", transform=ax.transAxes)
             ax.set_axis_off()
             return drawing
 
-        def plot(listed: Sequence[Mapping[str, Any]], label: str, **look: Any) -> None:
-            x, y = ([row[name] for row in listed] for name in ("CPU s", "error %"))
-            ax.plot(x, y, ls="", label=label, **look)
+        def plot(rows: Sequence[Mapping[str, Any]], label: str, **look: Any) -> None:
+            seconds = [row["CPU s"] for row in rows]
+            errors = [row["error %"] for row in rows]
+            ax.plot(seconds, errors, ls="", label=label, **look)
 
         for i, name in enumerate(dict.fromkeys(map(_series, rows))):
-            marker = MARKERS[i % len(MARKERS)]
-            color = COLOURS[i % len(COLOURS)]
             own = [row for row in rows if _series(row) == name]
-            plot(own, name, marker=marker, color=color, alpha=0.8)
+            marker = MARKERS[i % len(MARKERS)]
+            plot(own, name, marker=marker, color=COLOURS[i % len(COLOURS)], alpha=0.8)
         if tuned := [row for row in rows if row["run"] == "tuned"]:
             plot(tuned, "tuned", marker="o", ms=18, mfc="none", mec="k", mew=1.6)
         if math.isfinite(self.tolerance):
@@ -139,7 +142,7 @@ class Tuned(StudyResult):
 
 
 def _is_shown(row: Mapping[str, Any]) -> bool:
-    """Whether a run has the tuned terms, and an error and seconds above 0 for logarithmic axes."""
+    """Whether a run has the tuned terms, and numbers above 0 for the logarithmic axes."""
     values = [row.get(name) or 0.0 for name in ("error %", "CPU s")]
     return row["run"] != OTHER_TERMS and all(0 < value < math.inf for value in values)
 
@@ -157,7 +160,10 @@ def summarise(
     dropped: Sequence[str],
     folder: str | Path | None,
 ) -> Tuned:
-    """Return the result; write tuned.toml. The search `took` so many CPU seconds."""
+    """Return the result; write tuned.toml.
+
+    The search `took` so many CPU seconds. `dropped` are the changes of terms and gaps in words.
+    """
     trial = proof.trial
     opened = bench.opened
     proved = proof.meets(goal) and not proof.why
@@ -179,12 +185,13 @@ def summarise(
         settings=_settings(trial),
         text=text,
         search_seconds=took,
-        remarks=tuple(_remarks(bench, proof, dropped)),
+        remarks=tuple(_remarks(bench, dropped)),
     )
     return replace(tuned, scene=tuned.write_scene(folder))
 
 
-def _remarks(bench: Bench, proof: Proof, dropped: Sequence[str]) -> Iterator[str]:
+def _remarks(bench: Bench, dropped: Sequence[str]) -> Iterator[str]:
+    """Yield sentences on changed terms, and on runs that were cut off or are no evidence."""
     if dropped:
         yield f"Changed terms: {', '.join(dropped)}."
     for status, what in ((LATE, "cut off at the limit of CPU time"), (FAILED, "no evidence")):
@@ -195,8 +202,10 @@ def _remarks(bench: Bench, proof: Proof, dropped: Sequence[str]) -> Iterator[str
 
 
 def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
-    size = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
-    has = f"{proof.trial.choice}: estimated error {size}, CPU time {proof.trial.seconds:.2g} s"
+    """Return the answer in words: the setting, its error and seconds, and its proof."""
+    error = "unknown" if math.isnan(proof.error) else in_percent(proof.error)
+    run = proof.trial
+    has = f"{run.choice}: estimated error {error}, CPU time {run.seconds:.2g} s"
     if goal.has_budget:
         allowed = f"{goal.budget:g} s"
         missed = f"a budget of {allowed} cannot be kept: no run of the search was shorter"
@@ -209,9 +218,11 @@ def _verdict(proof: Proof, goal: Goal, proved: bool) -> str:
 
 
 def _settings(trial: Trial) -> dict[str, Any]:
-    names = ("pattern", "h", "method", "rtol")
-    values = {"element": trial.row["element"]} | {n: getattr(trial.choice, n) for n in names}
-    values |= {"dt": trial.row["step"]} if math.isfinite(trial.row["step"]) else {}
+    """Return what a setting has, by the names of `Tuned.settings`."""
+    values = {"element": trial.row["element"]}
+    values |= {name: getattr(trial.choice, name) for name in ("pattern", "h", "method", "rtol")}
+    if math.isfinite(trial.row["step"]):
+        values["dt"] = trial.row["step"]
     return {name: value for name, value in values.items() if value}
 
 
@@ -222,30 +233,39 @@ def table_of_runs(bench: Bench, proof: Proof) -> Table:
     tuned run it is the estimated error.
     """
     finer = proof.finer
-    rows = []
+    runs = [*bench.other_than(finer), proof.trial]
+    error_of_finer = 0.0
     if finer:
-        left = proof.error - float(bench.distance(finer, proof.trial).max())
-    else:
-        left = math.nan
-    for trial in each_once([*bench.other_than(finer), proof.trial, *([finer] if finer else [])]):
-        row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
-        row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
-        row["graded"] = "yes" if trial.choice.grading else None
-        row["status"] = trial.row["status"]
-        if trial.is_ok:
-            row |= {name: trial.row[name] for name in ("triangles", "steps")}
-            row["CPU s"] = trial.seconds
-            if trial is proof.trial:
-                row["error %"] = 100 * proof.error
-            elif finer and trial.records:  # not of runs that only measure seconds
-                apart = float(bench.distance(finer, trial).max())
-                row["error %"] = 100 * (apart + max(left, 0.0))
+        runs.append(finer)
+        shown = float(bench.distance(finer, proof.trial).max())
+        error_of_finer = max(proof.error - shown, 0.0)
+    rows = []
+    for trial in each_once(runs):
+        row = _row(bench, trial, proof)
+        if trial is proof.trial:
+            row["error %"] = 100 * proof.error
+        elif finer and trial.is_ok and trial.records:  # not of runs that only measure seconds
+            distance = float(bench.distance(finer, trial).max())
+            row["error %"] = 100 * (distance + error_of_finer)
         rows.append(row)
     used = {name for row in rows for name, value in row.items() if value is not None}
     return Table(tuple({name: row[name] for name in row if name in used} for row in rows))
 
 
+def _row(bench: Bench, trial: Trial, proof: Proof) -> dict[str, Any]:
+    """Return the row of a run without its error."""
+    row: dict[str, Any] = {"run": _purpose(bench, trial, proof)}
+    row |= {title: getattr(trial.choice, name) or None for name, title in COLUMNS.items()}
+    row["graded"] = "yes" if trial.choice.grading else None
+    row["status"] = trial.row["status"]
+    if trial.is_ok:
+        row |= {name: trial.row[name] for name in ("triangles", "steps")}
+        row["CPU s"] = trial.seconds
+    return row
+
+
 def _purpose(bench: Bench, trial: Trial, proof: Proof) -> str:
+    """Return what a run was for, in words."""
     if trial is proof.trial:
         return "tuned"
     if trial is proof.finer:

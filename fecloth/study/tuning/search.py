@@ -10,25 +10,38 @@ from fecloth.errors import FeclothError, InputError
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.result import in_percent
 from fecloth.study.tuning import choices
-from fecloth.study.tuning.choices import COSTLY, SEARCH, Bench, Choice, Trial, problem_with
-from fecloth.study.tuning.prediction import MARGIN, Candidate, Goal, Prediction
+from fecloth.study.tuning.choices import (
+    COSTLY_SECONDS,
+    COUNTING_SHARE,
+    HALF_OF_H_COSTS,
+    HALVINGS,
+    NODES_OF_P2,
+    SEARCH_SECONDS,
+    Bench,
+    Choice,
+    Trial,
+    problem_with,
+)
+from fecloth.study.tuning.prediction import PART_OF_TOLERANCE, Candidate, Goal, Prediction
 from fecloth.study.tuning.space_errors import Mesh, SpaceErrors, graded_choices, summarise_meshes
 from fecloth.study.tuning.time_errors import TimeErrors
 from fecloth.study.workload import count_triangles, in_words
 
-COARSE = 128  # triangles of the first runs
-P2_COARSER = 2.0  # h of P2 over h of P1 in the first runs: these have as many nodes
-TRIES, RATIO = 5, 1.6  # finer meshes until a shape with small parts can be meshed; their ratio
-KNOWN = 0.3  # part of the tolerance up to which the best mesh's own error need be known
-EXTRAPOLATED = 2.0  # times the measured √triangles, up to which predictions are trusted
-RESERVE = 5.0  # s of the search: for what follows the meshes
-DEARER = 6.0  # times the seconds: a run with half of h
-QUICK = 0.2  # s: the seconds of such a run are measured more than once
-SHARE = 0.7  # part of the time left that the next mesh may take
+FIRST_TRIANGLES = 128  # of the first meshes on P1: a square sheet has 8 x 8 cells
+# Errors are trusted up to this multiple of the measured √triangles: the next mesh has so many.
+TRUSTED_EXTRAPOLATION = 2.0
+# Runs shorter than this are measured more than once, after a short one [s].
+QUICK_SECONDS = 0.2
+# Part of the time left that the next mesh may take, by its prediction: the proof takes time, too.
+PART_OF_TIME_LEFT = 0.7
 
 
 def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choice]:
-    """Return the elements and patterns with about `COARSE` triangles; finer where it must be."""
+    """Return the elements and patterns with about 128 triangles; finer where it must be.
+
+    P2 has a quarter of the triangles, and so as many nodes. Half of h is tried as long as small
+    parts of a shape cannot be meshed; if it never can, the run of the last choice says why.
+    """
     listed = choices.meshes_to_try(opened, elements)
     if listed[0].h is None:
         return listed
@@ -36,20 +49,23 @@ def coarse_meshes(opened: Problem, elements: Sequence[str] | None) -> list[Choic
         triangles = float(len(opened.first.cloth.triangles))
     else:
         triangles = count_triangles(opened.scene)
-    for k in range(TRIES + 1):
-        by = math.sqrt(triangles / COARSE) / RATIO**k
-        scaled = [_scaled(choice, by) for choice in listed]
+    factor = math.sqrt(triangles / FIRST_TRIANGLES)
+    for halvings in range(HALVINGS + 1):
+        scaled = [_scaled(choice, factor / 2**halvings) for choice in listed]
         try:
             problem_with(opened, scaled[0]).first  # noqa: B018  # raises if it is too coarse
             break
         except FeclothError:
             continue
-    return scaled  # if none can be meshed, the run of the last says why
+    return scaled
 
 
-def _scaled(choice: Choice, by: float) -> Choice:
-    factor = P2_COARSER if choice.element == "P2" else 1.0
-    return replace(choice, h=float(f"{factor * by * (choice.h or 0.0):.3g}"))
+def _scaled(choice: Choice, factor: float) -> Choice:
+    """Return the choice with its h times a factor, and times 2 on P2."""
+    h = factor * (choice.h or 0.0)
+    if choice.element == "P2":
+        h *= NODES_OF_P2
+    return replace(choice, h=float(f"{h:.3g}"))
 
 
 def measure_meshes(
@@ -68,18 +84,12 @@ def measure_meshes(
         space = summarise_meshes(bench, trials, orders)
         prediction = Prediction(space.meshes, times, coarse)
         candidates = goal.candidates(prediction)
-        if math.isinf(goal.budget):
-            seconds_left = SEARCH - RESERVE
-        else:
-            seconds_left = goal.limit(candidates)
-        seconds_left -= bench.spent()
-        if coarse.choice.h is not None:
-            mesh = next_mesh(space, candidates, goal)
-        else:
-            mesh = None
-        if mesh is None or space.stalls(bench, goal.scale):
+        if coarse.choice.h is None or space.stalls(bench, goal.scale):
             return space, prediction
-        if seconds_of_next(mesh, coarse) > SHARE * seconds_left:
+        mesh = next_mesh(space, candidates, goal)
+        seconds_left = goal.limit(candidates) if goal.has_budget else SEARCH_SECONDS
+        seconds_left -= bench.spent()
+        if mesh is None or seconds_of_next(mesh, coarse) > PART_OF_TIME_LEFT * seconds_left:
             return space, prediction
         trials += bench.within(seconds_left).run([mesh.trials[-1].choice.with_half_of_h()])
         if not trials[-1].is_ok:
@@ -88,7 +98,7 @@ def measure_meshes(
 
 def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list[Trial]:
     """Run all meshes with the steps of the coarse run."""
-    if coarse.seconds > COSTLY:
+    if coarse.seconds > COSTLY_SECONDS:
         return [coarse]
     own = coarse.choice
     others = [
@@ -96,8 +106,10 @@ def _first_meshes(bench: Bench, meshes: Sequence[Choice], coarse: Trial) -> list
         for mesh in meshes
         if mesh.mesh != own.mesh
     ]
-    trials = [coarse, *bench.run(others, timed=coarse.seconds < QUICK)]
-    return trials + (bench.run(graded_choices(bench.opened, trials)) if own.h is not None else [])
+    trials = [coarse, *bench.run(others, timed=coarse.seconds < QUICK_SECONDS)]
+    if own.h is not None:
+        trials += bench.run(graded_choices(bench.opened, trials))
+    return trials
 
 
 def _refine_once(bench: Bench, coarse: Trial, trials: Sequence[Trial]) -> list[Trial]:
@@ -107,10 +119,11 @@ def _refine_once(bench: Bench, coarse: Trial, trials: Sequence[Trial]) -> list[T
     for trial in trials:
         choice = trial.choice.with_half_of_h()
         is_own = trial.choice.mesh == coarse.choice.mesh
+        is_costly = HALF_OF_H_COSTS * trial.seconds > COSTLY_SECONDS
         if choice in known:
             refined.append(known[choice])
-        elif trial.is_ok and (is_own or DEARER * trial.seconds <= COSTLY):
-            refined += bench.run([choice], timed=trial.seconds < QUICK)
+        elif trial.is_ok and (is_own or not is_costly):
+            refined += bench.run([choice], timed=trial.seconds < QUICK_SECONDS)
     return refined
 
 
@@ -131,7 +144,7 @@ def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -
     it is the mesh that the best one disagrees with, or the best one. Then it is the mesh of the
     first candidate, if that is far finer than what was run.
     """
-    if not candidates or space.error.max() > KNOWN * goal.scale:
+    if not candidates or space.error.max() > COUNTING_SHARE * goal.scale:
         return space.rival or space.most_accurate
     if is_extrapolated(candidates[0]):
         return candidates[0].mesh
@@ -140,19 +153,19 @@ def next_mesh(space: SpaceErrors, candidates: Sequence[Candidate], goal: Goal) -
 
 def is_extrapolated(candidate: Candidate) -> bool:
     """Whether a setting is so much finer than the runs of its mesh that these predict little."""
-    return candidate.edges > EXTRAPOLATED * candidate.mesh.errors.x[-1]
+    return candidate.edges > TRUSTED_EXTRAPOLATION * candidate.mesh.errors.x[-1]
 
 
 def seconds_of_next(mesh: Mesh, coarse: Trial) -> float:
     """Predict the seconds of the next finer mesh; explicit steps are halved with h."""
     finest = mesh.trials[-1]
-    more = 2.0 if coarse.choice.is_explicit else 1.0
-    if len(mesh.trials) > 1:
+    ratio = 2.0
+    if len(mesh.trials) > 1:  # an unstructured mesh may gain more triangles by half of h
         ratio = max(finest.edges / mesh.trials[-2].edges, 2.0)
-    else:
-        ratio = 2.0
-    per_step = float(mesh.seconds(np.array([ratio * finest.edges]))[0, 0])
-    return more * finest.steps * per_step
+    steps = finest.steps
+    if coarse.choice.is_explicit:
+        steps *= 2
+    return steps * float(mesh.seconds(np.array([ratio * finest.edges]))[0, 0])
 
 
 def obstacle_of(
@@ -165,19 +178,20 @@ def obstacle_of(
             "a .geo file with h in [cloth] can be refined"
         )
     causes = "; ".join(space.reference.row["obstacles"])
-    causes = f": {causes}" if causes else ""
+    if causes:
+        causes = f": {causes}"
     if space.stalls(bench, goal.scale):
         return f"finer meshes do not come closer to each other{causes}"
     candidates = goal.candidates(prediction)
     if not candidates:
         return _why_none(space, prediction, goal, causes)
     first = candidates[0]
-    known = float(space.error.max())
+    error = float(space.error.max())
     seconds = f"in about {in_words(first.seconds)}"
     if first.seconds > (most or math.inf):
         return f"{first.choice} should meet it, {seconds}: too long"
-    if known > goal.tolerance and is_extrapolated(first):
-        differ = f"the best meshes that were run still differ by {in_percent(known)}"
+    if error > goal.tolerance and is_extrapolated(first):
+        differ = f"the best meshes that were run still differ by {in_percent(error)}"
         return f"{differ}; {first.choice} may meet it, {seconds}"
     return ""
 
@@ -186,16 +200,16 @@ def _why_none(space: SpaceErrors, prediction: Prediction, goal: Goal, causes: st
     """Return why no setting is predicted to meet the goal: its time, the solver or the mesh."""
     if math.isfinite(goal.budget):
         return f"no setting is predicted to take less than {goal.budget:g} s"
-    allowed = MARGIN * goal.tolerance
-    mesh = space.most_accurate
+    allowed = PART_OF_TOLERANCE * goal.tolerance
     if not math.isfinite(prediction.other):
         return "the error of the gaps of contact is not known: a run with half of them failed"
     if prediction.other > allowed:
-        left = in_percent(prediction.other)
-        return f"the solver's tolerance, changed terms and gaps alone make an error of {left}"
+        other = in_percent(prediction.other)
+        return f"the solver's tolerance, changed terms and gaps alone make an error of {other}"
+    mesh = space.most_accurate
     error = mesh.errors.y[-1]
     if error.max() <= allowed:
         return "the error in time of all methods is predicted to be larger"
-    finer = f"{float(((error / allowed) ** (1 / mesh.errors.order)).max()):.2g} times finer"
+    ratio = float(((error / allowed) ** (1 / mesh.errors.order)).max())
     finest = f"{mesh.trials[-1].choice}, the finest that the time of the search allows{causes}"
-    return f"it needs a mesh about {finer} than {finest}"
+    return f"it needs a mesh about {ratio:.2g} times finer than {finest}"

@@ -6,18 +6,27 @@ from functools import partial
 from operator import attrgetter
 
 from fecloth.integrators import METHODS
-from fecloth.study.tuning.choices import COSTLY, Bench, Choice, Trial
+from fecloth.study.tuning.choices import (
+    COSTLY_SECONDS,
+    COUNTING_SHARE,
+    HALVINGS,
+    Bench,
+    Choice,
+    Trial,
+)
 from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import TimeErrors, order_of
 
-CALM = 0.2  # part of the tolerance that the steps of the runs on all meshes may take
-MORE = 2.0  # times the error in time on the coarse mesh: what a finer mesh may have
-HALVINGS = 4  # of the steps, at most
+# Error in time on half of h over the error on the coarse mesh, above which steps are too long.
+# The middle of 1 to 4: with the shorter waves of a finer mesh it grows with up to h^-2.
+GROWTH_ON_HALF_OF_H = 2.0
 
 
 def prefer(trials: Sequence[Trial], by: Sequence[Callable[[Trial], bool]]) -> list[Trial]:
-    """Return the trials that keep the rules, the first rule first."""
-    # A rule that none of the trials left keeps is passed over.
+    """Return the trials that keep the rules, the first rule first.
+
+    A rule that none of the trials left keeps is passed over.
+    """
     for rule in by:
         trials = list(filter(rule, trials)) or trials
     return list(trials)
@@ -28,7 +37,7 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
 
     Methods that damp the shortest waves are preferred: the others keep the waves that each
     finer mesh adds and that their steps do not resolve. So are implicit methods, because
-    explicit ones lump the mass of P2. Of runs whose error in time is small beside the
+    explicit ones lump the mass of P2. Of runs whose error in time is below a quarter of the
     tolerance the cheapest is taken; if there is none, the most accurate.
     """
     error = partial(_error_in_time, bench, times)
@@ -37,24 +46,30 @@ def shared_run(bench: Bench, times: TimeErrors, tolerance: float) -> Trial:
         method = METHODS.get(trial.choice.method)
         return method is None or method().traits.at_infinity != 1
 
-    def is_calm(trial: Trial) -> bool:
-        return error(trial) <= CALM * tolerance
+    def is_accurate(trial: Trial) -> bool:
+        return error(trial) <= tolerance
 
-    def fits_all_meshes(choice: Choice) -> bool:  # not half of a limit, which the mesh changes
-        return not choice.rtol and not (choice.is_explicit and choice.steps)
+    def is_accurate_and_implicit(trial: Trial) -> bool:
+        return is_accurate(trial) and not trial.choice.is_explicit
 
-    able = [trial for trial in times.trials if trial.is_ok and fits_all_meshes(trial.choice)]
-    rules = [
-        damps_short_waves,
-        lambda trial: error(trial) <= tolerance,
-        lambda trial: error(trial) <= tolerance and not trial.choice.is_explicit,
-        is_calm,
-    ]
+    def is_more_than_accurate(trial: Trial) -> bool:
+        return error(trial) <= COUNTING_SHARE * tolerance
+
+    able = [trial for trial in times.trials if trial.is_ok and _fits_all_meshes(trial.choice)]
+    rules = [damps_short_waves, is_accurate, is_accurate_and_implicit, is_more_than_accurate]
     preferred = prefer(able, by=rules)
-    return min(preferred, key=attrgetter("seconds") if is_calm(preferred[0]) else error)
+    if is_more_than_accurate(preferred[0]):
+        return min(preferred, key=attrgetter("seconds"))
+    return min(preferred, key=error)
+
+
+def _fits_all_meshes(choice: Choice) -> bool:
+    """Whether all meshes can take the steps: not half of a limit, which the mesh changes."""
+    return not choice.rtol and not (choice.is_explicit and choice.steps)
 
 
 def _error_in_time(bench: Bench, times: TimeErrors, trial: Trial) -> float:
+    """Return the largest error in time that a run on the coarse mesh may have."""
     return float((bench.distance(times.reference, trial) + times.error).max())
 
 
@@ -66,20 +81,22 @@ def shorten_steps(bench: Bench, times: TimeErrors, coarse: Trial, tolerance: flo
     """
     if not coarse.choice.steps or coarse.choice.is_explicit or coarse.choice.h is None:
         return coarse
-    known = _error_in_time(bench, times, coarse)
+    error_on_coarse = _error_in_time(bench, times, coarse)
     choice = coarse.choice.with_half_of_h()
-    finer = bench.run([choice])
+    on_half_of_h = bench.run([choice])
     for _ in range(HALVINGS):
-        if finer[-1].is_ok and finer[-1].seconds > COSTLY / 2:
+        if on_half_of_h[-1].is_ok and 2 * on_half_of_h[-1].seconds > COSTLY_SECONDS:
             break
         choice = choice.with_half_of_dt()
-        finer += bench.run([choice])
-        if error_of_steps(bench, *finer[-2:]) <= max(CALM * tolerance, MORE * known):
+        on_half_of_h += bench.run([choice])
+        allowed = max(COUNTING_SHARE * tolerance, GROWTH_ON_HALF_OF_H * error_on_coarse)
+        if error_of_steps(bench, *on_half_of_h[-2:]) <= allowed:
             break
         (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
         if not shorter.is_ok:
             break
-        coarse, known = shorter, known / 2 ** order_of(coarse.choice.method)
+        coarse = shorter
+        error_on_coarse /= 2 ** order_of(coarse.choice.method)
     return coarse
 
 
@@ -87,18 +104,22 @@ def error_of_steps(bench: Bench, trial: Trial, shorter: Trial) -> float:
     """Return the error in time of a run from a run with half of dt; infinite if one failed."""
     if not (trial.is_ok and shorter.is_ok):
         return math.inf
-    rest = 1 - 2.0 ** -order_of(trial.choice.method)
-    return float(bench.distance(shorter, trial).max()) / rest
+    part_that_half_of_dt_shows = 1 - 2.0 ** -order_of(trial.choice.method)
+    return float(bench.distance(shorter, trial).max()) / part_that_half_of_dt_shows
 
 
 def blame_steps(bench: Bench, space: SpaceErrors, tolerance: float) -> bool:
-    """Return whether the steps are why meshes disagree."""
-    # The finest runs of the two meshes that disagree are repeated with half of dt.
+    """Return whether the steps are why meshes disagree.
+
+    The finest runs of the two meshes that disagree are repeated with half of dt.
+    """
     rivals = [space.rival] if space.rival else space.meshes
     others = [mesh.trials[-1] for mesh in rivals if mesh.trials[-1] is not space.reference]
+    allowed = GROWTH_ON_HALF_OF_H * COUNTING_SHARE * tolerance
     for run in [space.reference, *others[:1]]:
-        if run.choice.steps and not run.choice.is_explicit and 2 * run.seconds <= COSTLY:
+        is_short = 2 * run.seconds <= COSTLY_SECONDS
+        if run.choice.steps and not run.choice.is_explicit and is_short:
             (shorter,) = bench.run([run.choice.with_half_of_dt()])
-            if error_of_steps(bench, run, shorter) > MORE * CALM * tolerance:
+            if error_of_steps(bench, run, shorter) > allowed:
                 return True
     return False

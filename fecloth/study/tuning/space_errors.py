@@ -13,42 +13,74 @@ from fecloth.study.graded_meshes import choose_gradings
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.run_problems import end_of
 from fecloth.study.tuning import curves
-from fecloth.study.tuning.choices import ZERO, Bench, Choice, Trial
+from fecloth.study.tuning.choices import ZERO_SIZE, Bench, Choice, Trial
 from fecloth.study.tuning.curves import Curve
 
-POWERS = 1.0, 3.2  # of the seconds of a step over √triangles
-DISTRUST = 1.0  # times the estimated errors: two elements further apart are not yet converged
-IRREGULAR = 2.0  # times the tolerance: changes up to this one may be irregular
-INSIDE, BORDER = 1 / 3, 1 / 4  # of the mean drop to the neighbours
+# The seconds of a step grow with this power of √triangles: 2 where all work is linear in the
+# number of triangles, less where a step has a fixed cost, more by the solution of its equations.
+LEAST_POWER_OF_STEP = 1.0
+LARGEST_POWER_OF_STEP = 3.2
+# Changes by finer meshes, over the tolerance, that may be irregular: they prove no stall.
+IRREGULAR_CHANGE = 2.0
+LEAST_SAVED = 0.4  # share of the triangles, for a family of graded meshes to be tried
+# How far the lowest point may lie below the lowest node, over the mean drop from the node to its
+# neighbours; see `unsampled`.
+DROP_INSIDE = 1 / 3
+DROP_ON_BORDER = 1 / 4
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """An element with a pattern: errors in space and seconds of a step over √triangles."""
+    """An element with a pattern: errors in space and seconds of a step.
 
-    choice: Choice  # of its coarsest run; all runs have these steps
-    errors: Curve  # over √triangles
-    seconds: Curve  # over √triangles
-    trials: tuple[Trial, ...]  # coarse to fine
+    Attributes
+    ----------
+    choice
+        The choice of its coarsest run; all runs have these steps.
+    errors
+        Errors in space over √triangles.
+    seconds
+        Seconds of a step over √triangles.
+    trials
+        Its runs, coarse to fine.
+    """
+
+    choice: Choice
+    errors: Curve
+    seconds: Curve
+    trials: tuple[Trial, ...]
 
     def choose(self, edges: float) -> Choice:
         """Return the choice whose mesh has about `edges`² triangles."""
         if self.choice.h is None:
             return self.choice
         measured = [trial.edges for trial in self.trials]
-        sizes = [trial.choice.h * trial.edges for trial in self.trials if trial.choice.h]
-        size = np.exp(np.interp(np.log(edges), np.log(measured), np.log(sizes)))
-        return replace(self.choice, h=float(f"{size / edges:.4g}"))
+        h_times_edges = [trial.choice.h * trial.edges for trial in self.trials if trial.choice.h]
+        product = np.exp(np.interp(np.log(edges), np.log(measured), np.log(h_times_edges)))
+        return replace(self.choice, h=float(f"{product / edges:.4g}"))
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceErrors:
-    """The meshes that serve, and the best known run."""
+    """The meshes that serve, and the best known run.
+
+    Attributes
+    ----------
+    meshes
+        All meshes of which a run reached its end.
+    reference
+        The best known run.
+    error
+        Its own error, (q,).
+    rival
+        The mesh of the second-best run, where its disagreement with the best run is more than
+        the error that the best run has by itself; else None.
+    """
 
     meshes: tuple[Mesh, ...]
-    reference: Trial  # the best known run
-    error: np.ndarray  # its own error, (q,)
-    rival: Mesh | None = None  # the other mesh if the two best mostly make the error by differing
+    reference: Trial
+    error: np.ndarray
+    rival: Mesh | None = None
 
     @property
     def most_accurate(self) -> Mesh:
@@ -61,20 +93,25 @@ class SpaceErrors:
         The last change counts if it is above twice the tolerance. It is compared with the change
         before, of this or of another kind, because one of them may be small by accident.
         """
-        runs_of_kinds = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
-        pairs = [runs[-3:-1] if len(runs) > 2 else runs for runs in runs_of_kinds]
-        before = max((float(bench.distance(b, a).max()) for a, b in pairs), default=0.0)
-        for *_, coarser, finest in (runs for runs in runs_of_kinds if len(runs) > 2):
-            change = float((bench.distance(finest, coarser) - unsampled(bench, coarser)).max())
-            falls = (finest.edges / coarser.edges) ** -curves.STALLED
-            if change > IRREGULAR * tolerance and change > before * falls:
+        refined = [mesh.trials for mesh in self.meshes if len(mesh.trials) > 1]
+        twice_refined = [runs for runs in refined if len(runs) > 2]
+        before = 0.0
+        for runs in refined:
+            coarser, finer = runs[-3:-1] if len(runs) > 2 else runs
+            before = max(before, float(bench.distance(finer, coarser).max()))
+        for *_, coarser, finest in twice_refined:
+            change = bench.distance(finest, coarser) - unsampled(bench, coarser)
+            allowed = before * (finest.edges / coarser.edges) ** -curves.STALLED_ORDER
+            if change.max() > max(IRREGULAR_CHANGE * tolerance, allowed):
                 return True
         return False
 
 
 def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) -> SpaceErrors:
-    """Return the curves of all meshes: distances to the best run, plus the error of that run."""
-    # `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
+    """Return the curves of all meshes: distances to the best run, plus the error of that run.
+
+    `orders` are the theoretical orders in h of the quantities on P1 and on P2, (2, q).
+    """
     able = [trial for trial in trials if trial.is_ok]
     kinds = curves.grouped(able, lambda trial: trial.choice.mesh, lambda trial: trial.edges)
 
@@ -84,19 +121,26 @@ def summarise_meshes(bench: Bench, trials: Sequence[Trial], orders: np.ndarray) 
     finest = [(runs[-1], _own_error(bench, runs, theory(runs))) for runs in kinds]
     (reference, own), *others = sorted(finest, key=lambda pair: pair[1].max())
     error = own
-    for trial, its_error in others[:1]:  # they may differ by more than their errors
-        apart = bench.distance(reference, trial) - DISTRUST * (own + its_error)
-        error = np.fmax(own, apart)
+    second = None
+    if others:  # the two best runs may differ by more than both errors
+        second, error_of_second = others[0]
+        error = np.fmax(own, bench.distance(reference, second) - (own + error_of_second))
     meshes = []
     for runs in kinds:
-        x = [run.edges for run in runs]
+        edges = [run.edges for run in runs]
         apart = [bench.distance(reference, run) for run in runs]
-        errors = curves.error_curve(x, apart, theory(runs), error)
-        seconds = curves.cost_curve(x, [run.seconds / run.steps for run in runs], *POWERS)
-        meshes.append(Mesh(runs[0].choice, errors, seconds, tuple(runs)))
-    is_doubted = error.max() > own.max()
-    rivals = [mesh for mesh in meshes if is_doubted and mesh.trials[-1] is others[0][0]]
-    return SpaceErrors(tuple(meshes), reference, error, *rivals)
+        seconds = [run.seconds / run.steps for run in runs]
+        mesh = Mesh(
+            choice=runs[0].choice,
+            errors=curves.error_curve(edges, apart, theory(runs), error),
+            seconds=curves.cost_curve(edges, seconds, LEAST_POWER_OF_STEP, LARGEST_POWER_OF_STEP),
+            trials=tuple(runs),
+        )
+        meshes.append(mesh)
+    rival = None
+    if error.max() > own.max():
+        rival = next((mesh for mesh in meshes if mesh.trials[-1] is second), None)
+    return SpaceErrors(tuple(meshes), reference, error, rival)
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial], theory: np.ndarray) -> np.ndarray:
@@ -120,23 +164,22 @@ def unsampled(bench: Bench, trial: Trial) -> np.ndarray:
         if quantity.name != "sag":
             return 0.0
         depth = -np.array(trial.row["displacement"])[:, 2]
-        return drop_to_neighbours(trial.cloth, depth) / max(size_of(quantity, record), ZERO)
+        return drop_to_neighbours(trial.cloth, depth) / max(size_of(quantity, record), ZERO_SIZE)
 
     return np.array(list(map(error, bench.quantities, trial.records)))
 
 
 def drop_to_neighbours(cloth: Cloth, depth: np.ndarray) -> float:
-    """Return how far the largest of (n,) values at the nodes may lie below the cloth's largest."""
+    """Return how far the cloth may reach below its lowest node, by the (n,) depths of nodes."""
     lowest = int(np.argmax(depth))
     around = np.unique(cloth.parts[(cloth.parts == lowest).any(axis=1)])
-    part = INSIDE
-    if lowest in (border := cloth.nodes("boundary")):
+    part = DROP_INSIDE
+    border = cloth.nodes("boundary")
+    if lowest in border:
         around = np.intersect1d(around, border)
-        part = BORDER
-    return part * float(depth[lowest] - depth[around[around != lowest]].mean())
-
-
-LEAST_SAVED = 0.4  # share of the triangles, for a family of meshes to be tried
+        part = DROP_ON_BORDER
+    neighbours = around[around != lowest]
+    return part * float(depth[lowest] - depth[neighbours].mean())
 
 
 def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
@@ -159,6 +202,7 @@ def graded_choices(opened: Problem, trials: Sequence[Trial]) -> list[Choice]:
             gradings = choose_gradings(setup, end_of(trial.row)[1], choice.h or 0.0, LEAST_SAVED)
         except InputError:  # no estimate of the error, or a shape that takes no grading
             continue
-        pattern = "unstructured" if choice.pattern else ""
-        choices += [replace(choice, pattern=pattern, grading=gradings)] if gradings else []
+        if gradings:
+            pattern = "unstructured" if choice.pattern else ""
+            choices.append(replace(choice, pattern=pattern, grading=gradings))
     return choices

@@ -14,50 +14,77 @@ from fecloth.study.command import StudyFailed
 from fecloth.study.problems import FunctionProblem, Problem
 from fecloth.study.status import NO_VALUE
 from fecloth.study.tuning import curves
-from fecloth.study.tuning.choices import COSTLY, Bench, Choice, Trial, problem_with, spent
+from fecloth.study.tuning.choices import (
+    COSTLY_SECONDS,
+    ROUND_OFF_OF_DISTANCES,
+    Bench,
+    Choice,
+    Trial,
+    problem_with,
+    spent,
+)
 from fecloth.study.tuning.curves import Curve
 
 CONTROLLED = "bdf2"  # the method whose steps are also chosen by rtol
-FEW = 5  # steps of a run that is a static solution
-FEWEST, MOST = 16, 8192  # steps of the first runs
-LEAST_STEPS, FAR = 4, 2.0  # of the shortest runs; times the tolerance: an error of too few steps
-NEAR = 4.0  # times the tolerance: errors in time of second order that need no shorter steps
-REGULAR = 2.5, 7.0  # ratios of successive changes of a method of second order
-PLENTY = 1024  # steps that show a period if there is one
-TOLERANCES, DEARER = (0.1, 0.01, 0.001), 3.0  # 1/s, of chosen steps; seconds of one over the last
-LONG, MORE = 20_000, 60  # most explicit steps that are tried; times the implicit methods' steps
-SHORT = 3.0  # s, of an explicit run that is repeated with half its step
-NONE = 1e-12  # error of a rule that makes none
-LEAST = 1e-4  # error in time of a run that is compared with no other
-POWERS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}  # of seconds over x
+RTOLS = (0.1, 0.01, 0.001)  # 1/s, of its runs with chosen steps
+# Seconds of a run over the seconds with ten times its rtol: about √10, as many more steps as an
+# error of second order needs.
+TENTH_OF_RTOL_COSTS = 3.0
+STEPS_OF_STATIC_RUN = 5  # a run of so few long steps is a static solution
+FIRST_STEPS = 16  # of the first run, which is then repeated with twice as many, and so on
+MOST_IMPLICIT_STEPS = 8192  # of the last run
+FEWEST_STEPS = 4  # of the shortest runs
+# Most steps of the explicit run on the coarse mesh; with a smaller limit of its steps it is left
+# out. On finer meshes, where it would be used, it takes many times as many.
+MOST_EXPLICIT_STEPS = 20_000
+# Error in time, at least, of an explicit run that is compared with no other run.
+LEAST_ERROR_OF_SINGLE_RUN = 1e-4
+# The seconds of a run grow with x (see `Rule.kind`) by a power from the first to the second.
+# Longer steps take more iterations each.
+POWERS_OF_SECONDS = {"steps": (0.5, 1.0), "rtol": (0.3, 1.0), "limit": (1.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
 class Rule:
-    """A method with its steps: errors in time and seconds on the coarse mesh."""
+    """A method with its steps: errors in time and seconds on the coarse mesh.
+
+    Attributes
+    ----------
+    method
+        Name of the method; "" for the problem's own.
+    kind
+        What x is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps follow the mesh; 2 for
+        half of that step), or "static".
+    errors
+        Errors in time over x.
+    seconds
+        Seconds of a run over x.
+    trials
+        The runs, by x.
+    """
 
     method: str
-    # What `x` is: "steps", "rtol" (x = 1/rtol), "limit" (x = 1: the steps follow the mesh; 2 for
-    # half of that step), or "static".
     kind: str
-    errors: Curve  # over x
-    seconds: Curve  # over x
+    errors: Curve
+    seconds: Curve
     trials: tuple[Trial, ...]
 
     @property
     def key(self) -> tuple[str, str]:
+        """What tells rules apart."""
         return self.method, self.kind
 
     def choose(self, choice: Choice, x: float) -> Choice:
+        """Return the choice with this method and its steps at x."""
         if self.kind == "rtol":
             return replace(choice, method=self.method, rtol=float(f"{1 / x:.3g}"), steps=None)
-        steps = math.ceil(x - 1e-9) if self.kind == "steps" else None
+        steps = math.ceil(x - 1e-9) if self.kind == "steps" else None  # 1e-9 is round-off of x
         return replace(choice, method=self.method, steps=steps, rtol=None)
 
 
 @dataclass(frozen=True, eq=False)
 class TimeErrors:
-    """The rules of all methods that serve, the best known run, and its own error."""
+    """The rules of all methods that serve, the best known run, its own error, and all runs."""
 
     rules: tuple[Rule, ...]
     reference: Trial
@@ -77,7 +104,12 @@ def measure_methods(
     """Run the methods on a coarse mesh with steps of several lengths, for `limit` CPU seconds.
 
     The run with the least error, which follows from the change by its last refinement, is the
-    reference of all others. `StudyFailed` if no run reaches its end.
+    reference of all others.
+
+    Raises
+    ------
+    StudyFailed
+        If no run reaches its end.
     """
     if not can_choose_steps(bench.opened):
         trials = bench.run([replace(mesh, method="", steps=None)])
@@ -85,18 +117,18 @@ def measure_methods(
         return _single(trials[0])
     explicit = next((name for name in methods if name in EXPLICIT), None)
     implicit = [name for name in methods if name not in EXPLICIT and name != "auto"]
+    trials = []
     if implicit:
-        trials = _ladder(bench, mesh, implicit[0], tolerance, limit / 2)
-    else:
-        trials = []
+        trials = _double_steps(bench, replace(mesh, method=implicit[0]), tolerance, limit / 2)
     if _have_no_value(bench.opened, trials):
         _require(trials)
-    ladder = [trial for trial in trials if trial.is_ok]
+    finished = [trial for trial in trials if trial.is_ok]
     if explicit:
-        trials += _explicit_runs(bench, mesh, explicit, MORE * ladder[-1].steps if ladder else LONG)
+        trials += _explicit_runs(bench, replace(mesh, method=explicit))
     _require(trials)
-    if ladder:
-        trials += _other_methods(bench, mesh, implicit, ladder, tolerance, limit - spent(trials))
+    if finished:
+        seconds_left = limit - spent(trials)
+        trials += _other_methods(bench, mesh, implicit, finished, tolerance, seconds_left)
     return _summarise(bench, trials)
 
 
@@ -110,59 +142,64 @@ def can_choose_steps(opened: Problem) -> bool:
     dt = opened.dt
     if isinstance(opened, FunctionProblem):
         return span is not None and dt is not None
-    return span is not None and not (dt and span <= FEW * dt)
+    return span is not None and not (dt and span <= STEPS_OF_STATIC_RUN * dt)
 
 
 def _require(trials: Sequence[Trial]) -> None:
-    if not any(trial.is_ok for trial in trials):
-        if trials:
-            cause = str(trials[0].row["cause"]).splitlines()[0]
-        else:
-            cause = "nothing was run"
-        raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
+    """Raise `StudyFailed` if no trial reached its end."""
+    if any(trial.is_ok for trial in trials):
+        return
+    if trials:
+        cause = str(trials[0].row["cause"]).splitlines()[0]
+    else:
+        cause = "nothing was run"
+    raise StudyFailed(f"no run on a coarse mesh reached its end; the first: {cause}")
 
 
 def _single(trial: Trial) -> TimeErrors:
     """Return the one rule of an equilibrium, or of a function that chooses its steps."""
-    nothing = np.full(len(trial.records), NONE)
-    one = np.ones(1)
-    errors, seconds = (Curve(one, y[None], 0.0, 0.0) for y in (nothing, trial.seconds * one))
-    rule = Rule("", "static", errors, seconds, (trial,))
-    return TimeErrors((rule,), trial, nothing, (trial,))
+    no_error = np.full(len(trial.records), ROUND_OFF_OF_DISTANCES)
+    x = np.ones(1)
+    rule = Rule(
+        method="",
+        kind="static",
+        errors=Curve(x, no_error[None], slope=0.0, below=0.0),
+        seconds=Curve(x, np.full((1, 1), trial.seconds), slope=0.0, below=0.0),
+        trials=(trial,),
+    )
+    return TimeErrors((rule,), trial, no_error, (trial,))
 
 
-def _explicit_runs(bench: Bench, mesh: Choice, method: str, most: float) -> list[Trial]:
-    """Run an explicit method at its stability limit and, if that is short, with half that step."""
-    # It is left out if it takes more than `most` steps.
-    choice = replace(mesh, method=method)
+def _explicit_runs(bench: Bench, choice: Choice) -> list[Trial]:
+    """Run an explicit method at its stability limit and, if that is short, with half that step.
+
+    It is left out if it takes too many steps, or if the terms or the pins refuse it.
+    """
     try:
         first = problem_with(bench.opened, choice).first
         steps = (bench.opened.span or 0.0) / critical_dt(first.system, first.start)
-    except FeclothError:  # the terms or the pins refuse it
+    except FeclothError:
         return []
-    if steps > min(most, LONG):
+    if steps > MOST_EXPLICIT_STEPS:
         return []
     (trial,) = bench.run([choice])
-    if not trial.is_ok or trial.seconds >= SHORT:
+    if not trial.is_ok or 2 * trial.seconds > COSTLY_SECONDS:
         return [trial]
     return [trial, *bench.run([replace(choice, steps=2 * trial.steps)])]
 
 
-def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: float) -> list[Trial]:
-    """Double the steps of a method until its error in time is known and about the tolerance."""
+def _double_steps(bench: Bench, choice: Choice, tolerance: float, limit: float) -> list[Trial]:
+    """Double the steps of a method until its error in time is known and below the tolerance."""
     trials: list[Trial] = []
     steps = first_steps(bench.opened)
-    while steps <= MOST and spent(trials) < limit:
-        trials += bench.run([replace(mesh, method=method, steps=steps)])
+    while steps <= MOST_IMPLICIT_STEPS and spent(trials) < limit:
+        trials += bench.run([replace(choice, steps=steps)])
         finished = [trial for trial in trials if trial.is_ok]
         if _have_no_value(bench.opened, trials):
             break
         if len(finished) > 2:
-            changes = [bench.distance(finished[-1], trial) for trial in finished[-3:-1]]
-            error = changes[1].max() / 3
-            ratio = changes[0].max() / changes[1].max()
-            is_regular = 1 + REGULAR[0] < ratio < 1 + REGULAR[1]
-            if error < tolerance or (is_regular and error < NEAR * tolerance):
+            change = bench.distance(finished[-1], finished[-2]).max()
+            if change / 3 < tolerance:  # the error of second order that is left in the last run
                 break
         steps *= 2
     return trials
@@ -170,7 +207,7 @@ def _ladder(bench: Bench, mesh: Choice, method: str, tolerance: float, limit: fl
 
 def first_steps(opened: Problem) -> int:
     """Return the number of steps of the first run: few, and not more than the problem has."""
-    return int(min(max(_own_steps(opened, FEWEST), 2), FEWEST))
+    return int(min(max(_own_steps(opened, FIRST_STEPS), 2), FIRST_STEPS))
 
 
 def _own_steps(opened: Problem, otherwise: int) -> float:
@@ -181,81 +218,106 @@ def _own_steps(opened: Problem, otherwise: int) -> float:
 
 
 def _have_no_value(opened: Problem, trials: Sequence[Trial]) -> bool:
-    """Whether no run has the quantity, as a period, also with the steps of the problem itself."""
+    """Whether no run has the quantity, as a period, also with as many steps as the problem."""
     if not trials or any(trial.row["status"] != NO_VALUE for trial in trials):
         return False
-    return (trials[-1].choice.steps or 0) >= _own_steps(opened, PLENTY)
+    return (trials[-1].choice.steps or 0) >= _own_steps(opened, MOST_IMPLICIT_STEPS)
 
 
 def _other_methods(
     bench: Bench,
     mesh: Choice,
     implicit: Sequence[str],
-    ladder: Sequence[Trial],
+    finished: Sequence[Trial],
     tolerance: float,
     limit: float,
 ) -> list[Trial]:
-    """Run all implicit methods with as many steps as the first one and fewer, and by rtol."""
-    first = ladder[0].choice.steps or 1
-    finest = ladder[-1]
-    most = finest.choice.steps or 1
+    """Run all implicit methods with as many steps as the first one and fewer, and by rtol.
+
+    `finished` are the runs of the first one, whose steps are doubled from run to run.
+    """
+    finest = finished[-1]
+    seconds_per_step = finest.seconds / finest.steps
     trials: list[Trial] = []
-    per_step = finest.seconds / finest.steps
     for method in implicit:
         if method == implicit[0]:
-            steps = first // 2
+            steps = (finished[0].choice.steps or 1) // 2
+        elif order_of(method) > 1:
+            steps = finest.choice.steps or 1
         else:
-            steps = most if order_of(method) > 1 else 2 * most
-        while steps * per_step > COSTLY:
+            steps = 2 * (finest.choice.steps or 1)
+        while steps * seconds_per_step > COSTLY_SECONDS:
             steps //= 2
         choice = replace(mesh, method=method, steps=steps)
-        trials += _fewer_steps(bench, choice, finest, tolerance, limit - spent(trials))
-    for rtol in TOLERANCES if CONTROLLED in implicit and spent(trials) < limit else ():
+        trials += _halve_steps(bench, choice, finest, tolerance, limit - spent(trials))
+    if CONTROLLED in implicit and spent(trials) < limit:
+        trials += _chosen_steps(bench, mesh)
+    return trials
+
+
+def _chosen_steps(bench: Bench, mesh: Choice) -> list[Trial]:
+    """Run the method whose steps are chosen by rtol, with smaller and smaller rtol."""
+    trials: list[Trial] = []
+    for rtol in RTOLS:
         trials += bench.run([replace(mesh, method=CONTROLLED, rtol=rtol)])
-        if not trials[-1].is_ok or DEARER * trials[-1].seconds > COSTLY:
+        is_next_costly = TENTH_OF_RTOL_COSTS * trials[-1].seconds > COSTLY_SECONDS
+        if not trials[-1].is_ok or is_next_costly:
             break
     return trials
 
 
-def _fewer_steps(
+def _halve_steps(
     bench: Bench, choice: Choice, finest: Trial, tolerance: float, limit: float
 ) -> list[Trial]:
-    """Halve the steps until the error is far above the tolerance: fewer ones are not predicted."""
+    """Halve the number of steps until the error is above the tolerance: fewer do not serve."""
     trials: list[Trial] = []
-    while (choice.steps or 0) >= LEAST_STEPS and spent(trials) < limit:
+    while (choice.steps or 0) >= FEWEST_STEPS and spent(trials) < limit:
         trials += bench.run([choice])
-        if not trials[-1].is_ok or bench.distance(finest, trials[-1]).max() > FAR * tolerance:
+        if not trials[-1].is_ok or bench.distance(finest, trials[-1]).max() > tolerance:
             break
         choice = replace(choice, steps=(choice.steps or 0) // 2)
     return trials
 
 
 def _summarise(bench: Bench, trials: Sequence[Trial]) -> TimeErrors:
-    """Return the curves of all rules: distances to the best run, plus the error of that run."""
-    # The best run is the finest one of its rule whose own error is least.
+    """Return the curves of all rules: distances to the best run, plus the error of that run.
+
+    The best run is the finest one of its rule whose own error is least.
+    """
     able = [trial for trial in trials if trial.is_ok]
-    listed = curves.grouped(able, lambda run: key_of(run.choice), lambda run: size_of(run.choice))
-    finest = [(runs[-1], _own_error(bench, runs)) for runs in listed]
+    runs_of_rules = curves.grouped(
+        able, group=lambda run: key_of(run.choice), size=lambda run: size_of(run.choice)
+    )
+    finest = [(runs[-1], _own_error(bench, runs)) for runs in runs_of_rules]
     reference, error = min(finest, key=lambda pair: pair[1].max())
     rules = []
-    for runs in listed:
+    for runs in runs_of_rules:
+        method, kind = key_of(runs[0].choice)
         x = [size_of(trial.choice) for trial in runs]
-        key = key_of(runs[0].choice)
         apart = [bench.distance(reference, trial) for trial in runs]
-        errors = curves.error_curve(x, apart, np.full(len(error), _theory(runs)), error)
-        seconds = curves.cost_curve(x, [trial.seconds for trial in runs], *POWERS[key[1]])
-        rules.append(Rule(*key, errors, seconds, tuple(runs)))
+        theory = np.full(len(error), _theory(runs))
+        least_power, largest_power = POWERS_OF_SECONDS[kind]
+        seconds = [trial.seconds for trial in runs]
+        rule = Rule(
+            method=method,
+            kind=kind,
+            errors=curves.error_curve(x, apart, theory, error),
+            seconds=curves.cost_curve(x, seconds, least_power, largest_power),
+            trials=tuple(runs),
+        )
+        rules.append(rule)
     return TimeErrors(tuple(rules), reference, error, tuple(trials))
 
 
 def _own_error(bench: Bench, runs: Sequence[Trial]) -> np.ndarray:
     """Return the error of the finest run of a rule."""
     finest = runs[-1]
-    if len(runs) == 1:
-        known = finest.row["time_error"] if finest.choice.is_explicit else 1.0
-        return np.full(len(finest.records), max(np.nan_to_num(known, nan=1.0), LEAST))
-    x = [size_of(trial.choice) for trial in runs]
-    return curves.error_of_finest(bench.distance, runs, x, _theory(runs))
+    if len(runs) > 1:
+        x = [size_of(trial.choice) for trial in runs]
+        return curves.error_of_finest(bench.distance, runs, x, _theory(runs))
+    own = finest.row["time_error"] if finest.choice.is_explicit else 1.0
+    known = np.nan_to_num(own, nan=1.0)
+    return np.full(len(finest.records), max(known, LEAST_ERROR_OF_SINGLE_RUN))
 
 
 def _theory(runs: Sequence[Trial]) -> float:
@@ -266,15 +328,20 @@ def _theory(runs: Sequence[Trial]) -> float:
 
 
 def key_of(choice: Choice) -> tuple[str, str]:
+    """Return method and kind of the rule that a choice belongs to."""
     if choice.rtol:
         return choice.method, "rtol"
-    return choice.method, "limit" if choice.is_explicit else "steps"
+    if choice.is_explicit:
+        return choice.method, "limit"
+    return choice.method, "steps"
 
 
 def size_of(choice: Choice) -> float:
-    """Return x of a rule: 1/rtol, the number of steps, or 1 for a step at the stability limit."""
+    """Return x of a rule: 1/rtol, the number of steps, or 1 for steps at the stability limit."""
     if choice.rtol:
         return 1 / choice.rtol
     if not choice.is_explicit:
         return float(choice.steps or 1)
-    return 1.0 + (choice.steps is not None)
+    if choice.steps is None:
+        return 1.0
+    return 2.0

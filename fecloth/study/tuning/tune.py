@@ -23,25 +23,31 @@ from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import print_warnings
 from fecloth.study.simplification.variants import Variant, changes_of, variants_of_term
 from fecloth.study.tuning import shared_steps
-from fecloth.study.tuning.choices import SEARCH, Bench, Choice, Trial, methods_to_try
+from fecloth.study.tuning.choices import (
+    COUNTING_SHARE,
+    HALVINGS,
+    SEARCH_SECONDS,
+    Bench,
+    Choice,
+    Trial,
+    methods_to_try,
+)
 from fecloth.study.tuning.corrections import measure_growth, time_candidates
-from fecloth.study.tuning.prediction import Goal, Prediction
-from fecloth.study.tuning.proof import answer, choose_yardstick, prove
+from fecloth.study.tuning.prediction import NOISE_OF_SECONDS, Goal, Prediction
+from fecloth.study.tuning.proof import Proof, answer, choose_yardstick, prove
 from fecloth.study.tuning.result import Tuned, summarise
 from fecloth.study.tuning.search import coarse_meshes, measure_meshes, obstacle_of
+from fecloth.study.tuning.space_errors import SpaceErrors
 from fecloth.study.tuning.time_errors import measure_methods
 from fecloth.study.workload import in_words
 from fecloth.terms import Springs
 from fecloth.terms.traits import traits_of
 
-METHODS_TIME = 30.0  # s, CPU time for the runs of all methods
-REPEATED = 3  # times that steps are halved because meshes disagree, at most
-STEPS = 128  # of the runs that compare terms
-SHARE = 0.25  # of the tolerance, for the terms that are left out or replaced
-GAPS = 0.25  # of the tolerance, for the gaps of contact
-NARROWEST = 32.0  # by so much gaps are divided at most
-SAVES = 0.97  # times the seconds: what a change must at most cost to be worth it
-SHARPER = 100.0  # divides the solver's tolerance in the run that shows its error
+STEPS_OF_MODELS = 128  # of the runs on a coarse mesh that compare terms and gaps
+# Gaps are divided by so much at most; the error that is left then is stated.
+NARROWEST_GAP = 32.0
+# Divides the solver's tolerance in the run that shows its error: 1 % of that is left in it.
+SHARPER_SOLVER = 100.0
 
 
 def tune(
@@ -71,8 +77,8 @@ def tune(
     Parameters
     ----------
     problem
-        As for `of`. What the function takes as `method` and
-        `element` varies as `methods` and `elements` say; h and dt vary always.
+        As for `of`. What the function takes as `method` and `element` varies as `methods` and
+        `elements` say; h and dt vary always.
     tolerance
         Largest relative error of each quantity, as 0.01 or "1%"; None for 1 % without a budget.
     quantity
@@ -84,7 +90,7 @@ def tune(
         refused.
     to_data
         Whether the tolerance is a third of how uncertain the quantities are by [uncertain] and
-        [fabric.uncertainty], see `fecloth.study.budget`: a smaller error is work for nothing.
+        [fabric.uncertainty]; see `fecloth.study.budget`. A smaller error is work for nothing.
     model
         Whether terms may be left out or replaced by cheaper ones, if that changes the quantities
         by less than a quarter of the tolerance.
@@ -94,8 +100,8 @@ def tune(
         Where tuned.toml is written; None for nowhere.
     shared
         Arguments of `fecloth.study.of`: h, dt, t_end, probes, settings; cache, jobs, scheduler,
-        time_limit, most_seconds, fresh.
-        A run that is predicted to take longer than most_seconds is skipped.
+        time_limit, most_seconds, fresh. A run that is predicted to take longer than most_seconds
+        is skipped.
 
     Raises
     ------
@@ -119,91 +125,122 @@ def tune(
     bench = Bench(opened, quantities, runs)
     names = methods_to_try(opened, methods)
     meshes = coarse_meshes(opened, elements)
-    other: dict[str, np.ndarray] = {}
-    dropped: list[str] = []
-    if model:
-        _say("terms: what they change on a coarse mesh")
-        coarsest = _coarse_choice(bench, meshes[0])
-        bench, other["model"], dropped = drop_terms(bench, coarsest, goal.scale)
-    if opened.has_contact:
-        _say("gaps of contact: what halving them changes on a coarse mesh")
-        bench, other["gap"], changed = narrow_gaps(bench, meshes[0], goal.scale)
-        dropped += changed
-    _say("errors in time: all methods on a coarse mesh")
-    times = measure_methods(bench, meshes[0], names, goal.scale, METHODS_TIME)
-    coarse = shared_steps.shared_run(bench, times, goal.scale)
-    bench.check_sizes(coarse)
-    _say("errors in space: all meshes with the same steps")
-    coarse = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
-    for _ in range(REPEATED):
-        space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
-        is_doubtful = space.rival or space.stalls(bench, goal.scale)
-        if not (is_doubtful and shared_steps.blame_steps(bench, space, goal.scale)):
-            break
-        (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
-        if not shorter.is_ok or bench.spent() > SEARCH / 2:
-            break
-        coarse = shorter
-    bench.check_sizes(space.reference, space.error)
-    if not coarse.choice.is_explicit:  # it has a solver
-        (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER)])
-        other |= {"solver": bench.distance(sharper, coarse)} if sharper.is_ok else {}
+    bench, other, changed = _change_models(bench, meshes[0], goal, model)
+    coarse, space, prediction = _measure_errors(bench, meshes, names, goal)
+    other |= _measure_solver(bench, coarse)
     prediction = replace(prediction, other=sum(float(part.max()) for part in other.values()))
-    proof = None
     why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
-    if not why and bench.spent() < SEARCH:
+    if not why and bench.spent() < SEARCH_SECONDS:
         _say("seconds of the best settings: short runs")
         prediction = measure_growth(bench, prediction, goal)
         prediction = time_candidates(bench, prediction, goal)
         why = obstacle_of(bench, space, prediction, goal, runs.most_seconds)
     if not why:
         why = _why_too_late(bench, goal, prediction)
+    proof = None
     if not why:
         _say("proof: the best setting beside a finer one")
         proof = prove(bench, prediction, goal, other, space)
-        if proof:
-            why = proof.why
-        else:
-            why = "no setting that should meet it ran to its end"
-    if proof and proof.finer is not space.reference:
-        verifying = proof.finer
-    else:
-        verifying = None
+        why = proof.why if proof else "no setting that should meet it ran to its end"
     left = space.error + prediction.error_in_time(space.reference) + prediction.other
     yardstick = choose_yardstick(bench, proof, space.reference, left)
     is_open = space.stalls(bench, goal.scale)
     final = answer(bench, goal, prediction, yardstick, proof, why, is_open)
-    took = bench.spent() - (verifying.spent if verifying else 0.0)
-    return replace(summarise(bench, goal, final, took, dropped, folder), doubts=warned)
+    took = bench.spent() - _seconds_of_verifying(proof, space)
+    return replace(summarise(bench, goal, final, took, changed, folder), doubts=warned)
+
+
+def _change_models(
+    bench: Bench, mesh: Choice, goal: Goal, model: bool
+) -> tuple[Bench, dict[str, np.ndarray], list[str]]:
+    """Leave out terms if `model` says so, and narrow the gaps of contact.
+
+    Returns the changed problem, the (q,) errors by these causes, and the changes in words.
+    """
+    errors: dict[str, np.ndarray] = {}
+    words: list[str] = []
+    if model:
+        _say("terms: what they change on a coarse mesh")
+        choice = _coarse_choice(bench, mesh)
+        bench, errors["model"], words = drop_terms(bench, choice, goal.scale)
+    if bench.opened.has_contact:
+        _say("gaps of contact: what halving them changes on a coarse mesh")
+        bench, errors["gap"], narrowed = narrow_gaps(bench, mesh, goal.scale)
+        words += narrowed
+    return bench, errors, words
+
+
+def _measure_errors(
+    bench: Bench, meshes: Sequence[Choice], methods: Sequence[str], goal: Goal
+) -> tuple[Trial, SpaceErrors, Prediction]:
+    """Measure the errors in time of all methods, and the errors in space of all meshes.
+
+    Where the steps make the meshes disagree, these are run again with half of dt. Returns the
+    coarse run with the steps that all meshes have at last, and the errors.
+    """
+    _say("errors in time: all methods on a coarse mesh")
+    times = measure_methods(bench, meshes[0], methods, goal.scale, SEARCH_SECONDS / 2)
+    coarse = shared_steps.shared_run(bench, times, goal.scale)
+    bench.check_sizes(coarse)
+    _say("errors in space: all meshes with the same steps")
+    coarse = shared_steps.shorten_steps(bench, times, coarse, goal.scale)
+    for _ in range(HALVINGS):
+        space, prediction = measure_meshes(bench, meshes, times, coarse, goal)
+        is_doubtful = space.rival or space.stalls(bench, goal.scale)
+        if not (is_doubtful and shared_steps.blame_steps(bench, space, goal.scale)):
+            break
+        (shorter,) = bench.run([coarse.choice.with_half_of_dt()])
+        if not shorter.is_ok or bench.spent() > SEARCH_SECONDS / 2:
+            break
+        coarse = shorter
+    bench.check_sizes(space.reference, space.error)
+    return coarse, space, prediction
+
+
+def _measure_solver(bench: Bench, coarse: Trial) -> dict[str, np.ndarray]:
+    """Return the (q,) error by the solver's tolerance, if it is known; explicit steps have none."""
+    if coarse.choice.is_explicit:
+        return {}
+    (sharper,) = bench.run([replace(coarse.choice, sharper=SHARPER_SOLVER)])
+    return {"solver": bench.distance(sharper, coarse)} if sharper.is_ok else {}
+
+
+def _seconds_of_verifying(proof: Proof | None, space: SpaceErrors) -> float:
+    """Return the seconds of the verifying run, if it was not a run of the search."""
+    if proof and proof.finer and proof.finer is not space.reference:
+        return proof.finer.spent
+    return 0.0
 
 
 def _why_too_late(bench: Bench, goal: Goal, prediction: Prediction) -> str:
     """Return that the time of the search is over before the best setting could run, or ""."""
     candidates = goal.candidates(prediction)
-    if not candidates or bench.spent() + candidates[0].seconds <= goal.limit(candidates):
+    if not candidates:
         return ""
-    long = in_words(candidates[0].seconds)
-    return f"the search has no time left; {candidates[0].choice} should meet it, in about {long}"
+    best = candidates[0]
+    if bench.spent() + best.seconds <= goal.limit(candidates):
+        return ""
+    seconds = in_words(best.seconds)
+    return f"the search has no time left; {best.choice} should meet it, in about {seconds}"
 
 
 def _say(phase: str) -> None:
+    """Print the phase that begins."""
     print(f"tune: {phase}", file=sys.stderr, flush=True)
 
 
 def _goal(tolerance: float | str | None, budget: float | str | None) -> Goal:
+    """Return the goal by the arguments of `tune`; without both, 1 %."""
     if budget is None:
         return Goal(tolerance=read_tolerance(0.01 if tolerance is None else tolerance))
-    what = f"budget = {budget!r}"
     if tolerance is not None:
-        what = f"tolerance = {tolerance!r} and {what}"
+        what = f"tolerance = {tolerance!r} and budget = {budget!r}"
         remedy = "A budget seeks the most accurate setting, a tolerance the cheapest."
         raise InputError(what, "only one of them may be given", "tune", remedy)
-    if isinstance(budget, str):
-        seconds = read_quantity("budget", str(budget), TIME)
-    else:
-        seconds = budget
+    seconds = read_quantity("budget", budget, TIME) if isinstance(budget, str) else budget
     if not 0 < seconds < math.inf:
-        raise InputError(what, 'must be a time > 0, as 60.0 [s] or "60 s"', "tune")
+        allowed = 'must be a time > 0, as 60.0 [s] or "60 s"'
+        raise InputError(f"budget = {budget!r}", allowed, "tune")
     return Goal(budget=float(seconds))
 
 
@@ -211,16 +248,16 @@ def _coarse_choice(bench: Bench, mesh: Choice) -> Choice:
     """Return the setting on a coarse mesh in which models are compared."""
     if bench.opened.span is None:
         return mesh
-    return replace(mesh, method="bdf2", steps=STEPS)
+    return replace(mesh, method="bdf2", steps=STEPS_OF_MODELS)
 
 
 def narrow_gaps(
     bench: Bench, mesh: Choice, tolerance: float
 ) -> tuple[Bench, np.ndarray, list[str]]:
-    """Return the problem with gaps whose error is a part of the tolerance, and that error (q,).
+    """Return the problem with gaps whose error is a quarter of the tolerance, or less.
 
-    The error is of first order in the gap: halving the gaps shows half of it. Return also the
-    change in words. Where a run fails the error is not known, and infinite.
+    Returns also the error (q,), and the change in words. The error is of first order in the gap:
+    halving the gaps shows half of it. Where a run fails the error is not known, and infinite.
     """
     choice = _coarse_choice(bench, mesh)
     opened = bench.opened
@@ -229,11 +266,12 @@ def narrow_gaps(
     if not all(run.is_ok for run in runs):
         return bench.with_problem(opened), np.full(len(bench.quantities), math.inf), []
     error = 2 * bench.distance(runs[1], runs[0])
-    by = min(max(1.0, float(error.max()) / (GAPS * tolerance)), NARROWEST)
-    if by == 1:
+    needed = float(error.max()) / (COUNTING_SHARE * tolerance)
+    divisor = min(max(1.0, needed), NARROWEST_GAP)
+    if divisor == 1:
         return bench.with_problem(opened), error, []
-    narrow = bench.with_problem(opened.refined(Level(sharper=None, gap=by)))
-    return narrow, error / by, [f"gaps / {by:.3g}"]
+    narrow = bench.with_problem(opened.refined(Level(sharper=None, gap=divisor)))
+    return narrow, error / divisor, [f"gaps / {divisor:.3g}"]
 
 
 def drop_terms(
@@ -250,24 +288,29 @@ def drop_terms(
     (full,) = bench.run([choice], timed=True)
     total = np.zeros(len(bench.quantities))
     taken: dict[str, Variant] = {}
+    if not full.is_ok:
+        return _with(bench, []), total, []
 
-    def run_with(variant: Variant) -> tuple[np.ndarray, float] | None:
-        """Return the change by a variant beside the taken ones, if it is small, and seconds."""
-        trial = run_variants(bench, [*taken.values(), variant], choice)
+    def change_by(variants: Sequence[Variant]) -> tuple[np.ndarray, float] | None:
+        """Return the change by variants, if it is small, and the seconds with them."""
+        trial = run_variants(bench, variants, choice)
         if trial is None or not trial.is_ok:
             return None
         change = bench.distance(full, trial)
-        if change.max() <= SHARE * tolerance:
-            return (change, trial.seconds)
-        return None
+        if change.max() > COUNTING_SHARE * tolerance:
+            return None
+        return change, trial.seconds
 
-    worth = []
-    for variant in _variants(bench.opened, choice.element) if full.is_ok else []:
-        if (made := run_with(variant)) and made[1] < SAVES * full.seconds:
-            worth.append((made[1], variant))
-    for _, variant in sorted(worth, key=itemgetter(0)):
-        if variant.slot not in taken and (made := run_with(variant)):
-            total = made[0]
+    cheaper = []
+    for variant in _variants(bench.opened, choice.element):
+        alone = change_by([variant])
+        if alone and NOISE_OF_SECONDS * alone[1] < full.seconds:
+            cheaper.append((alone[1], variant))
+    for _, variant in sorted(cheaper, key=itemgetter(0)):
+        if variant.slot in taken:
+            continue
+        if together := change_by([*taken.values(), variant]):
+            total = together[0]
             taken[variant.slot] = variant
     names = [variant.name for variant in taken.values()]
     return _with(bench, taken.values()), total, names
@@ -276,10 +319,14 @@ def drop_terms(
 def _variants(opened: SceneProblem, element: str) -> list[Variant]:
     """Return the variants of all terms, except variants that leave out a membrane."""
     traits = {type(term).__name__: traits_of(term) for term in opened.first.system.terms}
-    kept = {name for name, own in traits.items() if own.kind == "membrane"} - {Springs.__name__}
-    terms = opened.tables.get("terms", [])
-    listed = [v for term in terms for v in variants_of_term(term, element, traits[term["type"]])]
-    return [v for v in listed if not (v.kind == "without" and v.by in kept)]
+    membranes = {name for name, own in traits.items() if own.kind == "membrane"}
+    kept = membranes - {Springs.__name__}
+    variants = []
+    for term in opened.tables.get("terms", []):
+        for variant in variants_of_term(term, element, traits[term["type"]]):
+            if not (variant.kind == "without" and variant.by in kept):
+                variants.append(variant)
+    return variants
 
 
 def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> Trial | None:
@@ -291,4 +338,5 @@ def run_variants(bench: Bench, variants: Sequence[Variant], choice: Choice) -> T
 
 
 def _with(bench: Bench, variants: Iterable[Variant]) -> Bench:
+    """Return the bench with the problem that some variants change."""
     return bench.with_problem(bench.opened.changed(changes_of(variants)))

@@ -7,6 +7,7 @@ import fecloth as fc
 from fecloth.errors import InputError, SceneError
 from fecloth.simulation.quantity import parse_quantity
 from fecloth.study.fitting import file as fit_file
+from fecloth.study.fitting.fit import choose_starts
 from fecloth.study.fitting.specimens import known_reach
 
 WIDTH, LENGTH, DRAWN = 0.5, 1.0, 0.1
@@ -292,6 +293,20 @@ def test_missing_file_of_a_fit(tmp_path):
 def test_several_starts_say_how_many_agree():
     answer = fc.fit([drawn_strip([force(1000.0)])], {"stiffness": 900.0}, starts=3, refined=False)
     assert "3 of 3 starts end at these constants" in answer.remarks
+
+
+@pytest.mark.parametrize("starts", [1, 3, 20])
+def test_other_starts_lie_on_both_sides_between_a_third_and_three_times(starts):
+    places = np.array(choose_starts(2, starts))
+    assert places.shape == (starts, 2)
+    assert not places[0].any()
+    factors = np.exp(places[1:])
+    assert ((factors >= 1 / 3) & (factors <= 3)).all()
+    if starts > 1:
+        assert ((factors.min(axis=0) < 1) & (factors.max(axis=0) > 1)).all()
+    if starts == 20:
+        assert factors.min(axis=0) == pytest.approx(1 / 3, rel=0.15)
+        assert factors.max(axis=0) == pytest.approx(3, rel=0.15)
 
 
 def test_the_reach_of_a_grip_is_known_before_the_run():

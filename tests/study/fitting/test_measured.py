@@ -5,7 +5,7 @@ import pytest
 
 from fecloth.errors import InputError
 from fecloth.study.fitting.experiment import Experiment
-from fecloth.study.fitting.measured import ASSUMED, read_measured
+from fecloth.study.fitting.measured import ASSUMED_SIGMA, read_measured
 
 QUANTITY = {"force": "reaction.grip.x"}
 ALONG = {"extension": "grip.x"}
@@ -23,7 +23,7 @@ FORCES = {"extension [m]": [0.02, 0.04, 0.06], "force [N]": [1.0, 2.0, -4.0]}
 @pytest.mark.parametrize(
     ("sigma", "values"),
     [
-        (None, 3 * [ASSUMED * 4.0]),
+        (None, 3 * [ASSUMED_SIGMA * 4.0]),
         ("5 %", 3 * [0.2]),
         ("0.1 N", 3 * [0.1]),
         ("20 mN", 3 * [0.02]),
@@ -58,7 +58,9 @@ def test_a_column_beyond_the_reach_starts_at_its_first_value_in_each_repeat():
     assert moved == pytest.approx([0.0, 1e-3, 3e-3, 0.0, 1e-3, 2e-3])
 
 
-@pytest.mark.parametrize(("reach", "fits"), [(0.0601, True), (0.0599, False)])
+@pytest.mark.parametrize(
+    ("reach", "fits"), [(0.06 * (1 - 0.8e-6), True), (0.06 * (1 - 1.25e-6), False)]
+)
 def test_points_beyond_the_reach_are_refused(reach, fits):
     if fits:
         assert len(read(FORCES, reach=(0.0, reach)).values) == 3

@@ -8,7 +8,7 @@ from scipy import stats
 
 from fecloth.study.fitting.evaluation import Column, Evaluation
 from fecloth.study.fitting.measured import Measured
-from fecloth.study.fitting.statistics import LEVEL, UNTOLD, statistics
+from fecloth.study.fitting.statistics import LARGEST_UNCERTAINTY, WRONG_LAW, _groups, statistics
 
 
 def facts_of(J, r, scatter=None, names=None):
@@ -42,7 +42,7 @@ def test_residuals_larger_than_sigma_widen_the_covariance():
 def test_threshold_of_what_is_told(factor, told):
     """A column of length s has the uncertainty 1/s."""
     J = np.zeros((10, 2))
-    J[:5, 0], J[5:, 1] = 10.0, 1 / (factor * UNTOLD) / np.sqrt(5)
+    J[:5, 0], J[5:, 1] = 10.0, 1 / (factor * LARGEST_UNCERTAINTY) / np.sqrt(5)
     facts = facts_of(J, np.zeros(10))
     assert facts.told.tolist() == [True, told]
     assert facts.together == (() if told else ((1,),))
@@ -61,6 +61,23 @@ def test_an_unknown_with_a_small_part_in_what_is_not_told_is_named_with_the_othe
     assert facts_of(J, np.zeros(10)).together == ((0, 1),)
 
 
+@pytest.mark.parametrize(("cosine", "groups"), [(0.04, ((0,), (1,))), (0.0625, ((0, 1),))])
+def test_threshold_of_what_is_told_together(cosine, groups):
+    """All but one direction w is not told: P = 1 − w wᵀ, with two equal components of w."""
+    square = cosine / (1 + cosine)
+    told = np.array([square**0.5, square**0.5, (1 - 2 * square) ** 0.5])
+    _, _, directions = np.linalg.svd(told[None])
+    assert _groups(directions[1:], np.array([True, True, False])) == groups
+
+
+@pytest.mark.parametrize(("size", "freedom"), [(0.8e-2, 9), (1.25e-2, 8)])
+def test_a_combination_that_is_hardly_known_takes_no_degree_of_freedom(size, freedom):
+    J = np.zeros((10, 2))
+    J[:5, 0] = 10.0
+    J[5:, 1] = size / np.sqrt(5)
+    assert facts_of(J, np.ones(10)).misfit == pytest.approx(10 / freedom)
+
+
 def test_fewer_points_than_unknowns():
     facts = facts_of([[10.0, 10.0]], [0.0])
     assert facts.together == ((0, 1),)
@@ -71,10 +88,10 @@ def test_fewer_points_than_unknowns():
 @pytest.mark.parametrize(("factor", "fails"), [(0.8, True), (1.25, False)])
 def test_threshold_of_the_law(factor, fails):
     """Residuals whose probability by χ² is 0.8 and 1.25 times the level."""
-    chi = stats.chi2.isf(factor * LEVEL, 9)
+    chi = stats.chi2.isf(factor * WRONG_LAW, 9)
     r = np.sqrt(chi / 10) * np.ones(10)
     facts = facts_of(X[:, None], r)
-    assert facts.probability == pytest.approx(factor * LEVEL, rel=1e-6)
+    assert facts.probability == pytest.approx(factor * WRONG_LAW, rel=1e-6)
     assert facts.law_fails == fails
 
 
@@ -89,7 +106,7 @@ def test_covariance_from_repeats_is_the_scatter_of_their_fits():
 @pytest.mark.parametrize(("factor", "told"), [(0.8, True), (1.25, False)])
 def test_repeats_that_scatter_much_do_not_tell(factor, told):
     """The slopes of two repeats: ± d, so that the mean has the uncertainty d."""
-    slopes = factor * UNTOLD * np.array([-1.0, 1.0])
+    slopes = factor * LARGEST_UNCERTAINTY * np.array([-1.0, 1.0])
     facts = facts_of(X[:, None], np.zeros(10), scatter=np.outer(slopes, X))
     assert facts.told.tolist() == [told]
 
@@ -98,9 +115,9 @@ def test_repeats_that_scatter_much_do_not_tell(factor, told):
 def test_threshold_of_the_law_by_repeats(factor, fails):
     """Repeats that differ in one way only: F with 1 and R − 1 degrees of freedom."""
     scatter = np.outer([-0.3, 0.1, 0.2], X)
-    mean = stats.f.isf(factor * LEVEL, 1, 2)
+    mean = stats.f.isf(factor * WRONG_LAW, 1, 2)
     facts = facts_of(X[:, None], np.sqrt(mean * 9 / 10) * np.ones(10), scatter=scatter)
-    assert facts.probability == pytest.approx(factor * LEVEL, rel=1e-6)
+    assert facts.probability == pytest.approx(factor * WRONG_LAW, rel=1e-6)
     assert facts.law_fails == fails
 
 
