@@ -172,8 +172,8 @@ def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) ->
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
     """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
 
-    The order is negative where the differences grow, at least −1. It is NaN where their sign
-    changes.
+    The order is negative where the differences grow, at least −1, and 0 where they stay the same.
+    It is NaN where their sign changes.
     """
     fine_change = values[1] - values[0]
     coarse_change = values[2] - values[1]
@@ -188,6 +188,8 @@ def observed_order(h: np.ndarray, values: np.ndarray) -> float:
         coarse_part = np.exp(p * log_h[1]) * np.expm1(p * (log_h[2] - log_h[1]))
         return math.log(coarse_part / fine_part) - log_change
 
+    if mismatch(-1e-9) <= 0 <= mismatch(1e-9):
+        return 0.0
     mismatch_at_zero = math.log((log_h[2] - log_h[1]) / log_h[1]) - log_change
     if mismatch_at_zero >= 0:
         if mismatch(-1.0) > 0:
