@@ -58,7 +58,7 @@ class Progress:
         self.done = 0
         self.spent = 0.0
         self.elapsed = 0.0
-        self.spent_on_first = 0.0  # on the first case of each process, which imports and compiles
+        self.spent_on_first = 0.0  # first cases of the processes, which import and compile
         self.elapsed_in_first = 0.0
         self.begin = clock()
         if stored and not quiet:

@@ -55,7 +55,8 @@ def _combine_for_scene(scene: Scene, methods, elements, models) -> list[dict]:
     own_models = [t.type for t in scene.terms if traits_of(t.make()).kind == "membrane"]
     if models and not own_models:
         raise InputError("the terms", f"have none of {', '.join(MODELS)} to replace", "chart")
-    tried_elements = known_names("element", elements or (scene.cloth.element, *ELEMENTS), ELEMENTS)
+    asked_elements = elements or (scene.cloth.element, *ELEMENTS)
+    tried_elements = known_names("element", asked_elements, ELEMENTS)
     all_models = tuple(dict.fromkeys([*own_models, *MODELS]))
     tried_models = known_names("model", models or own_models[:1], all_models)
     rules: list[dict] = [{"method": "equilibrium"}]

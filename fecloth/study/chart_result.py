@@ -11,11 +11,20 @@ from typing import Any
 from fecloth import errors
 from fecloth.study.comparison import best_value
 from fecloth.study.convergence import Convergence
-from fecloth.study.figures import Figure, label_ends, line_style, new_figure, use_plain_ticks
+from fecloth.study.figures import (
+    MOST_GROUPS,
+    Figure,
+    label_ends,
+    line_style,
+    new_figure,
+    use_plain_ticks,
+)
 from fecloth.study.result import StudyResult, Table, with_uncertainty
 from fecloth.study.status import OK
 
-NAMED_ERRORS = (10.0, 1.0, 0.1, 0.01)  # errors for which the verdict names the cheapest setting [%]
+# The verdict names the cheapest setting for an error of 10, 1, 0.1 and 0.01 %.
+LARGEST_NAMED_ERROR = 10.0
+LEAST_NAMED_ERROR = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,7 +111,7 @@ def find_front(rows: Sequence[Mapping]) -> set[int]:
 
 
 def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
-    """Return the rows whose error is less than the error of all cheaper rows, from the cheapest."""
+    """Return the rows with less error than all cheaper rows, the cheapest first."""
     best = []
     least = math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], known_error(row))):
@@ -144,7 +153,8 @@ def describe_chart(table: Table, limit: Convergence) -> str:
     end = list[str]()
     cheapest_rows: dict[int, Any] = {}
     errors_of: dict[int, list[str]] = {}  # by the id of the cheapest row that reaches them
-    for named_error in NAMED_ERRORS:
+    named_error = LARGEST_NAMED_ERROR
+    while named_error >= LEAST_NAMED_ERROR:
         reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= named_error]
         if not reached:
             known_to = rows[0]["uncertainty %"]
@@ -156,6 +166,7 @@ def describe_chart(table: Table, limit: Convergence) -> str:
         cheapest = min(reached, key=seconds_of)
         cheapest_rows[id(cheapest)] = cheapest
         errors_of.setdefault(id(cheapest), []).append(f"{named_error:g}")
+        named_error /= 10
     lines = []
     for key, row in cheapest_rows.items():
         setting = f"{describe_row(row, several_models)}, {row['seconds']:.2g} s"
@@ -191,7 +202,6 @@ def describe_row(row: Mapping, with_model: bool = True) -> str:
     return ", ".join(parts)
 
 
-MOST_LINES = 8  # lines of a figure that a reader can tell apart; the others are grey
 LETTERS = string.ascii_letters
 Series = dict[str, list[Mapping]]
 
@@ -220,8 +230,8 @@ def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
         return -sum(bool(row.get("on front")) for row in points), least_product
 
     names = sorted(series, key=rank)
-    chosen = names[:MOST_LINES]
-    rest = names[MOST_LINES:]
+    chosen = names[:MOST_GROUPS]
+    rest = names[MOST_GROUPS:]
     return {n: series[n] for n in chosen}, {n: series[n] for n in rest}
 
 

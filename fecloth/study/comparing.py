@@ -208,7 +208,7 @@ def _difference(
 ) -> Difference:
     """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one.
 
-    Fields, paths and vectors have no limit: their difference is its size on the finest level. The
+    Fields, paths and vectors have no limit: their difference is the one on the finest level. The
     uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
     models on one mesh are not independent. But most of their errors is the same: the difference
     of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.

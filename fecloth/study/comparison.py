@@ -129,7 +129,7 @@ class Comparison(StudyResult):
 
 
 def best_value(study: Convergence) -> float:
-    """Return the limit, or the value of the finest level where there is no limit, as of a field."""
+    """Return the limit, or the value of the finest level where there is no limit."""
     if math.isfinite(study.limit):
         return study.limit
     return study.value

@@ -170,8 +170,8 @@ def judge(
     obstacles
         Possible reasons why values do not converge, for the sentence.
     size
-        Size of the quantity. If the finest three values have no order, but differ by a small part
-        of it, the verdict states this part.
+        Size of the quantity. If the finest three values have no order, but differ by a small
+        part of it, the verdict states this part.
     doubt
         A warning of the finest run that its values are no evidence; "" for none.
     """
@@ -203,10 +203,10 @@ def judge(
 
 
 def _propose_levels(h: np.ndarray, values: np.ndarray, theory: float) -> str:
-    """Return how many levels more would be in the asymptotic range; `h` goes from fine to coarse.
+    """Return how many levels more would be in the asymptotic range, from fine to coarse levels.
 
-    The orders of three successive levels are taken to approach the theory by the same factor from
-    level to level, as they did last.
+    The order of three successive levels is expected to approach the theory by the same factor
+    from level to level, as it did last.
     """
     local_orders = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
     if len(local_orders) < 2 or not np.isfinite(local_orders[:2]).all():

@@ -100,7 +100,10 @@ class Follower:
         plus, minus = self._setups_at(LARGEST_CHANGE)
         width = 2 * LARGEST_CHANGE
         no_step = (None, None)
-        histories = plus.system.start_history(plus.start), minus.system.start_history(minus.start)
+        histories = (
+            plus.system.start_history(plus.start),
+            minus.system.start_history(minus.start),
+        )
         self.start = Along.between(plus.start, minus.start, width, no_step, histories)
         self.along = self.start
         self.flows = records.slope(plus.ledger, minus.ledger, width)

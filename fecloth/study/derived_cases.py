@@ -41,9 +41,9 @@ from fecloth.system.system import System
 # more, there is no derivative.
 LARGEST_ERROR = 1e-2
 STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
-# Newton's tolerance in a run with derivatives, over the tolerance of derivatives: two digits more.
+# Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
 NEWTON_TOLERANCE = 1e-2
-# Newton's tolerance in twin runs: what it leaves, over the smallest change 1e-5, is 1e-6 at most.
+# Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.
 TWIN_TOLERANCE = 1e-11
 
 
@@ -77,11 +77,9 @@ class Sought:
     @classmethod
     def of_settings(cls, settings: Sequence[Any]) -> Self:
         """Return what `settings` has returned there."""
-        parameters, quantities, tolerance, whole = settings
+        listed, quantities, tolerance, whole = settings
         return cls(
-            parameters=tuple(
-                Parameter(name=name, value=value, width=width) for name, value, width in parameters
-            ),
+            parameters=tuple(Parameter(name, value, width) for name, value, width in listed),
             quantities=tuple(map(parse_quantity, quantities)),
             tolerance=tolerance,
             whole=whole,
@@ -239,7 +237,8 @@ def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
     whole = any(columns_to_record(quantity) for quantity in quantities)
     start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
-    return Recorded(whole=whole or functions or flows, flows=functions or flows, only_start=start)
+    flows = flows or functions
+    return Recorded(whole=whole or flows, flows=flows, only_start=start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +276,7 @@ class Slopes:
         return (plus - minus) / (2 * size)
 
     def _find_size(self, quantity: Quantity, number: int) -> float:
-        """Return the change of the parameter by which values move by a small part; 0 for none."""
+        """Return the change of a parameter by which values move a little; 0 for none."""
         start = self.setup.start.x
         follower = self.derivation.followers[number]
         values_and_slopes = [

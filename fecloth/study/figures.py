@@ -16,8 +16,9 @@ Figure: TypeAlias = "matplotlib.figure.Figure"  # imported when a figure is draw
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
-LABEL_DISTANCE = 0.062  # least distance of two labels over the height of the axes: a line of text
+LABEL_DISTANCE = 0.062  # of two labels, over the height of the axes: a line of text
 COLUMNS = 3  # panels side by side that are legible at 800 pixels
+MOST_GROUPS = 8  # methods or settings that a reader can tell apart in a figure
 STYLE = Path(__file__).with_name("figures.mplstyle")
 
 

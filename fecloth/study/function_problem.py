@@ -42,7 +42,7 @@ class FunctionProblem(CommonProblem):
     settings
         Further arguments of the function.
     terms
-        Terms in place of the function's own, as `describe_term` describes them; None for its own.
+        Terms in place of the function's own, as `describe_term` describes them, or None.
     sharper
         Divides the tolerance of the solver; None leaves it as it is.
     rtol

@@ -19,7 +19,6 @@ TRIED_POWERS = (0.3, 0.45, 0.6, 0.7, 0.8)
 TRIED_DISTANCES = (0.5, 0.25, 0.12, 0.06)
 # The share of the triangles that a grading saves: below it the saving is not worth a table more.
 LEAST_SAVED = 0.05
-MOST_GRADINGS = 8  # bounds the time of the search, which tries all places anew for each
 # The sine of the angle by which the border turns at a node: above it the node is a corner.
 LEAST_CORNER = np.sin(np.radians(30.0))
 
@@ -133,7 +132,7 @@ def _add_greedily(
     `settings` are pairs of place, distance and power to choose from.
     """
     least = prediction.count_triangles(chosen)
-    while settings and len(chosen) < MOST_GRADINGS:
+    while settings:
         candidates = [
             chosen | {place: Grading(**place.arguments, distance=distance, power=power)}
             for place, distance, power in settings

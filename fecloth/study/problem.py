@@ -154,7 +154,7 @@ def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_round(cloth: Cloth) -> bool:
-    """Whether the border turns at most of its nodes: a round shape, meshed with straight edges."""
+    """Whether the border turns at most of its nodes, as the mesh of a round shape does."""
     edges, turning = border_of(cloth)
     turns = turning[edges[:, 0]] > 1e-3
     return bool(np.count_nonzero(turns) > len(turns) / 2)

@@ -105,16 +105,13 @@ def summarise(
         "theory": theory,
     }
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
-    if doubt := _find_failure(rows):
-        table = Table(tuple(map(_table_row, rows)))
-        return Convergence(verdict=f"not known: {doubt}", table=table, **described)
-    values, sequence = _values_of_levels(quantity, rows)
-    if not np.isfinite(sequence).all():
-        verdict = f"not known: {quantity.text} has no value on a level"
-        table = Table(tuple(map(_table_row, rows)))
-        return Convergence(verdict=verdict, table=table, **described)
+    if failure := _find_failure(rows):
+        return _answer_unknown(failure, rows, described)
+    values, judged_numbers = _values_of_levels(quantity, rows)
+    if not np.isfinite(judged_numbers).all():
+        return _answer_unknown(f"{quantity.text} has no value on a level", rows, described)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
-    estimate = estimate_uncertainty(sizes, sequence, theory)
+    estimate = estimate_uncertainty(sizes, judged_numbers, theory)
     least_error = 0.0
     if estimate.behaviour not in ("monotone", "constant"):
         least_error = estimate.uncertainty / UNSAFE  # the finest level is not exact
@@ -125,23 +122,20 @@ def summarise(
     changes = [difference_of(quantity, first, record_at(row, quantity)) for row in finished]
     others = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
     uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in others.values())
-    shares = own_share | others
     obstacles = []
     if refine != "dt":
         obstacles = list(rows[-1]["obstacles"])
     doubt = next((words for words in rows[-1]["warnings"] if WRINKLES in words), "")
-    converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
+    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, abs(values[-1]), doubt)
     answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
-    lines = []
-    for row, value, judged_value in zip(rows, values, sequence, strict=True):
-        error = max(abs(judged_value - estimate.limit), least_error)
-        lines.append(_table_row(row) | {"value": value, "error": error})
+    errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
+    shares = own_share | others
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
-        table=Table(tuple(lines)),
+        table=_make_table(rows, values, errors),
         value=values[-1],
         uncertainty=uncertainty,
-        limit=estimate.limit if sequence is values else math.nan,
+        limit=estimate.limit if judged_numbers is values else math.nan,
         order=estimate.order,
         converges=converges,
         shares=shares,
@@ -149,6 +143,20 @@ def summarise(
         remarks=tuple(_remarks(rows, shares)),
         **described,
     )
+
+
+def _answer_unknown(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
+    """Return a result without a value; `described` says what was studied."""
+    table = Table(tuple(map(_table_row, rows)))
+    return Convergence(verdict=f"not known: {why}", table=table, **described)
+
+
+def _make_table(rows: Sequence[Mapping], values: Sequence[float], errors: Sequence[float]) -> Table:
+    """Return a table of levels with the value and the error of each."""
+    table_rows = []
+    for row, value, error in zip(rows, values, errors, strict=True):
+        table_rows.append(_table_row(row) | {"value": value, "error": error})
+    return Table(tuple(table_rows))
 
 
 def _find_failure(rows: Sequence[Mapping]) -> str:

@@ -12,7 +12,6 @@ from fecloth.study.figures import Figure
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
 
-LONGEST_CELL = 300  # characters of a cell: a longer cause makes a table unreadable
 Row = Mapping[str, object]
 Cell = float | int | str | bool | None
 UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # units that are shown with names of columns
@@ -52,11 +51,8 @@ def _columns(rows: Sequence[Row]) -> list[str]:
 
 
 def _cell(value: object) -> str:
-    """Return a value as a cell of a Markdown table: on one line, and not too long."""
-    text = " ".join(_text(value).split())
-    if len(text) > LONGEST_CELL:
-        text = f"{text[:LONGEST_CELL]} …"
-    return text.replace("|", "\\|")
+    """Return a value as a cell of a Markdown table, on one line."""
+    return " ".join(_text(value).split()).replace("|", "\\|")
 
 
 @dataclass(frozen=True)

@@ -157,14 +157,15 @@ class SceneProblem(CommonProblem):
     def _tables_for(self, change: Change) -> dict:
         """Return the tables to change.
 
-        A term that changes its type has only the keys that were given: the others are defaults of
-        its old type.
+        A term that changes its type has only the keys that were given, because all others are
+        defaults of its old type.
         """
         if not self.scene.terms:
             return self.tables
         keys = [key.replace(" ", "") for key in change.values]
         terms = []
-        for i, (table, term) in enumerate(zip(self.tables["terms"], self.scene.terms, strict=True)):
+        for i, term in enumerate(self.scene.terms):
+            table = self.tables["terms"][i]
             if f"terms.{i}.type" in keys:
                 table = {key: table[key] for key in table if key in term.model_fields_set}
             terms.append(table)

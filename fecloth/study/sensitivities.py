@@ -24,7 +24,7 @@ from fecloth.study.status import OK, REFUSED
 from fecloth.study.workload import Workload, check_size
 
 # The change of a quantity over its value: below it round-off of the runs may be all of it.
-LEAST_CHANGE = 1e-9
+LEAST_QUANTITY_CHANGE = 1e-9
 PRICE = 0.5  # predicted time of a derivative over the time of the run
 # The change of each parameter over its width in a pair of twin runs: the usual one, and the one
 # of a second pair, where the quantity may bend too much for the first.
@@ -200,7 +200,7 @@ def _find_lost_changes(sought: Sought, slopes: np.ndarray, values: np.ndarray) -
     if not len(values):
         return np.zeros(slopes.shape, bool)
     has_scale = np.array([p.width != abs(p.value) for p in sought.parameters])
-    is_small = np.abs(slopes) < LEAST_CHANGE * np.abs(values)[:, None]
+    is_small = np.abs(slopes) < LEAST_QUANTITY_CHANGE * np.abs(values)[:, None]
     return np.asarray(has_scale & (slopes != 0.0) & is_small)
 
 
@@ -257,13 +257,14 @@ def _check(
     tasks = []
     for sign, changes in ("+", change * signs), ("-", -change * signs):
         words = f"twin run, numbers {sign} {100 * change:g} %"
-        tasks.append(Task(run_twin, opened, settings | {"changes": changes.tolist()}, words, size))
+        own_settings = settings | {"changes": changes.tolist()}
+        tasks.append(Task(run_twin, opened, own_settings, words, size))
     plus, minus = run_tasks(tasks, runs)
     for twin in (plus, minus):
         if twin["status"] != OK:
             return np.full(len(slopes), np.inf), f"a twin run failed: {twin['cause']}"
     measured = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * change)
     predicted = slopes @ signs
-    least_size = LEAST_CHANGE * np.abs(row["values"]) / WIDE_CHANGE + np.finfo(float).tiny
+    least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE + np.finfo(float).tiny
     size_of_all = np.maximum(np.abs(slopes).sum(axis=1), least_size)
     return np.abs(measured - predicted) / size_of_all, row["why"]

@@ -172,7 +172,8 @@ def _describe_quantity(
         distance = "more than 100 %"
         if checked < 1:
             distance = in_percent(checked)
-        return f"{begin}: no derivative here: twin runs differ by {distance} from the derivatives"
+        doubt = f"twin runs differ by {distance} from the derivatives"
+        return f"{begin}: no derivative here: {doubt}"
     largest = np.argsort(-np.nan_to_num(np.abs(slopes)), kind="stable")[:3]
     changes = [
         _describe_change(parameters[k], slopes[k], value, unit)

@@ -12,12 +12,12 @@ from fecloth.scene.scene import Scene
 from fecloth.study import stability_words, variants
 from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
-from fecloth.study.figures import Figure
+from fecloth.study.figures import MOST_GROUPS, Figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
 from fecloth.study.run_problems import Task, print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
-from fecloth.study.stability_words import JUDGED, MOST_PANELS, WRONG, draw_map, range_of
+from fecloth.study.stability_words import JUDGED, WRONG, draw_map, range_of
 from fecloth.study.status import FAILED, OK, REFUSED
 
 LONGEST_CASE = 120.0  # usual limit of the CPU time of a run [s]
@@ -76,8 +76,8 @@ class StabilityMap(StudyResult):
             if len(stopped) > 1:
                 count = f"{len(stopped)} runs say"
             lines.append(f"{count} nothing about the step; the first: {words}")
-        if len(self.methods) > MOST_PANELS:
-            lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
+        if len(self.methods) > MOST_GROUPS:
+            lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
         return lines
 
     @property

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from fecloth.study.figures import COLUMNS, Figure, new_figure
+from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
 from fecloth.study.status import FAILED, OK
 
 WRONG = "wrong"  # the run reached its end with energy from nowhere, or with a warning
@@ -15,8 +15,8 @@ Range = tuple[float, float]  # longest dt that holds, shortest longer one that d
 def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
     """Return the longest dt up to which all runs hold, and the next longer one, which does not.
 
-    Runs hold whose status is one of `held`. The first dt is 0 if the shortest step does not hold;
-    the second is infinite if all steps hold. Both are so without a run that says something.
+    A run holds if its status is one of `held`. The first dt is 0 if the shortest step does not
+    hold; the second is infinite if all steps hold. Both are so if no run says anything.
     """
     longest = 0.0
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
@@ -65,7 +65,7 @@ def describe_limit(predicted: float | None) -> str:
 
 
 def describe_best(ranges: Mapping[str, Range]) -> str:
-    """Return which method holds the longest step; methods tie if the runs do not separate them."""
+    """Return which method holds the longest step, or which methods tie."""
     longest = max((low for low, _ in ranges.values()), default=0.0)
     if longest == 0.0:
         return "no method holds at a step that was tried"
@@ -118,7 +118,6 @@ def _scaled(dt: float) -> tuple[float, str]:
     return dt * 1e6, "µs"
 
 
-MOST_PANELS = 8  # methods of the figure, whose panels are legible
 LOOKS: dict[str, dict[str, Any]] = {
     OK: {"marker": "o", "color": "#0072B2"},
     WRONG: {"marker": "^", "color": "#E69F00"},
@@ -130,7 +129,7 @@ LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "label": "predicted limit"}
 
 def draw_map(stability: Any) -> Figure:
     """Draw the runs of a `StabilityMap`; the line is the predicted limit of explicit methods."""
-    methods = stability.methods[:MOST_PANELS]
+    methods = stability.methods[:MOST_GROUPS]
     columns = min(COLUMNS, len(methods))
     rows = math.ceil(len(methods) / columns)
     size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1

@@ -268,10 +268,10 @@ def _estimate_with_fixed_powers(
     Above the theoretical order the grid convergence index of the two finest levels is taken, if
     its uncertainty is the smaller one.
     """
-    all_powers = _fixed_powers(free.order, theory)
-    fits = [
-        _fit_powers(h, values, weights, powers) for weights in weightings for powers in all_powers
-    ]
+    fits = []
+    for weights in weightings:
+        for powers in _fixed_powers(free.order, theory):
+            fits.append(_fit_powers(h, values, weights, powers))
     fit = min(fits, key=lambda fit: fit.deviation)
     uncertainty = _uncertainty(fit, values[0], data_range, UNSAFE)
     if free.order > theory:

@@ -17,11 +17,11 @@ BINDING = 3e-5
 # CPU seconds of a step on any mesh, as with plates, damping, energies and a probe.
 IMPLICIT_LEAST = 2e-3
 EXPLICIT_LEAST = 8e-4
-STABLE_STEP = 0.4  # stable step of central differences over h / wave speed, for StVK and hinges
-LONGEST = 3600.0  # predicted time of all cases above which a study does not start by itself [s]
+STABLE_STEP = 0.4  # stable step of central differences over h / wave speed, as with StVK
+LONGEST = 3600.0  # predicted time [s]: above it a study does not start by itself
 CHOSEN_STEPS = 300  # guessed steps of a run that chooses its steps by their error
 ITERATIONS = "Newton iterations"  # of an equilibrium
-LOAD_STEP = 10  # steps in time that take as long as a load step: its Newton iterations factorise
+LOAD_STEP = 10  # Newton iterations of a load step, each as long as a step in time
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
 ANYWAY = "most_seconds = None, as a command --yes, runs it anyway."
