@@ -1,6 +1,7 @@
 """The thresholds of studies, each from both sides, on plain numbers without runs."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.nonlinear.eigenpairs import Eigenpairs
-from fecloth.study import modes
+from fecloth.study import chart_grid, derived_cases, measured_runs, modes
 from fecloth.study.cases import Progress
 from fecloth.study.change import Level
 from fecloth.study.convergence import judge
+from fecloth.study.derivation import Follower, shortest_length
 from fecloth.study.derived_cases import Sought
 from fecloth.study.graded_meshes import find_lone_pins
 from fecloth.study.parameters import Parameter
@@ -177,3 +179,43 @@ def test_the_predicted_seconds_of_a_case_by_hand():
     assert implicit == pytest.approx(0.03 + 100 * (2e-3 + 1e-2))
     assert explicit == pytest.approx(0.03 + 100 * (8e-4 + 2e-4))
     assert math.isclose(Workload(1000.0, 100, is_explicit=True).coarser(2).steps, 50)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "runs"), [(0.1, 3), (0.45, 3), (0.55, 2), (0.95, 2), (1.05, 1)]
+)
+def test_runs_are_repeated_twice_at_most_and_for_a_second(seconds, runs, monkeypatch):
+    """The first run warms up and does not count."""
+    ran = []
+    monkeypatch.setattr(
+        measured_runs, "_run_once", lambda *_: ran.append(1) or ({}, seconds + 0.001 * len(ran))
+    )
+    _, fastest = measured_runs._run_timed(None, strip(), measured_runs.REPEATS, None)
+    assert len(ran) == 1 + runs
+    assert fastest == pytest.approx(seconds + 0.002)
+
+
+@pytest.mark.parametrize(
+    ("moved", "size"), [(1e-3, 1e-4), (0.2, 1e-5), (2.0, 1e-6), (2e3, 1e-9), (2e5, 1e-9)]
+)
+def test_differences_move_nodes_by_1e_5_of_an_edge_within_limits(moved, size):
+    """The size is a power of ten: the next one below 1e-5 / moved, from 1e-9 to 1e-4."""
+    base = strip()
+    lengths = moved * shortest_length(base)
+    follower = SimpleNamespace(base=base, along=SimpleNamespace(longest=lambda dt: lengths))
+    assert Follower.size(follower, 0.1) == pytest.approx(size, rel=1e-9)
+
+
+def test_a_sharper_newton_iteration_is_no_looser_than_its_own():
+    own = replace(strip(), newton=fc.Newton(tolerance=1e-8))
+    assert derived_cases._sharpen(own, 1e-6).newton.tolerance == 1e-8
+    assert derived_cases._sharpen(own, 1e-10).newton.tolerance == 1e-10
+    assert derived_cases._sharpen(strip(), 1e-6).newton.tolerance == 1e-6
+
+
+@pytest.mark.parametrize(("rtol", "largest"), [(None, 0.1), (0.02, 0.02)])
+def test_a_chart_takes_three_tolerances_or_steps(rtol, largest):
+    scene = SimpleNamespace(time=SimpleNamespace(dt="auto", rtol=rtol))
+    rules = chart_grid._list_rules(scene, "bdf2")
+    assert [rule["rtol"] for rule in rules] == [largest, largest / 10, largest / 100]
+    assert chart_grid._list_rules(scene, "central_difference") == [{"method": "central_difference"}]
