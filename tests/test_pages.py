@@ -208,7 +208,7 @@ def distinct(commands):
 
 @pytest.mark.parametrize("command", distinct(OURS))
 def test_commands_run(command, clone, monkeypatch):
-    monkeypatch.setattr("fecloth.study.measured_runs.SHORT", 0.0)  # each is run once
+    monkeypatch.setattr("fecloth.study.measured_runs.LONG_ENOUGH", 0.0)  # each is run once
     given = filled(command)
     if given[0] == "run" and "--resume" not in given:
         shutil.rmtree(target(given), ignore_errors=True)

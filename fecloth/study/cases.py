@@ -18,49 +18,74 @@ from fecloth.study.fingerprint import source_hash
 from fecloth.study.processes import run_in_processes, run_on_cluster
 from fecloth.study.workload import in_words
 
-LONGEST_CAUSE = 100  # characters
+LONGEST_CAUSE = 100  # characters of a cause in a progress line: one line of a wide terminal
 
 
 class Progress:
-    """Prints a line for each finished case."""
+    """Prints a line for each finished case.
+
+    Parameters
+    ----------
+    costs
+        Predicted costs of the cases to run, in any unit.
+    stored
+        Number of cases that an earlier run has finished.
+    at_once
+        Number of cases that run side by side.
+    in_seconds
+        Whether the costs are CPU seconds.
+    quiet
+        Whether nothing is printed.
+    clock
+        Returns the seconds since any fixed time.
+    """
 
     def __init__(
         self,
-        costs: Sequence[float],  # predicted, of the cases to run
-        stored: int = 0,  # number of cases that an earlier run has finished
-        at_once: int = 1,  # number of cases that run side by side
-        in_seconds: bool = False,  # whether the costs are CPU seconds; they may have any unit
-        quiet: bool = False,  # whether nothing is printed
-        clock: Callable[[], float] = time.perf_counter,  # seconds since any time
+        costs: Sequence[float],
+        stored: int = 0,
+        at_once: int = 1,
+        in_seconds: bool = False,
+        quiet: bool = False,
+        clock: Callable[[], float] = time.perf_counter,
     ):
-        self.count, self.cost, self.at_once, self.clock = len(costs), sum(costs), at_once, clock
+        self.count = len(costs)
+        self.cost = sum(costs)
+        self.at_once = at_once
+        self.clock = clock
         self.in_seconds = in_seconds
         self.quiet = quiet
         self.done = 0
         self.spent = 0.0
         self.elapsed = 0.0
-        self.warm = 0.0, 0.0  # cost and time of the cases that imported and compiled
+        self.spent_on_first = 0.0  # first cases of the processes, which import and compile
+        self.elapsed_in_first = 0.0
         self.begin = clock()
         if stored and not quiet:
             print(f"cases already stored: {stored} of {stored + self.count}", file=sys.stderr)
 
     def add(self, cost: float) -> None:
-        self.done, self.spent = self.done + 1, self.spent + cost
+        """Count a case that is finished."""
+        self.done += 1
+        self.spent += cost
         self.elapsed = self.clock() - self.begin
         if self.done <= self.at_once:
-            self.warm = self.spent, self.elapsed
+            self.spent_on_first = self.spent
+            self.elapsed_in_first = self.elapsed
 
     @property
     def seconds_left(self) -> float:
-        """Predicted time left [s]: from the finished cases, without the first of each process."""
-        left, (spent, elapsed) = self.cost - self.spent, self.warm
-        if self.spent > spent:
-            return left * (self.elapsed - elapsed) / (self.spent - spent)
+        """Predicted time left [s]: from finished cases, without the first of each process."""
+        left = self.cost - self.spent
+        spent = self.spent - self.spent_on_first
+        if spent > 0:
+            return left * (self.elapsed - self.elapsed_in_first) / spent
         if self.in_seconds:
             return left / self.at_once
-        return left * elapsed / spent
+        return left * self.elapsed_in_first / self.spent_on_first
 
     def print(self, words: str, result: dict, cost: float) -> None:
+        """Count a finished case, and print a line with its `words` and how it ended."""
         self.add(cost)
         if self.quiet:
             return
@@ -72,13 +97,13 @@ class Progress:
 
 
 def _describe(result: dict) -> str:
-    """Return the status, and of a failure the first words of its cause."""
-    cause = result["cause"].splitlines()[0] if result["cause"] else ""
+    """Return the status, and the first words of the cause of a failure."""
+    if not result["cause"]:
+        return result["status"]
+    cause = result["cause"].splitlines()[0]
     if len(cause) > LONGEST_CAUSE:
         cause = f"{cause[:LONGEST_CAUSE].rpartition(' ')[0]} …"
-    if cause:
-        return f"{result['status']}: {cause}"
-    return result["status"]
+    return f"{result['status']}: {cause}"
 
 
 Number = float | int | str | bool | None
@@ -163,11 +188,12 @@ def run_cases(
 
     A row holds the settings, the returned numbers and strings, `status` and `cause`. The
     function may also return lists of numbers, for figures; results.csv omits them. The row of
-    a failed case has no results. Each result is written to OUT/cache at once, and is read from
-    there the next time, unless the settings, fecloth, the study's file, its imports or its
-    scenes have changed. If a case reads any other file, put the contents of the file into its
-    settings. Raises `InputError` if the function is not at the top level of a file, or the
-    settings are not JSON-able.
+    a failed case has no results.
+
+    Each result is written to OUT/cache at once, and is read from there the next time, unless the
+    settings, fecloth, the study's file, its imports or its scenes have changed. If a case reads
+    any other file, put the contents of the file into its settings. Raises `InputError` if the
+    function is not at the top level of a file, or if the settings cannot be written as JSON.
 
     Parameters
     ----------
@@ -191,12 +217,10 @@ def run_cases(
         Print no progress lines.
     """
     all_cases = [Case.of(function, settings) for settings in cases]
-    cost_of = dict(
-        zip((case.key for case in all_cases), costs or [1.0] * len(all_cases), strict=True)
-    )
-    if fresh or out is None:
-        results = {}
-    else:
+    keys = [case.key for case in all_cases]
+    cost_of = dict(zip(keys, costs or [1.0] * len(keys), strict=True))
+    results: dict[str, dict] = {}
+    if out is not None and not fresh:
         results = _read_results(all_cases, Path(out), time_limit)
     missing = list({case.key: case for case in all_cases if case.key not in results}.values())
     at_once = min(jobs, len(missing)) or 1
@@ -206,24 +230,33 @@ def run_cases(
         finished = run_in_processes(missing, at_once, time_limit)
     else:
         finished = _run_here(missing, function, time_limit)
-    spent = [cost_of[case.key] for case in missing]
-    progress = Progress(spent, len(results), at_once, costs is not None, quiet)
+    progress = Progress(
+        [cost_of[case.key] for case in missing],
+        stored=len(results),
+        at_once=at_once,
+        in_seconds=costs is not None,
+        quiet=quiet,
+    )
     try:
         for case, result in finished:
             _write_result(case, result, out, time_limit)
             results[case.key] = result
             progress.print(label(case.settings), result, cost_of[case.key])
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(*[INTERRUPTED] * (out is not None)) from None
+        if out is None:
+            raise
+        raise KeyboardInterrupt(INTERRUPTED) from None
     return [{**case.settings, **results[case.key]} for case in all_cases]
 
 
 def _run_here(cases, function, time_limit):
+    """Yield (case, result) of cases that run one after the other in this process."""
     for case in cases:
         yield case, status.attempt(function, dict(case.settings), time_limit)
 
 
 def _path(case: Case, out: Path) -> Path:
+    """Return the file of a case in the folder of results."""
     return out / "cache" / f"{case.key}.json"
 
 
@@ -242,6 +275,7 @@ def _write_result(
 
 
 def _read_results(cases: list[Case], out: Path, time_limit: float | None) -> dict[str, dict]:
+    """Return the stored results by the key of the case; a late one only for no longer limit."""
     results = {}
     for case in cases:
         entry = _read_entry(_path(case, out))

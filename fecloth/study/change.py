@@ -15,14 +15,22 @@ REFINED = ("h", "dt", "both")
 
 @dataclass(frozen=True)
 class Change:
-    """What is different in a changed problem."""
+    """What is different in a changed problem.
 
-    name: str = ""  # in words, for messages; "" if these need no words
-    # Values by key: the keys of a scene are written as for --set; a function's are its
-    # arguments.
+    Attributes
+    ----------
+    name
+        The change in words, for messages; "" if they need no words.
+    values
+        Values by key. The keys of a scene are written as for --set; the keys of a function are
+        its arguments.
+    edits
+        Functions for what values cannot say, as another term in place of one. Each takes a copy
+        of the tables and returns them, changed.
+    """
+
+    name: str = ""
     values: Mapping[str, object] = field(default_factory=dict)
-    # What values cannot say, as another term in place of one: returns the tables that it gets,
-    # which are a copy, changed.
     edits: tuple[Edit, ...] = ()
 
     @classmethod
@@ -31,7 +39,7 @@ class Change:
         return cls(describe_values(values), values)
 
     def apply(self, tables: dict) -> dict:
-        """Return changed tables; the ones given stay as they are."""
+        """Return changed tables; `tables` stays as it is."""
         tables = copy.deepcopy(tables)
         for edit in self.edits:
             tables = edit(tables)
@@ -46,39 +54,60 @@ def _toml(value: object) -> str:
 
 
 def _inline(value: object) -> str:
+    """Return a value as TOML on one line."""
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key} = {_inline(item)}' for key, item in value.items())}}}"
+        items = ", ".join(f"{key} = {_inline(item)}" for key, item in value.items())
+        return f"{{{items}}}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"
     return json.dumps(value, ensure_ascii=False)
 
 
 def describe_values(values: Mapping[str, object]) -> str:
+    """Return "key = value, key = value"."""
     return ", ".join(f"{key} = {value}" for key, value in values.items())
 
 
 @dataclass(frozen=True)
 class Level:
-    """One level: h, dt, two tolerances and gaps of contact are divided by these; at first by 1."""
+    """A level of refinement: by what sizes and tolerances are divided; the first level by 1.
+
+    Attributes
+    ----------
+    h
+        Divides the edge length.
+    dt
+        Divides a fixed step.
+    sharper
+        Divides the tolerance of the solver; None leaves the solver as it is.
+    rtol
+        Divides the tolerance of steps that their error chooses.
+    gap
+        Divides the gaps of contact.
+    """
 
     h: float = 1.0
     dt: float = 1.0
-    sharper: float | None = 1.0  # of a fixed tolerance of the solver; None leaves it as it is
-    rtol: float = 1.0  # of the tolerance of chosen steps
+    sharper: float | None = 1.0
+    rtol: float = 1.0
     gap: float = 1.0
 
     def __str__(self) -> str:
-        sizes = {"h": self.h, "dt": self.dt, "rtol": self.rtol, "gap": self.gap}.items()
-        parts = [f"{name} / {by:.3g}" for name, by in sizes if by != 1]
-        parts += ["a sharper tolerance"] if self.sharper not in (None, 1.0) else []
+        sizes = {"h": self.h, "dt": self.dt, "rtol": self.rtol, "gap": self.gap}
+        parts = [f"{name} / {divisor:.3g}" for name, divisor in sizes.items() if divisor != 1]
+        if self.sharper not in (None, 1.0):
+            parts.append("a sharper tolerance")
         return " and ".join(parts) or "the first level"
 
     @property
     def edits(self) -> tuple[Edit, ...]:
         """What the level changes in the terms: their gaps."""
-        return () if self.gap == 1 else (self._divide_gaps,)
+        if self.gap == 1:
+            return ()
+        return (self._divide_gaps,)
 
     def _divide_gaps(self, tables: dict) -> dict:
+        """Return the tables with smaller gaps of their terms."""
         for term in tables.get("terms", ()):
             if "gap" in term:
                 term["gap"] /= self.gap
@@ -98,14 +127,16 @@ def make_levels(
     keep their share.
     """
     if refine not in REFINED:
+        what = f"refine = {refine!r}"
         remedy = did_you_mean(refine, REFINED)
-        raise InputError(f"refine = {refine!r}", 'must be "h", "dt" or "both"', "converge", remedy)
+        raise InputError(what, 'must be "h", "dt" or "both"', "converge", remedy)
     validation.whole("levels", levels, 3, "converge", most=10)
     validation.number("ratio", ratio, 0.0, "converge")
     if not 1.1 <= ratio <= 10:
         raise InputError(f"ratio = {ratio:g}", "must lie between 1.1 and 10", "converge")
-    in_h = ratio if refine != "dt" else 1.0
-    in_dt = ratio if refine == "dt" else 1.0
-    if refine == "both":
-        in_dt = ratio ** (space_order / time_order)
-    return [Level(in_h**k, in_dt**k) for k in range(levels)]
+    if refine == "h":
+        return [Level(h=ratio**k) for k in range(levels)]
+    if refine == "dt":
+        return [Level(dt=ratio**k) for k in range(levels)]
+    ratio_of_steps = ratio ** (space_order / time_order)
+    return [Level(h=ratio**k, dt=ratio_of_steps**k) for k in range(levels)]

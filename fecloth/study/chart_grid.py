@@ -20,10 +20,9 @@ ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT, "auto": None}
 USUAL = (*studied_by("chart"), "auto")  # methods of a chart, besides the scene's own
 ELEMENTS = ("P1", "P2")
 MODELS = tuple(name for name, traits in TRAITS.items() if traits.kind == "membrane")
-STEPS = (1.0, 2.0, 4.0)  # dt over dt of a case
-TOLERANCES = (1.0, 0.1, 0.01)  # times rtol
-RTOL = 0.1  # 1/s, the largest, where the scene has none
-P2_COST = 4.0  # nodes of P2 over nodes of P1 on the same triangles
+STEPS_OF_SETTING = 3  # dt, dt/2, dt/4, or rtol, rtol/10, rtol/100: what each setting runs with
+LARGEST_RTOL = 0.1  # tolerance of chosen steps where the scene has none [1/s]
+P2_NODES = 4.0  # nodes of P2 over nodes of P1 on the same triangles: each edge has one more
 
 
 Setting = Point | dict  # what runs, with the cells of its row; a row where it is refused
@@ -37,54 +36,67 @@ def make_settings(
     meshes: int,
 ) -> list[Setting]:
     """Return the settings of all combinations, each on its meshes and with its steps."""
-    asked = methods, elements, models
     opened.refuse_methods(methods, "chart")
     if isinstance(opened, SceneProblem):
-        combinations = _of_scene(opened.scene, *asked)
+        combinations = _combine_for_scene(opened.scene, methods, elements, models)
     else:
-        combinations = _of_function(opened, *asked)
-    settings = [made for names in combinations for made in _settings(opened, names, meshes)]
+        combinations = _combine_for_function(methods, elements, models)
+    settings = []
+    for names in combinations:
+        settings += _make_settings(opened, names, meshes)
     refusals = [setting["cause"] for setting in settings if isinstance(setting, dict)]
     if len(refusals) == len(settings):
         raise InputError(opened.source, f"refuses every setting: {refusals[0]}", "chart")
     return settings
 
 
-def _of_scene(scene: Scene, methods, elements, models) -> list[dict]:
+def _combine_for_scene(scene: Scene, methods, elements, models) -> list[dict]:
     """Return the combinations of a scene, each with a tolerance where its steps follow one."""
-    own = [table.type for table in scene.terms if traits_of(table.make()).kind == "membrane"]
-    if models and not own:
+    own_models = [t.type for t in scene.terms if traits_of(t.make()).kind == "membrane"]
+    if models and not own_models:
         raise InputError("the terms", f"have none of {', '.join(MODELS)} to replace", "chart")
-    tried = known_names("element", elements or (scene.cloth.element, *ELEMENTS), ELEMENTS)
-    listed = known_names("model", models or own[:1], tuple(dict.fromkeys([*own, *MODELS])))
+    asked_elements = elements or (scene.cloth.element, *ELEMENTS)
+    tried_elements = known_names("element", asked_elements, ELEMENTS)
+    all_models = tuple(dict.fromkeys([*own_models, *MODELS]))
+    tried_models = known_names("model", models or own_models[:1], all_models)
     rules: list[dict] = [{"method": "equilibrium"}]
     if not scene.equilibrium:
         usual = scene.time.method.type, *USUAL
         names = known_names("method", methods or usual, ALL_METHODS)
-        rules = [rule for name in names for rule in _rules(scene, name)]
-    combinations = product(rules, tried, listed or [""])
-    return [{**rule, "element": e, "model": m} for rule, e, m in combinations]
+        rules = [rule for name in names for rule in _list_rules(scene, name)]
+    combinations = []
+    for rule, element, model in product(rules, tried_elements, tried_models or [""]):
+        combinations.append({**rule, "element": element, "model": model})
+    return combinations
 
 
-def _rules(scene: Scene, method: str) -> list[dict]:
+def _list_rules(scene: Scene, method: str) -> list[dict]:
+    """Return the method, with each tolerance if its steps follow one."""
     time = scene.time
     if method in EXPLICIT or (method != "auto" and time.dt != "auto"):
         return [{"method": method}]
-    largest = time.rtol or RTOL
-    return [{"method": method, "rtol": float(f"{largest * factor:.6g}")} for factor in TOLERANCES]
+    rules = []
+    for k in range(STEPS_OF_SETTING):
+        rtol = (time.rtol or LARGEST_RTOL) * 10.0**-k
+        rules.append({"method": method, "rtol": float(f"{rtol:.6g}")})
+    return rules
 
 
-def _of_function(opened: FunctionProblem, methods, elements, models) -> list[dict]:
+def _combine_for_function(methods, elements, models) -> list[dict]:
     """Return the combinations of a function's arguments `method`, `element` and `model`."""
-    chosen = {"method": methods, "element": elements, "model": models}
-    listed = product(*(list(values) if values else [""] for values in chosen.values()))
-    return [dict(zip(chosen, names, strict=True)) for names in listed]
+    combinations = []
+    for method, element, model in product(methods or [""], elements or [""], models or [""]):
+        combinations.append({"method": method, "element": element, "model": model})
+    return combinations
 
 
 def known_names(
     what: str, names: Sequence[str], known: Iterable[str], allowed: str = "", where: str = ""
 ) -> list[str]:
-    """Return the names as the scene writes them, each once; capitals do not count."""
+    """Return the names as the scene writes them, each once; capitals do not count.
+
+    Raises `InputError` for an unknown name, with what is `allowed` and `where` it stands.
+    """
     written: dict[str, None] = {}
     for name in names:
         close = closest(name, known)
@@ -96,17 +108,21 @@ def known_names(
 
 
 def _plain(name: str) -> str:
+    """Return a name without capitals and underscores."""
     return str(name).lower().replace("_", "")
 
 
-def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
-    """Return a setting for each mesh and step; one with the reason if the problem refuses it."""
-    cls = ALL_METHODS.get(names["method"])
-    if names["method"] == "auto":
+def _make_settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
+    """Return a setting for each mesh and step; a row with the reason if they are refused."""
+    method = names["method"]
+    if method == "auto":
         method = "Auto"
-    else:
-        method = cls.__name__ if cls else names["method"]
-    shown = {"method": method} | {n: names[n] for n in ("element", "model", "rtol") if n in names}
+    elif method in ALL_METHODS:
+        method = ALL_METHODS[method].__name__
+    shown = {"method": method}
+    for name in ("element", "model", "rtol"):
+        if name in names:
+            shown[name] = names[name]
     try:
         variant = opened.changed(change_names(opened, names))
         first = variant.first
@@ -117,25 +133,29 @@ def _settings(opened: Problem, names: dict, meshes: int) -> list[Setting]:
         shown["method"] = "equilibrium"
     elif not shown["method"]:
         shown["method"] = type(method_of(first.steps)).__name__
+    in_h = [1.0]
     if variant.can_refine("h"):
-        parts = [2.0**k for k in range(meshes)]
-    else:
-        parts = [1.0]
-    steps = STEPS if variant.can_refine("dt") and not first.is_static else (1.0,)
-    levels = [Level(h, dt, None) for h, dt in product(parts, steps)]
-    return [_point(shown, variant, level) for level in levels]
+        in_h = [2.0**k for k in range(meshes)]
+    in_dt = [1.0]
+    if variant.can_refine("dt") and not first.is_static:
+        in_dt = [2.0**k for k in range(STEPS_OF_SETTING)]
+    levels = [Level(h=h, dt=dt, sharper=None) for h, dt in product(in_h, in_dt)]
+    return [_make_point(shown, variant, level) for level in levels]
 
 
-def _point(shown: dict, variant: Problem, level: Level) -> Point:
+def _make_point(shown: dict, variant: Problem, level: Level) -> Point:
     """Return what runs, with the setting in words and its predicted size."""
     words = [str(value) for value in shown.values() if value]
-    words += [str(level)] if str(level) != str(FIRST) else []
+    if str(level) != str(FIRST):
+        words.append(str(level))
     size = variant.workload(level)
-    factor = P2_COST if shown["element"] == "P2" else 1.0
-    size = replace(size, triangles=factor * size.triangles)
-    dt = None if variant.is_static else variant.first.steps.dt
-    sizes = {"h": variant.h and variant.h / level.h, "dt": dt and dt / level.dt}  # if known so far
-    cells = shown | {name: value for name, value in sizes.items() if value}
+    if shown["element"] == "P2":
+        size = replace(size, triangles=P2_NODES * size.triangles)
+    cells = dict(shown)
+    if variant.h:
+        cells["h"] = variant.h / level.h
+    if not variant.is_static and variant.first.steps.dt:
+        cells["dt"] = variant.first.steps.dt / level.dt
     return Point(variant, level, ", ".join(words), size, cells=cells)
 
 
@@ -163,13 +183,19 @@ def change_names(opened: Problem, names: dict) -> Change:
 def _change_time(tables: dict, names: dict) -> None:
     """Set method and steps; explicit methods take their stable step and a lumped mass."""
     time = tables["time"]
-    own = time.get("method", "auto")
-    if names["method"] != (own if isinstance(own, str) else own["type"]):
+    own_method = time.get("method", "auto")
+    if not isinstance(own_method, str):
+        own_method = own_method["type"]
+    if names["method"] != own_method:
         time["method"] = names["method"]
     is_explicit = names["method"] in EXPLICIT
-    tables |= {"mass": "lumped"} if is_explicit else {}
-    time |= {"dt": "auto"} if is_explicit or "rtol" in names else {}
+    if is_explicit:
+        tables["mass"] = "lumped"
+    if is_explicit or "rtol" in names:
+        time["dt"] = "auto"
     if time.get("dt", "auto") == "auto" or "dt" in names:
         for key in ("rtol", "atol", "longest"):
             time.pop(key, None)
-    time |= {key: names[key] for key in ("rtol", "dt") if key in names}
+    for key in ("rtol", "dt"):
+        if key in names:
+            time[key] = names[key]

@@ -1,23 +1,35 @@
 """The result of `chart`: the Pareto front of error over CPU seconds, and what it says."""
 
 import math
+import string
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from fecloth import errors
+from fecloth.study.comparison import best_value
 from fecloth.study.convergence import Convergence
-from fecloth.study.figures import Figure, label_ends, line_style, new_figure, use_plain_ticks
+from fecloth.study.figures import (
+    MOST_GROUPS,
+    Figure,
+    label_ends,
+    line_style,
+    new_figure,
+    use_plain_ticks,
+)
 from fecloth.study.result import StudyResult, Table, with_uncertainty
 from fecloth.study.status import OK
 
-LEVELS = (10.0, 1.0, 0.1, 0.01)  # %, the errors that the verdict names
+# The verdict names the cheapest setting for an error of 10, 1, 0.1 and 0.01 %.
+LARGEST_NAMED_ERROR = 10.0
+LEAST_NAMED_ERROR = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Chart(StudyResult):
-    """What `chart` found: the table has a row for each setting.
+    """The result of `chart`: the table has a row for each setting.
 
     Attributes
     ----------
@@ -34,10 +46,10 @@ class Chart(StudyResult):
     quantity
         Text of the quantity.
     limit
-        The converged limit of the problem: value, uncertainty, order; None if it was not
-        found.
+        The converged limit of the problem: value, uncertainty, order. It is None if it was
+        not found.
     others
-        Quantities of interest that the chart is not of.
+        Quantities of interest for which the chart has no errors.
     size
         Size of the quantity, in its unit; errors are a percentage of it.
     """
@@ -59,10 +71,9 @@ class Chart(StudyResult):
         if self.others:
             names = ", ".join(self.others)
             lines.append(f"All errors are of {self.quantity}, the first quantity; not of {names}.")
-        if found := self.limit:
-            value = found.limit if math.isfinite(found.limit) else found.value
-            words = with_uncertainty(value, found.uncertainty, found.unit)
-            verdict = found.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
+        if study := self.limit:
+            words = with_uncertainty(best_value(study), study.uncertainty, study.unit)
+            verdict = study.verdict.splitlines()[0].partition(f": {self.quantity} = ")[0]
             lines.append(f"Limit: {self.quantity} = {words}; {verdict.rstrip('.')}.")
         if key := ", ".join(f"{sign} {name}" for name, sign in grey_letters(self.table).items()):
             lines.append(f"Grey letters in the figure: {key}.")
@@ -80,7 +91,9 @@ class Chart(StudyResult):
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if no setting has an error."""
-        return 0 if len(self.front) else errors.FAILED
+        if len(self.front):
+            return 0
+        return errors.FAILED
 
     def figure(self) -> Figure:
         """Return the errors over CPU seconds: a line for each series of its best settings."""
@@ -88,25 +101,28 @@ class Chart(StudyResult):
 
 
 def find_front(rows: Sequence[Mapping]) -> set[int]:
-    """Return the numbers of the rows that no other beats in both seconds and error."""
-    # Errors below their uncertainty count as equal to it: there the cheapest is the best.
-    known = [(i, row) for i, row in enumerate(rows) if is_known(row)]
-    best = [id(row) for row in best_rows([row for _, row in known], 1.0)]
-    return {i for i, row in known if id(row) in best}
+    """Return the numbers of the rows that no other beats in both seconds and error.
+
+    Errors below their uncertainty count as equal to it: there the cheapest is the best.
+    """
+    known = [row for row in rows if is_known(row)]
+    best = {id(row) for row in best_rows(known)}
+    return {i for i, row in enumerate(rows) if id(row) in best}
 
 
-def best_rows(rows: Sequence[Mapping], better: float) -> list[Mapping]:
-    """Return the rows, the cheapest first, whose error is `better` times all before, or less."""
+def best_rows(rows: Sequence[Mapping]) -> list[Mapping]:
+    """Return the rows with less error than all cheaper rows, the cheapest first."""
     best = []
     least = math.inf
     for row in sorted(rows, key=lambda row: (row["seconds"], known_error(row))):
-        if known_error(row) < better * least:
+        if known_error(row) < least:
             best.append(row)
             least = known_error(row)
     return best
 
 
 def seconds_of(row: Mapping) -> float:
+    """Return the CPU seconds of a setting."""
     return row["seconds"]
 
 
@@ -121,8 +137,10 @@ def known_error(row: Mapping) -> float:
 
 
 def describe_chart(table: Table, limit: Convergence) -> str:
-    """Return the cheapest setting for each level of error, and the level that none reaches."""
-    # A setting reaches a level if its error and the uncertainty together are below it.
+    """Return the cheapest setting for each named error, and the error that none reaches.
+
+    A setting reaches an error if its own error and the uncertainty together are below it.
+    """
     rows: list[Any] = [row for row in table if is_known(row)]
     if not rows:
         return "no setting has an error"
@@ -131,30 +149,32 @@ def describe_chart(table: Table, limit: Convergence) -> str:
         error = f"error {cheapest['error']:.2g} {limit.unit}"
         words = f"for {cheapest['seconds']:.2g} s by {describe_row(cheapest)}"
         return f"{error} {words}; the limit is zero"
-    several = len({row.get("model") for row in rows}) > 1
-    last = list[str]()
-    named: dict[int, tuple[Any, list[str]]] = {}
-    for level in LEVELS:
-        reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= level]
+    several_models = len({row.get("model") for row in rows}) > 1
+    end = list[str]()
+    cheapest_rows: dict[int, Any] = {}
+    errors_of: dict[int, list[str]] = {}  # by the id of the cheapest row that reaches them
+    named_error = LARGEST_NAMED_ERROR
+    while named_error >= LEAST_NAMED_ERROR:
+        reached = [row for row in rows if row["error %"] + row["uncertainty %"] <= named_error]
         if not reached:
             known_to = rows[0]["uncertainty %"]
-            last = [f"no setting is proved to reach {level:g} %"]
-            if known_to >= level:
-                last = [f"the limit is known to {known_to:.2g} % only"]
+            if known_to >= named_error:
+                end = [f"the limit is known to {known_to:.2g} % only"]
             else:
-                last = last
+                end = [f"no setting is proved to reach {named_error:g} %"]
             break
         cheapest = min(reached, key=seconds_of)
-        named.setdefault(id(cheapest), (cheapest, []))[1].append(f"{level:g}")
-    lines = [
-        f"{', '.join(levels)} %: {describe_row(row, several)}, {row['seconds']:.2g} s "
-        f"({_stated_error(row)})"
-        for row, levels in named.values()
-    ]
-    return "\n".join([*lines, *last])
+        cheapest_rows[id(cheapest)] = cheapest
+        errors_of.setdefault(id(cheapest), []).append(f"{named_error:g}")
+        named_error /= 10
+    lines = []
+    for key, row in cheapest_rows.items():
+        setting = f"{describe_row(row, several_models)}, {row['seconds']:.2g} s"
+        lines.append(f"{', '.join(errors_of[key])} %: {setting} ({_describe_error(row)})")
+    return "\n".join([*lines, *end])
 
 
-def _stated_error(row: Mapping) -> str:
+def _describe_error(row: Mapping) -> str:
     """Return the error of a row; below its uncertainty only a bound is known."""
     if row["error %"] > row["uncertainty %"]:
         return f"error {row['error %']:.2g} %"
@@ -162,21 +182,27 @@ def _stated_error(row: Mapping) -> str:
 
 
 def describe_row(row: Mapping, with_model: bool = True) -> str:
+    """Return method, element, model, mesh and step of a setting in words."""
     parts = [f"{row['method']} with {row['element']}"]
-    parts += [row["model"]] if with_model and row.get("model") else []
-    if h := row.get("h"):
-        parts.append(f"h = {100 * h:.3g} cm" if h >= 0.0099 else f"h = {1e3 * h:.3g} mm")
-    if rtol := row.get("rtol"):
+    h = row.get("h")
+    rtol = row.get("rtol")
+    dt = row.get("dt")
+    if with_model and row.get("model"):
+        parts.append(row["model"])
+    if h and h >= 0.0099:
+        parts.append(f"h = {100 * h:.3g} cm")
+    elif h:
+        parts.append(f"h = {1e3 * h:.3g} mm")
+    if rtol:
         parts.append(f"rtol = {rtol:g} 1/s")
-    elif dt := row.get("dt"):
-        parts.append(f"dt = {1e3 * dt:.3g} ms" if dt < 0.999 else f"dt = {dt:.3g} s")
+    elif dt and dt < 0.999:
+        parts.append(f"dt = {1e3 * dt:.3g} ms")
+    elif dt:
+        parts.append(f"dt = {dt:.3g} s")
     return ", ".join(parts)
 
 
-MOST_LINES = 8
-LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-BETTER = 0.98  # times the best error so far: what a line counts as an improvement
-LEAST = 1e-12  # where errors of zero are drawn
+LETTERS = string.ascii_letters
 Series = dict[str, list[Mapping]]
 
 
@@ -194,19 +220,18 @@ def series_of(rows: Iterable[Mapping]) -> Series:
 def split_series(rows: Iterable[Mapping]) -> tuple[Series, Series]:
     """Return the series that are drawn as lines, at most eight, and the others.
 
-    First come groups with most points on the front, then groups with the least error ×
-    seconds.
+    First come series with most points on the front, then series with the least error × seconds.
     """
     series = series_of(rows)
 
     def rank(name: str) -> tuple:
         points = series[name]
-        product = min(row["seconds"] * known_error(row) for row in points)
-        return -sum(bool(row.get("on front")) for row in points), product
+        least_product = min(row["seconds"] * known_error(row) for row in points)
+        return -sum(bool(row.get("on front")) for row in points), least_product
 
     names = sorted(series, key=rank)
-    chosen = names[:MOST_LINES]
-    rest = names[MOST_LINES:]
+    chosen = names[:MOST_GROUPS]
+    rest = names[MOST_GROUPS:]
     return {n: series[n] for n in chosen}, {n: series[n] for n in rest}
 
 
@@ -217,6 +242,7 @@ def grey_letters(rows: Iterable[Mapping]) -> dict[str, str]:
 
 
 def draw_chart(chart: Any) -> Figure:
+    """Draw the errors of a `Chart` over CPU seconds, with the Pareto front."""
     drawing, ax = new_figure(size=(10.0, 6.0))
     lines, rest = split_series(chart.table)
     if not lines:
@@ -236,12 +262,13 @@ def draw_chart(chart: Any) -> Figure:
     for i, (name, rows) in enumerate(lines.items()):
         style = line_style(i)
         _draw_marks(ax, rows, unit, {**style, "ls": "", "ms": 4, "alpha": 0.35})
-        x, y = _draw_marks(ax, best_rows(rows, BETTER), unit, style)
+        x, y = _draw_marks(ax, best_rows(rows), unit, style)
         ends.append((name, str(style["color"]), x[-1], y[-1]))
     wide = {"color": "0.2", "lw": 9, "alpha": 0.2, "zorder": 1, "solid_capstyle": "round"}
     ax.plot(*_points(chart.front, unit), **wide)
     x, y = _points([*_rows(lines), *_rows(rest)], unit)
-    ax.set(xlim=(min(x) / 1.4, max(x) * 1.4), ylim=(min(*y, floor or math.inf) / 2, max(y) * 1.6))
+    lowest = min(*y, floor or math.inf)
+    ax.set(xlim=(min(x) / 1.4, max(x) * 1.4), ylim=(lowest / 2, max(y) * 1.6))
     if floor > 0:
         ax.axhspan(ax.get_ylim()[0], floor, color="0.93", zorder=0)
         text = "below: within the uncertainty of the limit"
@@ -252,7 +279,7 @@ def draw_chart(chart: Any) -> Figure:
 
 
 def _draw_marks(ax, rows: Sequence[Mapping], unit: str, style: Mapping) -> tuple[list, list]:
-    """Draw a line with a mark for each row, open where the error is a bound; return all points."""
+    """Draw a line with a mark for each row, open for a bound; return the points of all rows."""
     measured = [row for row in rows if row["error"] > row["uncertainty"]]
     ax.plot(*_points(measured, unit), **style)
     bounds = [row for row in rows if row not in measured]
@@ -261,18 +288,23 @@ def _draw_marks(ax, rows: Sequence[Mapping], unit: str, style: Mapping) -> tuple
 
 
 def _rows(series: Series) -> Iterable[Mapping]:
+    """Return the rows of all series."""
     return (row for rows in series.values() for row in rows)
 
 
 def _points(rows: Iterable[Mapping], unit: str) -> tuple[list, list]:
+    """Return the CPU seconds and the errors of rows; `unit` is " %" or ""."""
     rows = list(rows)
     return [row["seconds"] for row in rows], [bound_of(row, unit) for row in rows]
 
 
 def bound_of(row: Mapping, unit: str = "") -> float:
-    """Return the error of a row; below its uncertainty it is not known, but at most their sum."""
+    """Return the error of a row; below its uncertainty it is at most the sum of both.
+
+    It is above 0, for a logarithmic axis.
+    """
     error = row[f"error{unit}"]
     uncertainty = row[f"uncertainty{unit}"]
     if error > uncertainty:
         return error
-    return error + max(uncertainty, LEAST)
+    return error + max(uncertainty, sys.float_info.epsilon)

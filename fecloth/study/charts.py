@@ -24,14 +24,24 @@ from fecloth.study.result import Table
 from fecloth.study.status import NO_VALUE, OK, failure
 from fecloth.study.workload import in_words
 
-LONGEST_CASE = 60.0  # s
-RATIO = 2.0  # of the levels of the limit
-STEPS_OF_LIMIT = 200  # of its first level, where the scene has no dt
+LONGEST_CASE = 60.0  # usual limit of the CPU time of a setting [s]
+LIMIT_RATIO = 2.0  # h of a level of the limit over h of the next one
+STEPS_OF_LIMIT = 200  # steps of the first level of the limit, where the scene has no dt
 
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """The converged limit of a quantity, to which all settings are compared."""
+    """The converged limit of a quantity, to which all settings are compared.
+
+    Attributes
+    ----------
+    study
+        The convergence of the problem.
+    quantity
+        The quantity.
+    finest
+        What the finest level has recorded.
+    """
 
     study: Convergence
     quantity: Quantity
@@ -60,7 +70,7 @@ def chart(
     levels: int = 3,
     **shared: Any,
 ) -> Chart:
-    """Run a problem with other methods, elements, models, meshes and steps: errors over seconds.
+    """Run a problem with other methods, elements, models, meshes and steps, and rank them.
 
     The error of a setting is its distance to the limit of this very problem, from `converge`
     in h and dt; the limit has an uncertainty, below which an error means nothing. The Pareto
@@ -94,7 +104,7 @@ def chart(
     opened = study.problem
     timed = replace(study.runs(LONGEST_CASE), timed=True)
     runs = replace(timed, time_limit=None, timed=False)
-    run_problems.refuse_huge(opened, runs, Level(h=RATIO ** (levels - 1)))
+    run_problems.refuse_huge(opened, runs, Level(h=LIMIT_RATIO ** (levels - 1)))
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantity(quantity)
     offered = opened.quantities if quantity is None else ()
@@ -103,11 +113,12 @@ def chart(
     listed = make_settings(opened, methods, elements, models, meshes)
     limit = find_limit(opened, chosen, levels, runs)
     if limit is None:
-        table = Table(tuple(_line(setting, None, chosen, None) for setting in listed))
+        table = Table(tuple(_table_row(setting, None, chosen, None) for setting in listed))
         verdict = "not known: the limit of this problem was not found; see `converge`"
         return Chart(title=opened.name, verdict=verdict, table=table, doubts=warned)
-    pairs = zip(listed, _run(listed, chosen, timed), strict=True)
-    lines = [_line(*pair, chosen, limit) for pair in pairs]
+    lines = []
+    for setting, row in zip(listed, _run(listed, chosen, timed), strict=True):
+        lines.append(_table_row(setting, row, chosen, limit))
     on_front = find_front(lines)
     table = Table(tuple({**line, "on front": i in on_front} for i, line in enumerate(lines)))
     return Chart(
@@ -125,21 +136,27 @@ def chart(
 def find_limit(
     opened: Problem, quantity: Quantity, levels: int, runs: run_problems.Runs
 ) -> Limit | None:
-    """Refine the problem in h and dt; with a method of second order, which has the same limit."""
-    problem = _for_limit(opened)
-    in_h = problem.can_refine("h")
-    is_scene = isinstance(problem, SceneProblem)
-    has_steps = problem.can_refine("dt") or (is_scene and problem.is_explicit)
-    in_dt = not problem.is_static and has_steps
-    refine = "both" if in_h and in_dt else "h" if in_h else "dt"
+    """Refine the problem in h and dt; None if the limit is not found.
+
+    It is refined with a method of second order, which has the same limit as any other.
+    """
+    problem = _change_for_limit(opened)
+    has_stable_steps = isinstance(problem, SceneProblem) and problem.is_explicit
+    has_steps = problem.can_refine("dt") or has_stable_steps
+    if not problem.can_refine("h"):
+        refine = "dt"
+    elif has_steps and not problem.is_static:
+        refine = "both"
+    else:
+        refine = "h"
     problem.check(refine)
-    study = refine_problem(problem, quantity, refine, levels, RATIO, runs)
+    study = refine_problem(problem, quantity, refine, levels, LIMIT_RATIO, runs)
     if study.estimate is None:
         return None
     return Limit(study, quantity, run_problems.record_at(study.levels[-1], quantity))
 
 
-def _for_limit(opened: Problem) -> Problem:
+def _change_for_limit(opened: Problem) -> Problem:
     """Return the problem with fixed steps of second order, or as it is."""
     if not isinstance(opened, SceneProblem) or opened.is_static:
         return opened
@@ -148,10 +165,9 @@ def _for_limit(opened: Problem) -> Problem:
         return opened
     if time.dt != "auto" and opened.first.steps.traits.order >= 2:
         return opened
-    if time.dt == "auto":
+    dt = time.dt
+    if dt == "auto":
         dt = (time.t_end - time.t_start) / STEPS_OF_LIMIT
-    else:
-        dt = time.dt
     names = {"method": "bdf2", "element": opened.scene.cloth.element, "model": "", "dt": dt}
     return opened.changed(change_names(opened, names))
 
@@ -159,22 +175,27 @@ def _for_limit(opened: Problem) -> Problem:
 def _run(listed: Sequence[Setting], quantity: Quantity, runs: run_problems.Runs) -> list[Mapping]:
     """Return a row for each setting; refused and too long ones do not run."""
 
-    def skip_long(run: Setting) -> Setting:
-        if isinstance(run, dict) or run.size.seconds <= (runs.time_limit or math.inf):
-            return run
-        return {"status": "skipped", "cause": f"predicted: about {in_words(run.size.seconds)}"}
+    def skip_long(setting: Setting) -> Setting:
+        if isinstance(setting, dict) or setting.size.seconds <= (runs.time_limit or math.inf):
+            return setting
+        cause = f"predicted: about {in_words(setting.size.seconds)}"
+        return {"status": "skipped", "cause": cause}
 
-    able = list(map(skip_long, listed))
-    if points := [run for run in able if isinstance(run, run_problems.Point)]:
+    items = [skip_long(setting) for setting in listed]
+    if points := [item for item in items if isinstance(item, run_problems.Point)]:
         run_problems.check_points(points, runs)
-    return run_problems.run_or_skip(able, [quantity], runs)
+    return run_problems.run_or_skip(items, [quantity], runs)
 
 
-def _line(setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None) -> dict:
+def _table_row(
+    setting: Setting, row: Mapping | None, quantity: Quantity, limit: Limit | None
+) -> dict:
+    """Return the setting, its cost and its error; without a limit its status is "not run"."""
     line: dict[str, Any] = dict(setting if isinstance(setting, dict) else setting.cells)
-    if row is None or limit is None or row["status"] != OK:
-        status = row or {"status": "not run", "cause": ""}
-        return line | failure(status["status"], status["cause"])
+    if row is None or limit is None:
+        return line | failure("not run", "")
+    if row["status"] != OK:
+        return line | failure(row["status"], row["cause"])
     line.setdefault("h", row["edge"])
     if math.isfinite(row["step"]):
         line["dt"] = float(f"{row['step']:.9g}")  # without the round-off of times

@@ -55,11 +55,13 @@ def compare(
     """Refine each variant of a problem, and compare them as given and in their limits.
 
     A difference between two models on one mesh contains the errors of both. Here each variant is
-    refined as by `converge`, and so is the difference, whose uncertainty is less than the
-    uncertainties of both, added: most of their errors is the same. It contains what was not
-    refined, too: with "h" the error of the time step, with "dt" the error of the mesh; "both"
-    leaves less. A variant that fails or is refused has a row with its cause. Raises `InputError`
-    for less than two variants that are not refused, or too long a time: before any run.
+    refined as by `converge`. The difference is refined, too: most of the error of two variants
+    is the same, so that the difference is less uncertain than the sum of both uncertainties. Its
+    uncertainty contains what was not refined: with "h" the error of the time step, with "dt" the
+    error of the mesh. "both" leaves less.
+
+    A variant that fails or is refused has a row with its cause. Before any run `InputError` is
+    raised for less than two variants that are not refused, or for too long a time.
 
     Parameters
     ----------
@@ -68,16 +70,17 @@ def compare(
     variants
         Values of one or more keys, as for `sweep`: "terms.0.type=StVK,Springs", or a mapping of
         keys to values, where a value may be a table, {"type": "Springs", "kind": "van_gelder"}.
-        The first is the one that the others are compared with.
+        The others are compared with the first.
     quantity
-        As for `converge`; of a field, path or vector the size of the difference is given.
+        As for `converge`; a field, path or vector gives the size of the difference.
     refine, levels, ratio
         As for `converge`.
     shared
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
     """
     study = open_study(problem, shared)
-    (first, listed), runs = _open(study.problems, variants), study.runs()
+    runs = study.runs()
+    first, listed = _open_variants(study.problems, variants)
     opened, refused = split_refused(listed)
     for variant in opened.values():
         run_problems.refuse_huge(variant, runs)
@@ -89,9 +92,9 @@ def compare(
         variant.check_quantity(chosen)
         return levels_to_run(variant, chosen, refine, levels, ratio)
 
-    made = make_or_refuse(plan, opened.values())
-    plans, more = split_refused(dict(zip(opened, made, strict=True)))
-    refused |= more
+    planned = make_or_refuse(plan, opened.values())
+    plans, refused_plans = split_refused(dict(zip(opened, planned, strict=True)))
+    refused |= refused_plans
     if len(plans) < 2:
         causes = "; ".join(row["cause"] for row in refused.values())
         raise InputError(f"{len(plans)} variant", "must be at least 2", "compare", causes)
@@ -101,23 +104,30 @@ def compare(
     return replace(_conclude(opened, studied, chosen, refine), doubts=warned)
 
 
-def _open(problems: Sequence[Problem], variants: Over | None) -> tuple[Problem, dict[str, Any]]:
-    """Return a problem that stands for all, and the variants by name, a row where it is refused."""
+def _open_variants(
+    problems: Sequence[Problem], variants: Over | None
+) -> tuple[Problem, dict[str, Any]]:
+    """Return the problem that all share, and the variants by name.
+
+    A variant that is refused has the row with the cause in its place.
+    """
     several = len(problems) > 1
     if several == (variants is not None):
         allowed = "takes several problems, or one with variants"
         remedy = "Give variants, as in terms.0.type=StVK,Springs."
         raise InputError("compare", allowed, "", remedy)
     if several:
-        return problems[0], _named([(each.name, each) for each in problems])
+        return problems[0], _name_variants([problem.name for problem in problems], problems)
     ranges = read_ranges(variants or ())
     combinations = combine(ranges)
     first = with_first_values(problems[0], ranges)
-    made = make_or_refuse(partial(vary, first), combinations)
-    return first, _named(list(zip(map(name_variant, combinations), made, strict=True)))
+    opened = make_or_refuse(partial(vary, first), combinations)
+    return first, _name_variants([name_variant(values) for values in combinations], opened)
 
 
-def _named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+def _name_variants(names: Sequence[str], variants: Sequence[Any]) -> dict[str, Any]:
+    """Return the variants by name; a name that occurs again gets a number."""
+    pairs = list(zip(names, variants, strict=True))
     if len(pairs) < 2:
         raise InputError(f"{len(pairs)} variant", "must be at least 2", "compare")
     if len({type(variant) for _, variant in pairs} - {dict}) > 1:
@@ -145,7 +155,7 @@ def _run(
 def _judge(
     rows: Sequence[dict], quantity: Quantity, refine: str, levels: int
 ) -> Convergence | dict:
-    """Return what the levels of one variant say; of one that failed, the cells of its row."""
+    """Return the result of the levels of one variant; if it failed, the cells of its row."""
     problem = rows[0]["point"].problem
     failed = next((row for row in rows[:levels] if row["status"] != OK), None)
     if failed:
@@ -159,24 +169,25 @@ def _judge(
 def _conclude(
     opened: Mapping, studied: Mapping[str, Convergence | dict], quantity: Quantity, refine: str
 ) -> Comparison:
+    """Return the comparison of the variants that ran with the first of them."""
     studies = {name: study for name, study in studied.items() if isinstance(study, Convergence)}
-    first, *others = studies.values() or (None,)
     scale = math.nan
     numbers = True
-    if first:
+    differences = {}
+    if studies:
+        first, *others = studies.values()
         scale = find_scale(first)
         numbers = is_number(quantity, run_problems.record_at(first.levels[0], quantity))
-    pairs = zip(list(studies)[1:], others, strict=True)
-    given = quantity, scale, numbers
-    differences = {name: _difference(first, other, *given) for name, other in pairs if first}
-    overlay, remarks = _overlay(list(studies.values())[:2], quantity)
+        for name, other in zip(list(studies)[1:], others, strict=True):
+            differences[name] = _difference(first, other, quantity, scale, numbers)
+    overlay, remarks = _make_overlay(list(studies.values())[:2], quantity)
     names = {variant.name for variant in opened.values()}
     comparison = Comparison(
         title=", ".join(sorted(names)),
         verdict="",
         table=Table(()),
         quantity=quantity.text,
-        unit=next((variant.unit for variant in studies.values()), ""),
+        unit=next((study.unit for study in studies.values()), ""),
         refine=refine,
         studies=studies,
         differences=differences,
@@ -185,9 +196,9 @@ def _conclude(
         remarks=remarks,
     )
     lines = [describe_difference(comparison, name, numbers) for name in differences]
-    rows = [
-        {"variant": name, **_cells(comparison, name, variant)} for name, variant in studied.items()
-    ]
+    rows = []
+    for name, variant in studied.items():
+        rows.append({"variant": name, **_cells(comparison, name, variant)})
     verdict = "\n".join(lines) or "nothing to compare: less than two variants have a value"
     return replace(comparison, verdict=verdict, table=Table(tuple(rows)))
 
@@ -197,46 +208,76 @@ def _difference(
 ) -> Difference:
     """Return the difference b − a, in per cent d = 100 (b/a − 1) of the scale, if there is one.
 
-    Fields, paths and vectors have no limit: of them it is the size on the finest level. The
+    Fields, paths and vectors have no limit: their difference is the one on the finest level. The
     uncertainties of both variants are added, U_d = 100 (U_b + |b/a| U_a)/|a|: errors of two
     models on one mesh are not independent. But most of their errors is the same: the difference
     of each pair of levels converges by itself, and its own uncertainty counts if it is smaller.
     """
-    values = [_apart(quantity, scale, *pair) for pair in zip(a.levels, b.levels, strict=True)]
-    by = 1.0 if math.isnan(scale) else 100 / abs(scale)
-    grown = 1.0
-    limit = values[-1]
-    if numbers:
-        first = best_value(a)
-        other = best_value(b)
-        grown = 1.0 if math.isnan(scale) else abs(other / first)
-        if math.isnan(scale):
-            limit = other - first
-        else:
-            limit = 100 * (other / first - 1)
-    spread = by * (b.uncertainty + grown * a.uncertainty)
-    both = Difference(values[0], limit, spread)
-    column = "dt" if a.refine == "dt" else "h"
-    sizes, others = (np.array(each.table[column], dtype=float) for each in (a, b))
-    is_whole = len(a.others) == len(b.others) and all(
-        r["status"] == OK for r in (*a.others, *b.others)
+    differences = [
+        _subtract(quantity, scale, first, second)
+        for first, second in zip(a.levels, b.levels, strict=True)
+    ]
+    limit = differences[-1]
+    growth = 1.0
+    if numbers and math.isnan(scale):
+        limit = best_value(b) - best_value(a)
+    elif numbers:
+        growth = abs(best_value(b) / best_value(a))
+        limit = 100 * (best_value(b) / best_value(a) - 1)
+    factor = 1.0 if math.isnan(scale) else 100 / abs(scale)
+    summed = Difference(
+        as_given=differences[0],
+        limit=limit,
+        uncertainty=factor * (b.uncertainty + growth * a.uncertainty),
     )
-    if not is_whole or not np.allclose(sizes / sizes[0], others / others[0], rtol=0.01):
-        return both
-    more = zip(a.others, b.others, strict=True)
-    change = [abs(_apart(quantity, scale, *pair) - values[0]) for pair in more]
-    estimate = estimate_uncertainty(sizes.tolist(), values, a.theory)
+    if not _have_same_levels(a, b):
+        return summed
+    refined = _refine_difference(a, b, quantity, scale, differences)
+    if refined is None or refined.uncertainty >= summed.uncertainty:
+        return summed
+    return refined
+
+
+def _have_same_levels(a: Convergence, b: Convergence) -> bool:
+    """Whether both have all runs, on levels in the same ratios."""
+    finished = all(row["status"] == OK for row in (*a.others, *b.others))
+    if not finished or len(a.others) != len(b.others):
+        return False
+    sizes = _sizes_of_levels(a)
+    other_sizes = _sizes_of_levels(b)
+    return np.allclose(sizes / sizes[0], other_sizes / other_sizes[0], rtol=0.01)
+
+
+def _sizes_of_levels(study: Convergence) -> np.ndarray:
+    """Return dt of each level [s], or h [m]."""
+    return np.array(study.table["dt" if study.refine == "dt" else "h"], dtype=float)
+
+
+def _refine_difference(
+    a: Convergence,
+    b: Convergence,
+    quantity: Quantity,
+    scale: float,
+    differences: Sequence[float],
+) -> Difference | None:
+    """Return the difference as its values on the levels converge; None where they diverge."""
+    estimate = estimate_uncertainty(_sizes_of_levels(a).tolist(), differences, a.theory)
+    if estimate.behaviour == "diverging":
+        return None
+    changes = [
+        abs(_subtract(quantity, scale, first, second) - differences[0])
+        for first, second in zip(a.others, b.others, strict=True)
+    ]
     orders = a.levels[0]["point"].problem.orders(quantity)
-    shares = other_shares(a.refine, orders, a.levels[0], a.others, change)
+    shares = other_shares(a.refine, orders, a.levels[0], a.others, changes)
     uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in shares.values())
-    if estimate.behaviour == "diverging" or uncertainty >= both.uncertainty:
-        return both
-    return replace(both, limit=estimate.limit, uncertainty=uncertainty)
+    return Difference(differences[0], estimate.limit, uncertainty)
 
 
-def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
-    """Return the difference of two runs, in % or in the unit of the quantity."""
-    a, b = run_problems.record_at(row, quantity), run_problems.record_at(other, quantity)
+def _subtract(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> float:
+    """Return the difference of two runs, in % of the scale or in the unit of the quantity."""
+    a = run_problems.record_at(row, quantity)
+    b = run_problems.record_at(other, quantity)
     if not is_number(quantity, a):
         return difference_of(quantity, a, b) * (1.0 if math.isnan(scale) else 100 / abs(scale))
     first = value_of(quantity, a)
@@ -247,32 +288,35 @@ def _apart(quantity: Quantity, scale: float, row: Mapping, other: Mapping) -> fl
 
 
 def _cells(comparison: Comparison, name: str, variant: Convergence | dict) -> dict:
+    """Return the cells of a row after its name: the variant as given, and its limit."""
     if isinstance(variant, dict):
         return variant
     given = variant.table[0]
     unit = comparison.unit if math.isnan(comparison.scale) else "%"
-    apart = comparison.differences.get(name)
-    sizes = f" [{unit}]" if unit else ""
+    difference = comparison.differences.get(name)
+    bracket = f" [{unit}]" if unit else ""
     return {
         "status": OK,
         "value": given["value"],
         "error": given["error"],
         "limit": best_value(variant),
         "uncertainty": variant.uncertainty,
-        f"difference as given{sizes}": apart.as_given if apart else None,
-        f"difference of limits{sizes}": apart.limit if apart else None,
-        f"±{sizes}": apart.uncertainty if apart else None,
+        f"difference as given{bracket}": difference.as_given if difference else None,
+        f"difference of limits{bracket}": difference.limit if difference else None,
+        f"±{bracket}": difference.uncertainty if difference else None,
         "order": variant.order,
         "triangles": given["triangles"],
         "cpu_seconds": given["cpu_seconds"],
     }
 
 
-def _overlay(pair: Sequence[Convergence], quantity: Quantity) -> tuple[Overlay | None, tuple]:
-    """Return the ends of two variants as given, and why there are none."""
-    if len(pair) < 2 or quantity.how == "mode":
+def _make_overlay(
+    studies: Sequence[Convergence], quantity: Quantity
+) -> tuple[Overlay | None, tuple]:
+    """Return the ends of two variants as given, or none and a remark that says why."""
+    if len(studies) < 2 or quantity.how == "mode":
         return None, ()
-    first, second = (run_problems.end_of(each.levels[0]) for each in pair)
+    first, second = (run_problems.end_of(study.levels[0]) for study in studies)
     try:
         return Overlay.of(first, second), ()
     except MeshError as error:  # as where a node is on one cloth only

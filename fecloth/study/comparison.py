@@ -21,12 +21,12 @@ REFINED = {
 
 @dataclass(frozen=True)
 class Difference:
-    """A variant against the first one, in % or in the unit of the quantity.
+    """The difference of a variant from the first one, in % or in the unit of the quantity.
 
     Attributes
     ----------
     as_given
-        On the mesh and with the step that are given.
+        Difference on the given mesh, with the given step.
     limit
         Difference of the extrapolated values.
     uncertainty
@@ -40,7 +40,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(StudyResult):
-    """What `compare` found; the table has a row for each variant.
+    """The result of `compare`; the table has a row for each variant.
 
     Attributes
     ----------
@@ -63,12 +63,12 @@ class Comparison(StudyResult):
     studies
         The `Convergence` of each variant that ran.
     differences
-        Of each variant from the first in `studies`.
+        Differences of each variant from the first in `studies`.
     scale
-        Value that is 100 %; NaN if it is zero within its uncertainty: then differences
-        have the unit of the quantity.
+        Value that is 100 %. It is NaN if the value is zero within its uncertainty: then
+        differences have the unit of the quantity.
     overlay
-        End of the first two variants as given; None where there are none.
+        The ends of the first two variants as given, on one mesh; None where there are none.
     """
 
     quantity: str = ""
@@ -96,11 +96,10 @@ class Comparison(StudyResult):
 
     def describe_files(self, folder: Path, page: Path) -> str:
         """Say which files there are for the browser and for ParaView."""
+        words = f"wrote {page}"
         if self.overlay:
-            frames = f"wrote {folder / 'overlay' / 'first.pvd'}\n"
-        else:
-            frames = ""
-        return f"{frames}wrote {page}"
+            return f"wrote {folder / 'overlay' / 'first.pvd'}\n{words}"
+        return words
 
     def figure(self):
         """Return the values over h or dt, each with the band of its limit."""
@@ -113,8 +112,9 @@ class Comparison(StudyResult):
             values = np.array(study.table["value"], dtype=float)
             limit = best_value(study)
             style = line_style(i)
-            around = limit - study.uncertainty, limit + study.uncertainty
-            ax.axhspan(*around, color=style["color"], alpha=0.15, lw=0)
+            low = limit - study.uncertainty
+            high = limit + study.uncertainty
+            ax.axhspan(low, high, color=style["color"], alpha=0.15, lw=0)
             ax.plot([0, h[-1]], [limit, values[-1]], ":", color=style["color"])
             ax.plot(h, values, **style)
             ends.append((name, style["color"], h[0], values[0]))
@@ -129,7 +129,7 @@ class Comparison(StudyResult):
 
 
 def best_value(study: Convergence) -> float:
-    """Return the limit, or the value of the finest level of what has no limit, as a field."""
+    """Return the limit, or the value of the finest level where there is no limit."""
     if math.isfinite(study.limit):
         return study.limit
     return study.value
@@ -147,30 +147,34 @@ def describe_difference(comparison: Comparison, name: str, has_sign: bool) -> st
     """Return a sentence as "sag: Springs is 3.2 ± 0.1 % smaller than StVK; the mesh is …"."""
     first = next(iter(comparison.studies))
     difference = comparison.differences[name]
-    unit = comparison.unit if math.isnan(comparison.scale) else "%"
+    in_units = math.isnan(comparison.scale)
+    unit = comparison.unit if in_units else "%"
     size = with_uncertainty(abs(difference.limit), difference.uncertainty, unit)
     if abs(difference.limit) <= difference.uncertainty:
         text = f"{name} and {first} cannot be told apart: the difference is {size}"
     elif not has_sign:
         text = f"{name} differs from {first} by {size}"
+    elif difference.limit < 0:
+        text = f"{name} is {size} {'lower' if in_units else 'smaller'} than {first}"
     else:
-        if math.isnan(comparison.scale):
-            words = ("higher", "lower")
-        else:
-            words = ("larger", "smaller")
-        text = f"{name} is {size} {words[difference.limit < 0]} than {first}"
+        text = f"{name} is {size} {'higher' if in_units else 'larger'} than {first}"
     errors = {key: _error_as_given(comparison, key) for key in (first, name)}
-    parts = " and ".join(
-        f"{error:.2g} {unit}".strip() + f" ({key})" for key, error in errors.items()
-    )
-    given = f"{abs(difference.as_given):.2g} {unit}".strip()
-    what, *_, where = REFINED[comparison.refine]
-    text = f"{comparison.quantity}: {text}, {given} {where}; {what} off by {parts}"
+    error_words = []
+    for key, error in errors.items():
+        error_size = f"{error:.2g} {unit}".strip()
+        error_words.append(f"{error_size} ({key})")
+    as_given = f"{abs(difference.as_given):.2g} {unit}".strip()
+    refined, *_, where = REFINED[comparison.refine]
+    text = f"{comparison.quantity}: {text}, {as_given} {where}; {refined} off by "
+    text += " and ".join(error_words)
     if difference.uncertainty < abs(difference.limit) < max(errors.values()):
         text += ", which is more than the difference"
     return text
 
 
 def _error_as_given(comparison: Comparison, name: str) -> float:
-    by = 1.0 if math.isnan(comparison.scale) else 100 / abs(comparison.scale)
-    return by * comparison.studies[name].table[0]["error"]
+    """Return the error of a variant as given, in % of the scale or in the quantity's unit."""
+    error = comparison.studies[name].table[0]["error"]
+    if math.isnan(comparison.scale):
+        return error
+    return 100 / abs(comparison.scale) * error

@@ -12,15 +12,19 @@ from fecloth.study.figures import new_figure, use_plain_ticks
 from fecloth.study.result import StudyResult, in_percent
 from fecloth.study.uncertainty import Estimate, observed_order
 
-CLOSE = 0.25  # an order that is lower by less than this part is in the asymptotic range
-MOST_LEVELS = 5  # that are proposed
-SMALL = 0.005  # of the quantity: irregular differences below it are small
-SLOW = 0.3  # below this order nothing converges for practical purposes
+# The distance of the observed from the theoretical order, over the theoretical one: the levels
+# are in the asymptotic range up to this distance.
+ORDER_TOLERANCE = 0.25
+MOST_PROPOSED_LEVELS = 5  # more levels are no advice: with ratio 2 each costs 4 to 8 times more
+# The differences between levels over the quantity: below it an engineer takes the values as
+# equal, whatever their order.
+SMALL_DIFFERENCE = 0.005
+SLOWEST_ORDER = 0.3  # below this observed order a level more gains less than 20 % for ratio 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(StudyResult):
-    """What `converge` found; lengths in m, times in s, the quantity in its own unit.
+    """The result of `converge`; lengths in m, times in s, the quantity in its own unit.
 
     Attributes
     ----------
@@ -91,23 +95,26 @@ class Convergence(StudyResult):
             text = f"{self.limit:.8g} {self.unit}".strip()
             lines.append(f"Extrapolated value: {text}. Procedure: {procedure}.")
         if self.shares:
-            parts = [f"{name} {size:.2g} {self.unit}".strip() for name, size in self.shares.items()]
+            parts = []
+            for name, size in self.shares.items():
+                parts.append(f"{name} {size:.2g} {self.unit}".strip())
             lines.append(f"Estimated parts of the error: {', '.join(parts)}.")
         return [*lines, *self.remarks]
 
     def figure(self):
         """Return the errors of the levels with the theoretical slope, and the values."""
         size = "dt" if self.refine == "dt" else "h"
-        rows = [row for row in self.table if row.get("value") is not None]
-        uniform = [row for row in rows if row.get("mesh") == "uniform"]
-        rows = [row for row in rows if row not in uniform]
+        with_value = [row for row in self.table if row.get("value") is not None]
+        uniform = [row for row in with_value if row.get("mesh") == "uniform"]
+        rows = [row for row in with_value if row not in uniform]
         h = np.array([row[size] for row in rows], dtype=float)
         values = np.array([row["value"] for row in rows], dtype=float)
         drawing, (left, right) = new_figure(1, 2, size=(10.0, 4.4))
         drawing.suptitle(f"{self.title}: {self.quantity}")
         if uniform:
-            errors = [[row[key] for row in uniform] for key in (size, "error")]
-            left.loglog(*errors, "s-", color="0.5", label="uniform meshes")
+            uniform_h = [row[size] for row in uniform]
+            uniform_errors = [row["error"] for row in uniform]
+            left.loglog(uniform_h, uniform_errors, "s-", color="0.5", label="uniform meshes")
         self._draw_errors(left, h, np.array([row["error"] for row in rows], dtype=float))
         right.errorbar(
             h[-1:], values[-1:], yerr=[self.uncertainty], fmt="none", ecolor="0.3", capsize=5
@@ -117,7 +124,8 @@ class Convergence(StudyResult):
             right.axhline(self.limit, color="#D55E00", ls="--", label="extrapolated")
             right.legend()
         unit = "s" if size == "dt" else "m"
-        right.set(xlim=(0, None), xlabel=f"{size} [{unit}]", ylabel=_labelled("value", self.unit))
+        right.set(xlim=(0, None), xlabel=f"{size} [{unit}]")
+        right.set_ylabel(_labelled("value", self.unit))
         left.set(xlabel=f"{size} [{unit}]", ylabel=_labelled("estimated error", self.unit))
         right.ticklabel_format(useOffset=False)
         right.locator_params(axis="x", nbins=5)
@@ -128,7 +136,9 @@ class Convergence(StudyResult):
         if not shown.any():
             ax.text(0.5, 0.5, "no error to show", ha="center", transform=ax.transAxes)
             return
-        label = "graded meshes" if self.gradings else "estimated error"
+        label = "estimated error"
+        if self.gradings:
+            label = "graded meshes"
         ax.loglog(h[shown], errors[shown], "o-", color="#0072B2", label=label)
         if math.isfinite(self.theory) and shown.sum() > 1:
             line = errors[shown][0] * (h[shown] / h[shown][0]) ** self.theory
@@ -138,6 +148,7 @@ class Convergence(StudyResult):
 
 
 def _labelled(name: str, unit: str) -> str:
+    """Return the label of an axis, with the unit if there is one."""
     return f"{name} [{unit}]" if unit else name
 
 
@@ -149,54 +160,67 @@ def judge(
     size: float = 0.0,
     doubt: Doubt | None = None,
 ) -> tuple[bool, str]:
-    """Return whether values converge, and a sentence that says so and why not.
+    """Return whether values converge, and the verdict: a sentence that says so, or why not.
 
-    `h` and `values` belong to the levels, coarse to fine. Where the finest three values differ
-    by a small part of the `size` of the quantity, without an order, that part is what is
-    known. `doubt` is the doubt about the finest run by which its values are no evidence.
+    Parameters
+    ----------
+    estimate
+        What `estimate_uncertainty` says of the values.
+    h, values
+        Size and value of each level, coarse to fine.
+    obstacles
+        Possible reasons why values do not converge, for the sentence.
+    size
+        Size of the quantity. If the finest three values have no order, but differ by a small
+        part of it, the verdict states this part.
+    doubt
+        Doubt about the finest run by which its values are no evidence, or None.
     """
     if doubt:
         return False, f"not known to converge: the finest run warns of {doubt}"
     theory = estimate.theory
     order = estimate.order
-    why = f" Possible reasons: {'; '.join(obstacles)}." if obstacles else ""
+    why = ""
+    if obstacles:
+        why = f" Possible reasons: {'; '.join(obstacles)}."
     if estimate.behaviour == "constant":
         return True, "converges: all levels give the same value to round-off"
     spread = float(np.ptp(values[-3:]))
     is_irregular = estimate.behaviour != "monotone"
-    if spread <= SMALL * size and (is_irregular or order < SLOW):
+    if spread <= SMALL_DIFFERENCE * size and (is_irregular or order < SLOWEST_ORDER):
         return False, f"no order to be seen within {in_percent(spread / size)}"
     if estimate.behaviour == "oscillating":
         return False, f"does not converge: the values go up and down from level to level.{why}"
-    if estimate.behaviour == "diverging" or (order < SLOW and obstacles):
+    if estimate.behaviour == "diverging" or (order < SLOWEST_ORDER and obstacles):
         return False, f"does not converge: refinement does not reduce the changes.{why}"
     orders = f"observed order {order:.2f}, theory {theory:g}"
-    if order >= (1 - CLOSE) * theory and estimate.scatter < estimate.data_range:
-        if order > (1 + CLOSE) * theory:
+    if order >= (1 - ORDER_TOLERANCE) * theory and estimate.scatter < estimate.data_range:
+        how = "as it should"
+        if order > (1 + ORDER_TOLERANCE) * theory:
             how = "faster than its theory"
-        else:
-            how = "as it should"
         return True, f"converges {how} ({orders})"
-    next_level = _level_in_range(np.array(h), np.array(values), theory)
-    return False, f"not yet in the asymptotic range ({orders}): {next_level}.{why}"
+    advice = _propose_levels(np.flip(h), np.flip(values), theory)
+    return False, f"not yet in the asymptotic range ({orders}): {advice}.{why}"
 
 
-def _level_in_range(h: np.ndarray, values: np.ndarray, theory: float) -> str:
-    """Return which level would be in the asymptotic range, if the local orders approach theory."""
-    fine_first = slice(None, None, -1)
-    h = h[fine_first]
-    values = values[fine_first]
-    local = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
-    if len(local) < 2 or not np.isfinite(local[:2]).all():
+def _propose_levels(h: np.ndarray, values: np.ndarray, theory: float) -> str:
+    """Return how many levels more would be in the asymptotic range, from fine to coarse levels.
+
+    The order of three successive levels is expected to approach the theory by the same factor
+    from level to level, as it did last.
+    """
+    local_orders = [observed_order(h[k : k + 3], values[k : k + 3]) for k in range(len(h) - 2)]
+    if len(local_orders) < 2 or not np.isfinite(local_orders[:2]).all():
         return "one level more would tell"
-    distance = abs(theory - local[0])
-    distance_before = abs(theory - local[1])
+    distance = abs(theory - local_orders[0])
+    distance_before = abs(theory - local_orders[1])
     if distance >= distance_before:
         return "the order does not approach the theory from level to level"
-    close = CLOSE * theory
+    wanted_distance = ORDER_TOLERANCE * theory
     more = 1
-    if distance > close:
-        more = math.ceil(math.log(distance / close) / math.log(distance_before / distance))
-    if more > MOST_LEVELS:
+    if distance > wanted_distance:
+        factor = distance_before / distance
+        more = math.ceil(math.log(distance / wanted_distance) / math.log(factor))
+    if more > MOST_PROPOSED_LEVELS:
         return "the order hardly approaches the theory from level to level"
     return f"about {more} more, to {h[0] * (h[0] / h[1]) ** more:.3g}, would be"

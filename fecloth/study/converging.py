@@ -14,7 +14,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
 from fecloth.simulation.quantity_values import difference_of, value_of
 from fecloth.study.convergence import Convergence
-from fecloth.study.graded_meshes import alone, choose_gradings
+from fecloth.study.graded_meshes import choose_gradings, find_lone_pins
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.problems import Problem
 from fecloth.study.refinement import is_number, refine_problem
@@ -81,10 +81,12 @@ def converge(
     return replace(answer, doubts=warned)
 
 
-EVEN = "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."
-POINT_PINS = (
-    "Nodes pinned alone: {}. No mesh is graded towards them, as a membrane has no finite stiffness "
-    "at a point."
+NO_GRADING = (
+    "No grading saves 5 % of the triangles: corners and pins have no more error than the rest."
+)
+LONE_PINS = (
+    "Nodes pinned alone: {}. No mesh is graded towards them, as a membrane has no finite "
+    "stiffness at a point."
 )
 
 
@@ -93,8 +95,9 @@ def refine_graded(
 ) -> Convergence:
     """Run the levels on uniform meshes, find gradings from the first, and run graded levels.
 
-    Both have the same h. All errors are distances to the limit of the graded meshes; of fields,
-    paths and vectors to the result of the finest graded mesh, plus its own error.
+    Both have the same h. All errors are distances to the limit of the graded meshes. Fields,
+    paths and vectors have no limit: there the error is the distance to the finest graded mesh,
+    plus the error of that mesh.
     """
     _require_gradable(opened, refine)
     runs = replace(runs, timed=True)
@@ -103,31 +106,45 @@ def refine_graded(
         return uniform
     assert opened.h is not None
     gradings = choose_gradings(opened.first, end_of(uniform.levels[0])[1], opened.h)
-    pinned = len(alone(opened.first))
-    remarks = (POINT_PINS.format(pinned),) if pinned else ()
+    remarks = []
+    if lone_pins := len(find_lone_pins(opened.first)):
+        remarks.append(LONE_PINS.format(lone_pins))
     if not gradings:
-        return replace(uniform, remarks=(*uniform.remarks, EVEN, *remarks))
-    graded = opened.graded(gradings)
-    study = refine_problem(graded, quantity, refine, levels, ratio, runs)
-    if any(row["status"] != OK for row in study.levels):
-        return replace(study, gradings=gradings)
-    errors = _errors_of_uniform(quantity, uniform, study)
-    compared: list[dict[str, Any]] = [
-        {"mesh": "uniform", **row, "error": error}
-        for row, error in zip(uniform.table, errors, strict=True)
-    ]
-    own: list[dict[str, Any]] = [{"mesh": "graded", **row} for row in study.table]
-    for row in own:
-        if math.isfinite(triangles := _cost_of(row["error"], compared, "triangles")):
-            row["uniform_triangles"] = round(triangles)
-    others = f"On uniform meshes: {uniform.verdict.splitlines()[0]}"
+        return replace(uniform, remarks=(*uniform.remarks, NO_GRADING, *remarks))
+    graded = refine_problem(opened.graded(gradings), quantity, refine, levels, ratio, runs)
+    if any(row["status"] != OK for row in graded.levels):
+        return replace(graded, gradings=gradings)
+    uniform_rows, graded_rows = _compare_meshes(quantity, uniform, graded)
+    saving = _describe_saving(graded_rows, uniform_rows, graded.unit)
+    on_uniform = f"On uniform meshes: {uniform.verdict.splitlines()[0]}"
     return replace(
-        study,
-        verdict=f"{study.verdict}\n{_saving(own, compared, study.unit)}",
-        table=Table((*compared, *own)),
-        remarks=(others, *map(_in_words, gradings), *remarks, *study.remarks),
+        graded,
+        verdict=f"{graded.verdict}\n{saving}",
+        table=Table((*uniform_rows, *graded_rows)),
+        remarks=(on_uniform, *map(_describe_grading, gradings), *remarks, *graded.remarks),
         gradings=gradings,
     )
+
+
+def _compare_meshes(
+    quantity: Quantity, uniform: Convergence, graded: Convergence
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the rows of uniform and of graded meshes, with errors to the same limit.
+
+    The rows of graded meshes say how many uniform triangles have the same error.
+    """
+    errors = _errors_of_uniform(quantity, uniform, graded)
+    uniform_rows: list[dict[str, Any]] = []
+    for row, error in zip(uniform.table, errors, strict=True):
+        uniform_rows.append({"mesh": "uniform", **row, "error": error})
+    graded_rows: list[dict[str, Any]] = []
+    for row in graded.table:
+        graded_row: dict[str, Any] = {"mesh": "graded", **row}
+        triangles = _cost_of(graded_row["error"], uniform_rows, "triangles")
+        if math.isfinite(triangles):
+            graded_row["uniform_triangles"] = round(triangles)
+        graded_rows.append(graded_row)
+    return uniform_rows, graded_rows
 
 
 def _require_gradable(opened: Problem, refine: str) -> None:
@@ -141,26 +158,28 @@ def _require_gradable(opened: Problem, refine: str) -> None:
         allowed = "is not for explicit methods: the smallest edge limits their step"
         raise InputError(what, allowed, where, remedy)
     setup = opened.first
-    cloth = opened.first.cloth
     error = space_error(setup.system, setup.start)
     if np.isnan(error.density).all():  # its terms have no estimate, whatever the state
         raise InputError(what, f"needs the error in space: {error.reason}", where)
-    point = float(cloth.X[0, 0]), float(cloth.X[0, 1])
-    _ = opened.graded([Grading(point=point, distance=cloth.extent)]).first  # refuses by itself
+    corner = float(setup.cloth.X[0, 0]), float(setup.cloth.X[0, 1])
+    trial = Grading(point=corner, distance=setup.cloth.extent)
+    _ = opened.graded([trial]).first  # a problem that takes no gradings refuses this one
 
 
-def _errors_of_uniform(quantity: Quantity, uniform: Convergence, study: Convergence) -> list[float]:
+def _errors_of_uniform(
+    quantity: Quantity, uniform: Convergence, graded: Convergence
+) -> list[float]:
     """Return the distance of the uniform levels to the limit, or to the finest graded level."""
     records = [record_at(row, quantity) for row in uniform.levels]
     if is_number(quantity, records[0]):
-        return [abs(value_of(quantity, record) - study.limit) for record in records]
-    finest = record_at(study.levels[-1], quantity)
-    rest = study.table[-1]["error"]
-    return [difference_of(quantity, record, finest) + rest for record in records]
+        return [abs(value_of(quantity, record) - graded.limit) for record in records]
+    finest = record_at(graded.levels[-1], quantity)
+    error_of_finest = graded.table[-1]["error"]
+    return [difference_of(quantity, record, finest) + error_of_finest for record in records]
 
 
 def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
-    """Return what an error costs by interpolation between levels; NaN beyond them."""
+    """Return the triangles or seconds (`key`) of an error, interpolated; NaN beyond the rows."""
     known = sorted((row["error"], row[key]) for row in rows if row["error"] > 0 and row[key])
     if not (known and known[0][0] <= error <= known[-1][0]):
         return math.nan
@@ -168,29 +187,36 @@ def _cost_of(error: float, rows: Sequence[Mapping], key: str) -> float:
     return float(np.exp(np.interp(math.log(error), errors, costs)))
 
 
-def _saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) -> str:
+def _describe_saving(graded: Sequence[Mapping], uniform: Sequence[Mapping], unit: str) -> str:
     """Return what the least error that both kinds of meshes reach costs on each."""
-    error = max(min(row["error"] for row in rows) for rows in (graded, uniform))
-    at_most = "at most " if error > graded[0]["error"] else ""
-    own, other = (
-        [_cost_of(at, rows, key) for key in ("triangles", "cpu_seconds")]
-        for at, rows in ((min(error, graded[0]["error"]), graded), (error, uniform))
-    )
-    if not np.isfinite([own, other]).all():
+    least_graded = min(row["error"] for row in graded)
+    least_uniform = min(row["error"] for row in uniform)
+    error = max(least_graded, least_uniform)
+    at_most = ""
+    graded_error = error
+    if error > graded[0]["error"]:  # the coarsest graded mesh is better already
+        at_most = "at most "
+        graded_error = graded[0]["error"]
+    triangles = _cost_of(graded_error, graded, "triangles")
+    seconds = _cost_of(graded_error, graded, "cpu_seconds")
+    uniform_triangles = _cost_of(error, uniform, "triangles")
+    uniform_seconds = _cost_of(error, uniform, "cpu_seconds")
+    if not np.isfinite([triangles, seconds, uniform_triangles, uniform_seconds]).all():
         return "What the grading saves is not known: no error is reached by both kinds of meshes."
-    times = other[0] / own[0]
-    if times > 1:
-        saved = f"saves a factor of {times:.2g} in triangles"
-    else:
-        saved = "saves no triangles"
+    factor = uniform_triangles / triangles
+    saved = "saves no triangles"
+    if factor > 1:
+        saved = f"saves a factor of {factor:.2g} in triangles"
+    size = f"{error:.2g} {unit}".strip()
     return (
-        f"The grading {saved}: an error of {f'{error:.2g} {unit}'.strip()} takes {at_most}"
-        f"{own[0]:,.0f} triangles and {own[1]:.2g} CPU seconds, on uniform meshes "
-        f"{other[0]:,.0f} triangles and {other[1]:.2g} CPU seconds."
+        f"The grading {saved}: an error of {size} takes {at_most}"
+        f"{triangles:,.0f} triangles and {seconds:.2g} CPU seconds, on uniform meshes "
+        f"{uniform_triangles:,.0f} triangles and {uniform_seconds:.2g} CPU seconds."
     )
 
 
-def _in_words(grading: Grading) -> str:
+def _describe_grading(grading: Grading) -> str:
+    """Return a sentence with the place, the distance and the power of a grading."""
     if grading.where:
         place = f'where = "{grading.where}"'
     else:

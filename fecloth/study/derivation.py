@@ -26,73 +26,140 @@ from fecloth.system.system import System
 from fecloth.terms import records
 from fecloth.terms.traits import parameters_of
 
-SMALL = 1e-5  # of the edge length, or of a gap: how far nodes are moved for differences
-REST = 0.05  # times the tolerance of a step: the tolerance of an equilibrium
-SHARPEST = 1e-8  # the tolerance of an equilibrium that round-off allows
-POLISHED = 2  # Newton steps after an equilibrium was found
-LARGEST, LEAST = 1e-4, 1e-9  # change of a parameter for differences, over its width
+# How far nodes are moved for central differences, over the edge length or a gap: little against
+# both, and far above the round-off of positions.
+MOVED_NODES = 1e-5
+# The tolerance of the derivative of an equilibrium: a part of the tolerance of a step, but not
+# less than round-off allows.
+REST_TOLERANCE = 0.05
+LEAST_REST_TOLERANCE = 1e-8
+POLISHING_STEPS = 2  # Newton steps with one K, from an equilibrium that was found to round-off
+# The change of a parameter for central differences, over its width.
+LARGEST_CHANGE = 1e-4
+LEAST_CHANGE = 1e-9
 
 Row = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What is derived of a run: rows of each step or of both ends, and whether with the ledger."""
+    """Which rows of a run are derived.
+
+    Attributes
+    ----------
+    whole
+        Whether the rows of each step, not only of both ends.
+    flows
+        Whether dissipation and work are among the columns, for which the ledger is derived.
+    only_start
+        Whether the start is enough, so that nothing runs.
+    """
 
     whole: bool
-    flows: bool  # whether dissipation and work are among what is asked for
-    only_start: bool = False  # whether nothing runs
+    flows: bool
+    only_start: bool = False
 
 
 @dataclass(eq=False)
 class Follower:
-    """Follows the derivatives by a parameter over its width along a run."""
+    """Follows the derivatives by a parameter over its width along a run.
+
+    Attributes
+    ----------
+    parameter
+        The parameter p.
+    setup_at
+        Makes the setup with a value of the parameter.
+    base
+        The setup that runs.
+    recorded
+        Which rows are derived.
+    both
+        The setups at p + size and p − size, by the size.
+    start
+        Derivatives of the start.
+    along
+        Derivatives of the state now, and in the end.
+    rows
+        Derivatives of the rows that the run has recorded.
+    flows
+        Derivatives of the ledger.
+    """
 
     parameter: Parameter
-    setup_at: Callable[[float], Setup]  # of a value of the parameter
+    setup_at: Callable[[float], Setup]
     base: Setup
     recorded: Recorded
-    both: dict[float, list[Setup]] = field(default_factory=dict)  # at p + size and p − size
+    both: dict[float, list[Setup]] = field(default_factory=dict)
     start: Along = field(init=False)
-    along: Along = field(init=False)  # now, and in the end
+    along: Along = field(init=False)
     rows: list[Row] = field(default_factory=list)
-    flows: Any = None  # slopes of the ledger
+    flows: Any = None
 
     def __post_init__(self) -> None:
-        plus, minus = self._setups(LARGEST)
-        history = plus.system.start_history(plus.start), minus.system.start_history(minus.start)
-        pairs = (None, None), history
-        self.start = Along.between(plus.start, minus.start, 2 * LARGEST, *pairs)
+        plus, minus = self._setups_at(LARGEST_CHANGE)
+        width = 2 * LARGEST_CHANGE
+        no_step = (None, None)
+        histories = (
+            plus.system.start_history(plus.start),
+            minus.system.start_history(minus.start),
+        )
+        self.start = Along.between(plus.start, minus.start, width, no_step, histories)
         self.along = self.start
-        self.flows = records.slope(plus.ledger, minus.ledger, 2 * LARGEST)
-        self._add([plus.row(), minus.row()], LARGEST)
+        self.flows = records.slope(plus.ledger, minus.ledger, width)
+        self._add_row(plus.row(), minus.row(), LARGEST_CHANGE)
 
     @cached_property
     def slopes(self) -> dict[str, np.ndarray]:
-        """Column → (s + 1,) derivatives of what the run recorded, when it has ended."""
+        """Column → (s + 1,) derivatives of what the run has recorded, after its end."""
         return columns(self.rows)
 
     def size(self, dt: float) -> float:
-        """ε, a power of ten: so small that nodes move little, so large that they move at all."""
-        far = self.along.longest(dt)
-        wanted = SMALL * shortest_length(self.base) / far if far else LARGEST
-        return float(10.0 ** math.floor(math.log10(min(max(wanted, LEAST), LARGEST)) + 1e-9))
+        """Return ε, a power of ten by which nodes move little, but more than by round-off.
 
-    def sides(self, size: float = LARGEST) -> Sides:
-        plus, minus = self._setups(size)
+        `dt` is the size of the step [s], over which velocities count, too.
+        """
+        wanted = LARGEST_CHANGE
+        if moved := self.along.longest(dt):
+            wanted = MOVED_NODES * shortest_length(self.base) / moved
+        size = min(max(wanted, LEAST_CHANGE), LARGEST_CHANGE)
+        return float(10.0 ** math.floor(math.log10(size) + 1e-9))
+
+    def sides(self, size: float = LARGEST_CHANGE) -> Sides:
+        """Return the systems at p + size and p − size."""
+        plus, minus = self._setups_at(size)
         return Sides(plus.system, minus.system, size)
 
-    def _setups(self, size: float) -> list[Setup]:
+    def _setups_at(self, size: float) -> list[Setup]:
+        """Return the setups at p + size and p − size, which are made once."""
         if size not in self.both:
             values = self.parameter.at(size), self.parameter.at(-size)
             self.both[size] = [self.setup_at(value).probed_as(self.base) for value in values]
         return self.both[size]
 
     def follow(
-        self, info: StepInfo, derive: Callable[[Along, Sides], DerivedStep], ledger: Ledger,
-        method: Any, is_last: bool,
-    ) -> None:  # fmt: skip
-        """Go on to the end of a step; `ledger` is at its begin."""
+        self,
+        info: StepInfo,
+        derive: Callable[[Along, Sides], DerivedStep],
+        ledger: Ledger,
+        method: Any,
+        is_last: bool,
+    ) -> None:
+        """Go on to the end of a step.
+
+        Parameters
+        ----------
+        info
+            The step.
+        derive
+            Derives the step from the derivatives at its begin.
+        ledger
+            The ledger at the begin of the step.
+        method
+            The method of the step.
+        is_last
+            Whether the run ends there.
+        """
         size = self.size(info.size)
         sides = self.sides(size)
         derived = derive(self.along, sides)
@@ -101,50 +168,71 @@ class Follower:
         self.along = derived.end
 
     def _record(self, info, derived: DerivedStep, sides: Sides, ledger: Ledger, method) -> None:
+        """Add the derivatives of the row at the end of a step."""
         rows = []
         ledgers = []
-        both = zip(self._setups(sides.size), sides.signed, derived.steps, strict=True)
+        both = zip(self._setups_at(sides.size), sides.signed, derived.steps, strict=True)
         for setup, (system, size), step in both:
             old = self.along.shift(info.old, size)
             if self.recorded.flows:
                 before = records.shift(ledger, self.flows, size)
                 ledgers.append(before.after(system, method, old, step))
             else:
-                around = system.with_history(step.history)
-                ledgers.append(Ledger.open(around, step.state))
+                at_end = system.with_history(step.history)
+                ledgers.append(Ledger.open(at_end, step.state))
             rows.append(ledgers[-1].row() | setup.observer.row(old, step))
         self.flows = records.slope(ledgers[0], ledgers[1], 2 * sides.size)
-        self._add(rows, sides.size)
+        self._add_row(rows[0], rows[1], sides.size)
 
-    def rest(self, states: Sequence[State], sides: Sides) -> None:
-        """Record the row of an equilibrium."""
-        both = zip(self._setups(sides.size), states, strict=True)
-        self._add([setup.row(state) for setup, state in both], sides.size)
+    def record_rest(self, states: Sequence[State], sides: Sides) -> None:
+        """Add the derivatives of the row of an equilibrium."""
+        plus, minus = self._setups_at(sides.size)
+        self._add_row(plus.row(states[0]), minus.row(states[1]), sides.size)
 
-    def _add(self, rows: Sequence[Row], size: float) -> None:
-        """Add the slopes of the rows at p + size and p − size."""
-        plus, minus = rows
+    def _add_row(self, plus: Row, minus: Row, size: float) -> None:
+        """Add the derivatives from the rows at p + size and p − size."""
         self.rows.append({name: (plus[name] - minus[name]) / (2 * size) for name in plus})
 
 
 @dataclass(frozen=True, eq=False)
 class Derivation:
-    """A run, and the derivatives of what it recorded by each parameter."""
+    """A run, and the derivatives of what it recorded by each parameter.
 
-    result: Any  # the `Result`, or the `Equilibrium`
-    times: np.ndarray  # (s + 1,) [s]
-    columns: Mapping[str, np.ndarray]  # column → (s + 1,)
-    followers: Sequence[Follower]  # of each parameter
-    sizes: tuple[float, ...] = ()  # the steps [s]
-    method: str = ""  # the name of the method that `Auto` chose, or ""
-    why: str = ""  # how the steps were chosen, or ""
+    Attributes
+    ----------
+    result
+        The `Result`, or the `Equilibrium`.
+    times
+        (s + 1,) times of the recorded rows [s].
+    columns
+        Column → (s + 1,) recorded values.
+    followers
+        The derivatives by each parameter.
+    sizes
+        The steps of the run [s].
+    method
+        The name of the method that `Auto` chose; "" for another method.
+    why
+        A sentence on steps that were chosen; "" for others.
+    """
+
+    result: Any
+    times: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    followers: Sequence[Follower]
+    sizes: tuple[float, ...] = ()
+    method: str = ""
+    why: str = ""
 
 
 def shortest_length(setup: Setup) -> float:
-    """The shortest edge of a right triangle of the mean area, or the least gap [m]."""
+    """Return √(mean area of a triangle), or the least gap of contact if that is smaller [m]."""
     cloth = setup.cloth
-    gaps = [float(gap) for term in setup.system.terms if (gap := parameters_of(term).get("gap"))]
-    return min([math.sqrt(cloth.area / len(cloth.triangles)), *gaps])
+    lengths = [math.sqrt(cloth.area / len(cloth.triangles))]
+    for term in setup.system.terms:
+        if gap := parameters_of(term).get("gap"):
+            lengths.append(float(gap))
+    return min(lengths)
 
 
 def derive_run(
@@ -157,14 +245,23 @@ def derive_run(
 ) -> Derivation:
     """Run a setup, and follow the derivatives by the parameters.
 
-    `setup_at` is the setup with another value of a parameter. `tolerance` is the relative error
-    of a derivative over a step.
+    Parameters
+    ----------
+    setup_at
+        Makes the setup with another value of a parameter.
+    recorded
+        Which rows are derived.
+    tolerance
+        Relative error of a derivative over a step.
+    report
+        Is called after each step or iteration.
     """
     followers = [Follower(p, partial(setup_at, p), setup, recorded) for p in parameters]
     if recorded.only_start:
         return Derivation(setup.start, np.array([setup.start.t]), {}, followers)
     if setup.t_end is None:
-        return _derive_rest(setup, followers, max(REST * tolerance, SHARPEST), report)
+        rest_tolerance = max(REST_TOLERANCE * tolerance, LEAST_REST_TOLERANCE)
+        return _derive_rest(setup, followers, rest_tolerance, report)
     return _derive_motion(setup, followers, recorded, tolerance, report)
 
 
@@ -175,8 +272,11 @@ def _derive_motion(
     tolerance: float,
     report: Callable[..., None],
 ) -> Derivation:
-    system, t_end, (chosen, solver) = setup.system, setup.t_end, setup.choose()
+    """Run a setup over time or load steps, and derive each step when it is done."""
+    t_end = setup.t_end
     assert t_end is not None
+    system = setup.system
+    chosen, solver = setup.choose()
     steps = chosen.steps
     method = method_of(steps)
     tangents = None
@@ -199,8 +299,8 @@ def _derive_motion(
                 return derive_step(info.result, along, sides, tangents)
 
             is_last = state.t >= t_end - 1e-12 * abs(t_end)
-            for each in followers:
-                each.follow(info, derive, before, method, is_last)
+            for follower in followers:
+                follower.follow(info, derive, before, method, is_last)
             if recorded.flows:
                 before = before.after(system, method, info.old, info.result)
             report(info)
@@ -212,31 +312,36 @@ def _derive_motion(
     if not recorded.whole:
         times = times[[0, -1]]
         all_columns = {name: values[[0, -1]] for name, values in all_columns.items()}
-    stay = setup.steps.dt is None and not isinstance(steps, LoadSteps)
-    why = "the steps that were chosen stay as they are" if stay else ""
-    chosen_method = type(method).__name__ if chooses_method(setup.steps) else ""
+    chosen_method = ""
+    if chooses_method(setup.steps):
+        chosen_method = type(method).__name__
+    why = ""
+    if setup.steps.dt is None and not isinstance(steps, LoadSteps):
+        why = "the steps that were chosen stay as they are"
     return Derivation(result, times, all_columns, followers, tuple(sizes), chosen_method, why)
 
 
 def find_rest(
     system: System, start: State, report: Callable[..., None] = lambda *_: None
 ) -> Equilibrium:
-    """The equilibrium as exactly as round-off allows: twin runs differ by little."""
-    return _polish(equilibrium(system, start, report=report), _whole(system, start))[0]
+    """Return the equilibrium as exactly as round-off allows, because twin runs differ little."""
+    state = equilibrium(system, start, report=report)
+    polished, _ = _polish(state, _make_increment(system, start))
+    return polished
 
 
-def _whole(system: System, start: State) -> LoadIncrement:
-    """All loads in one increment, as `equilibrium` takes them without load steps."""
+def _make_increment(system: System, start: State) -> LoadIncrement:
+    """Return all loads in one increment, as `equilibrium` takes them without load steps."""
     begin = State(start.t, start.x, np.zeros_like(start.x))
     history = system.start_history(begin)
     return LoadIncrement(system, begin, 1.0, 1.0, start.t, start.t, history)
 
 
 def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, StaticTangent]:
-    """The equilibrium after a Newton step or two with K where it was found, and K there."""
+    """Return the equilibrium after two more Newton steps, and K where it was found."""
     tangent = StaticTangent.at(SolvedIncrement(whole, state.x))
     x = state.x
-    for _ in range(POLISHED):
+    for _ in range(POLISHING_STEPS):
         x = x - tangent.solve(whole.equation(x).residual(x, 0.0)[0])
     return replace(state, x=x), tangent
 
@@ -244,20 +349,22 @@ def _polish(state: Equilibrium, whole: LoadIncrement) -> tuple[Equilibrium, Stat
 def _derive_rest(
     setup: Setup, followers: Sequence[Follower], tolerance: float, report: Callable[..., None]
 ) -> Derivation:
+    """Find the equilibrium of a setup, and derive it as a single load step."""
     system = setup.system
     start = setup.start
-    whole = _whole(system, start)
+    whole = _make_increment(system, start)
     state, tangent = _polish(equilibrium(system, start, report=report), whole)
     solved = SolvedIncrement(whole, state.x)
-    for each in followers:
-        sides = each.sides()
-        derived = derive_increment(solved, each.start, sides, tangent, tolerance)
-        each.along = derived.end
+    for follower in followers:
+        sides = follower.sides()
+        derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
+        follower.along = derived.end
         # The error of a central difference goes with the square of how far nodes move.
-        if (LARGEST * each.along.longest() / shortest_length(setup)) ** 2 > tolerance:
-            sides = each.sides(each.size(0.0))
-            derived = derive_increment(solved, each.start, sides, tangent, tolerance)
-            each.along = derived.end
-        each.rest(derived.states, sides)
+        moved = LARGEST_CHANGE * follower.along.longest() / shortest_length(setup)
+        if moved**2 > tolerance:
+            sides = follower.sides(follower.size(0.0))
+            derived = derive_increment(solved, follower.start, sides, tangent, tolerance)
+            follower.along = derived.end
+        follower.record_rest(derived.states, sides)
     rows = columns([setup.row(), setup.row(state)])
     return Derivation(state, np.array([start.t, state.t]), rows, followers)

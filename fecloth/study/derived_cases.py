@@ -1,4 +1,4 @@
-"""The cases of a sensitivity: a run with derivatives, and a pair of twin runs that checks them."""
+"""The cases of a sensitivity: a run with derivatives, and twin runs that check them."""
 
 import math
 import time
@@ -23,7 +23,13 @@ from fecloth.simulation.quantity import Quantity, parse_quantity
 from fecloth.simulation.quantity_values import RunRecord, value_of
 from fecloth.simulation.setup import Setup
 from fecloth.study import status
-from fecloth.study.derivation import Derivation, Recorded, derive_run, find_rest
+from fecloth.study.derivation import (
+    LARGEST_CHANGE,
+    Derivation,
+    Recorded,
+    derive_run,
+    find_rest,
+)
 from fecloth.study.measured_runs import columns_to_record, measure, record_of
 from fecloth.study.modes import Modes, modes
 from fecloth.study.parameters import Parameter, setup_with
@@ -31,37 +37,64 @@ from fecloth.study.problems import Problem
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-LOOSE = 1e-2  # the largest relative error of derivatives that can be asked for
-OF_STEPS = 2.0  # times the tolerance: relative error of the derivative of a single step
-OF_NEWTON, OF_TWINS = 1e-2, 1e-11  # times it: Newton's tolerance; Newton's tolerance in twin runs
+# The relative error of derivatives: a larger one cannot be asked for, and if twin runs differ by
+# more, there is no derivative.
+LARGEST_ERROR = 1e-2
+STEP_ERROR = 2.0  # error of the derivative of a single step over the tolerance of all
+# Newton's tolerance in a run with derivatives, over the tolerance of derivatives.
+NEWTON_TOLERANCE = 1e-2
+# Newton's tolerance in twin runs: what it leaves is 1e-6 of their smallest change, 1e-5.
+TWIN_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
 class Sought:
-    """What is derived: quantities by parameters, and how exactly."""
+    """What is derived: quantities by parameters, and how exactly.
+
+    Attributes
+    ----------
+    parameters
+        By what the quantities are derived.
+    quantities
+        What is derived.
+    tolerance
+        Relative error of the derivatives that is aimed at.
+    whole
+        Whether the values of each row of the run are derived. Then all quantities are columns.
+    """
 
     parameters: tuple[Parameter, ...]
     quantities: tuple[Quantity, ...]
     tolerance: float
-    whole: bool = False  # whether of the quantities, which are columns, all rows are wanted
+    whole: bool = False
 
     def settings(self) -> list[object]:
-        """What `of` takes, in JSON's types but for functions as quantities."""
-        listed = [[p.name, p.value, p.width] for p in self.parameters]
+        """Return what `of_settings` takes, in JSON's types but for functions as quantities."""
+        parameters = [[p.name, p.value, p.width] for p in self.parameters]
         quantities = [quantity.function or quantity.text for quantity in self.quantities]
-        return [listed, quantities, self.tolerance, self.whole]
+        return [parameters, quantities, self.tolerance, self.whole]
 
     @classmethod
-    def of(cls, parameters: list, quantities: list, *more: Any) -> Self:
-        listed = tuple(Parameter(*each) for each in parameters)
-        return cls(listed, tuple(map(parse_quantity, quantities)), *more)
+    def of_settings(cls, settings: Sequence[Any]) -> Self:
+        """Return what `settings` has returned there."""
+        listed, quantities, tolerance, whole = settings
+        return cls(
+            parameters=tuple(Parameter(name, value, width) for name, value, width in listed),
+            quantities=tuple(map(parse_quantity, quantities)),
+            tolerance=tolerance,
+            whole=whole,
+        )
 
 
 def derive_case(problem: Problem, sought: Sequence[Any]) -> dict:
-    """Run the problem with derivatives: values, slopes by parameters over their widths, steps."""
+    """Run the problem with derivatives, as a case of a study.
+
+    `sought` are the `settings` of a `Sought`. The row has the `values` of the quantities, their
+    `slopes` by each parameter over its width, and the steps of the run.
+    """
     begin = time.process_time()
-    asked = Sought.of(*sought)
-    setup = _sharpened(problem.setup(), asked.tolerance * OF_NEWTON)
+    asked = Sought.of_settings(sought)
+    setup = _sharpen(problem.setup(), asked.tolerance * NEWTON_TOLERANCE)
 
     def setup_at(parameter: Parameter, value: float) -> Setup:
         return setup_with(problem, {parameter.name: value}, setup)
@@ -75,38 +108,50 @@ SetupAt = Callable[[Parameter, float], Setup]
 
 
 def _derive(problem: Problem, setup: Setup, sought: Sought, setup_at: SetupAt) -> dict:
+    """Run the setup with derivatives, and return the row of `derive_case` without seconds."""
     setup = setup.recording(quantity.column for quantity in sought.quantities)
     recorded = what_to_record(sought.quantities, setup)
     if sought.whole:
         recorded = replace(recorded, whole=True, only_start=False)
-    exactly = sought.tolerance * OF_STEPS, status.check_time_limit
-    derivation = derive_run(setup, sought.parameters, setup_at, recorded, *exactly)
-    read: Callable[..., Any] = _column if sought.whole else value_of
+    derivation = derive_run(
+        setup,
+        sought.parameters,
+        setup_at,
+        recorded,
+        tolerance=sought.tolerance * STEP_ERROR,
+        report=status.check_time_limit,
+    )
+    read: Callable[..., Any] = _read_column if sought.whole else value_of
     slopes = Slopes(setup, derivation, problem.probes, read)
     state = getattr(derivation.result, "state", setup.start)
-    count = max(quantity.mode for quantity in sought.quantities)
-    shapes = modes(setup.system, state, count=count) if count else None
-    values = []
-    rows = []
+    shapes = None
+    if count := max(quantity.mode for quantity in sought.quantities):
+        shapes = modes(setup.system, state, count=count)
+    row: dict[str, Any] = {"values": [], "slopes": []}
     for quantity in sought.quantities:
         if shapes and quantity.how == "mode":
             value: Any = shapes.frequencies[quantity.mode - 1]
-            of = shapes, quantity.mode, state
-            pairs = [(each.along, each.sides()) for each in derivation.followers]
-            row: list[Any] = [slope_of_frequency(*of, *pair) for pair in pairs]
+            derivatives: list[Any] = [
+                slope_of_frequency(shapes, quantity.mode, state, follower.along, follower.sides())
+                for follower in derivation.followers
+            ]
         else:
             value = slopes.value(quantity)
-            row = [slopes.slope(quantity, i) for i in range(len(sought.parameters))]
+            derivatives = [slopes.slope(quantity, i) for i in range(len(sought.parameters))]
         if not (sought.whole or math.isfinite(value)):
             raise InputError(f"{quantity} = {value}", "must be a finite number", "quantity")
-        values.append(np.asarray(value).tolist())
-        rows.append([np.asarray(slope).tolist() for slope in row])
-    steps = {"sizes": list(derivation.sizes), "method": derivation.method, "why": derivation.why}
-    times = {"times": derivation.times.tolist()} if sought.whole else {}
-    return {"values": values, "slopes": rows, **steps, **times}
+        row["values"].append(np.asarray(value).tolist())
+        row["slopes"].append([np.asarray(derivative).tolist() for derivative in derivatives])
+    row["sizes"] = list(derivation.sizes)
+    row["method"] = derivation.method
+    row["why"] = derivation.why
+    if sought.whole:
+        row["times"] = derivation.times.tolist()
+    return row
 
 
-def _column(quantity: Quantity, record: RunRecord) -> np.ndarray:
+def _read_column(quantity: Quantity, record: RunRecord) -> np.ndarray:
+    """Return the values of a column over the run."""
     return record.column(quantity)[:, 0]
 
 
@@ -117,37 +162,58 @@ def run_twin(
     sizes: Sequence[float],
     method: str,
 ) -> dict:
-    """Run the problem with all parameters changed, in units of their widths, and the same steps."""
+    """Run the problem with all parameters changed, and with the steps of another run.
+
+    Parameters
+    ----------
+    sought
+        The `settings` of a `Sought`.
+    changes
+        The change of each parameter in units of its width.
+    sizes, method
+        The steps of the other run [s], and the name of its method; "" for the problem's own.
+    """
     begin = time.process_time()
-    asked = Sought.of(*sought)
-    base = problem.setup()
-    pairs = zip(asked.parameters, changes, strict=True)
-    setup = setup_with(problem, {p.name: p.at(change) for p, change in pairs}, base)
-    setup = _sharpened(setup, OF_TWINS)
+    asked = Sought.of_settings(sought)
+    values_by_name = {
+        parameter.name: parameter.at(change)
+        for parameter, change in zip(asked.parameters, changes, strict=True)
+    }
+    setup = setup_with(problem, values_by_name, problem.setup())
+    setup = _sharpen(setup, TWIN_TOLERANCE)
     if sizes and not isinstance(setup.steps, LoadSteps):
-        named = {type(each()).__name__: each for each in (METHODS | EXPLICIT).values()}
-        chosen = named[method]() if method else method_of(setup.steps)
+        chosen = _make_method(method) if method else method_of(setup.steps)
         setup = replace(setup, steps=GivenSteps(chosen, tuple(sizes)))
     quantities = asked.quantities
-    recorded = sorted({name for each in quantities for name in columns_to_record(each)})
-    count = max((quantity.mode for quantity in quantities), default=0)
-    function = next((each.function for each in quantities if each.function), None)
-    row = measure(setup, recorded, count, function, rest=find_rest)
+    row = measure(
+        setup,
+        sorted({name for quantity in quantities for name in columns_to_record(quantity)}),
+        modes=max((quantity.mode for quantity in quantities), default=0),
+        function=next((q.function for q in quantities if q.function), None),
+        rest=find_rest,
+    )
     cloth = setup.cloth
     values = [value_of(q, record_of(row, q, cloth, problem.probes)) for q in quantities]
     return {"values": values, "cpu_seconds": time.process_time() - begin}
 
 
-def _sharpened(setup: Setup, tolerance: float) -> Setup:
-    """The setup with a Newton iteration that goes at least so far."""
+def _make_method(name: str) -> Any:
+    """Return the method whose class has this name, with its defaults."""
+    methods = [make() for make in (METHODS | EXPLICIT).values()]
+    return next(method for method in methods if type(method).__name__ == name)
+
+
+def _sharpen(setup: Setup, tolerance: float) -> Setup:
+    """Return the setup with Newton's tolerance, unless its own is smaller."""
     newton = setup.newton or Newton()
-    known = newton.tolerance
-    sharp = tolerance if known == "auto" else min(tolerance, float(known))
-    return replace(setup, newton=replace(newton, tolerance=sharp))
+    if newton.tolerance != "auto":
+        tolerance = min(tolerance, float(newton.tolerance))
+    return replace(setup, newton=replace(newton, tolerance=tolerance))
 
 
 @contextmanager
 def _quietly(setup: Setup) -> Iterator[None]:
+    """Keep the threads of the system where they are, and drop warnings of fecloth."""
     with (
         setup.system.team.pinned(),
         warnings.catch_warnings(action="ignore", category=FeclothWarning),
@@ -155,80 +221,107 @@ def _quietly(setup: Setup) -> Iterator[None]:
         yield
 
 
-# --- slopes of quantities -------------------------------------------------------------------------
+# --- slopes of quantities -----------------------------------------------------------------------
 
-PART = 1e-7  # of the largest value: how far values are moved for differences
-OF_FUNCTIONS = 1e-4  # of the width of a parameter: its largest change, for functions
-ROUND_OFF = 1e-12  # of the largest value: slopes below it are none
+# How far the values of a run are moved for central differences, over the largest value: above
+# the square root of round-off, 1.5e-8, so that the differences keep digits.
+MOVED_VALUES = 1e-7
+# The derivative of the values of a run over the largest value: a smaller one is round-off.
+LEAST_SLOPE = 1e-12
 FLOWS = ("dissipated", "work", "pins", "numerical", "remainder")
 
 
 def what_to_record(quantities: Sequence[Quantity], setup: Setup) -> Recorded:
-    """Whether rows of each step, and the flows of the ledger, are needed, or no step at all."""
+    """Return what a run records for the quantities: each step or both ends, and the ledger."""
     functions = any(quantity.function for quantity in quantities)
     flows = any(quantity.column.split(":")[0].split(".")[0] in FLOWS for quantity in quantities)
     whole = any(columns_to_record(quantity) for quantity in quantities)
     start = quantities[0].how == "mode" and not setup.is_static  # frequencies about it
-    return Recorded(whole or functions or flows, functions or flows, start)
+    flows = flows or functions
+    return Recorded(whole=whole or flows, flows=flows, only_start=start)
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Values of quantities, and their derivatives by each parameter over its width."""
+    """Values of quantities, and their derivatives by each parameter over its width.
+
+    Attributes
+    ----------
+    setup
+        What ran.
+    derivation
+        The run, and the derivatives of what it recorded.
+    probes
+        Names of the probes.
+    read
+        Reads a quantity from a record: a number, or values over the run.
+    """
 
     setup: Setup
     derivation: Derivation
     probes: tuple[str, ...]
-    read: Callable[[Quantity, RunRecord], Any] = value_of  # a number, or values over the run
+    read: Callable[[Quantity, RunRecord], Any] = value_of
 
     def value(self, quantity: Quantity) -> Any:
+        """Return the quantity of the run."""
         return self._value_at(quantity, 0, 0.0)
 
     def slope(self, quantity: Quantity, number: int) -> Any:
-        """The derivative by the parameter of this number, from 0."""
-        size = self._size(quantity, number)
+        """Return the derivative by the parameter of this number, from 0."""
+        size = self._find_size(quantity, number)
         if not size:
             return 0.0 * self.value(quantity)
-        plus, minus = (self._value_at(quantity, number, sign * size) for sign in (1.0, -1.0))
+        plus = self._value_at(quantity, number, size)
+        minus = self._value_at(quantity, number, -size)
         return (plus - minus) / (2 * size)
 
-    def _size(self, quantity: Quantity, number: int) -> float:
-        """The change of the parameter by which values move by a small part."""
-        d = self.derivation
+    def _find_size(self, quantity: Quantity, number: int) -> float:
+        """Return the change of a parameter by which values move a little; 0 for none."""
         start = self.setup.start.x
-        follower = d.followers[number]
-        pairs = [(start, follower.along.x), (start, self._moved(number).x)]
+        follower = self.derivation.followers[number]
+        values_and_slopes = [
+            (start, follower.along.x),
+            (start, self._derive_fields(number).x),
+        ]
         kind = quantity.column.split(".")[0]
-        for name, values in d.columns.items():
+        for name, values in self.derivation.columns.items():
             if kind and name.split(".")[0] == kind:
-                pairs.append((values, follower.slopes[name]))
-        sizes = [(_largest(values) or 1.0, _largest(slopes)) for values, slopes in pairs]
-        known = [PART * v / s for v, s in sizes if s > ROUND_OFF * v]
-        # A function may be of energies, too, which change where nothing moves.
-        return min([*known, OF_FUNCTIONS] if quantity.function else known, default=0.0)
+                values_and_slopes.append((values, follower.slopes[name]))
+        sizes = []
+        for values, slopes in values_and_slopes:
+            value = _find_largest(values) or 1.0
+            slope = _find_largest(slopes)
+            if slope > LEAST_SLOPE * value:
+                sizes.append(MOVED_VALUES * value / slope)
+        if quantity.function:  # of energies, too, which may change where nothing moves
+            sizes.append(LARGEST_CHANGE)
+        return min(sizes, default=0.0)
 
-    def _moved(self, number: int) -> Along:
-        """Derivatives of the displacement and the velocity at the end."""
-        each = self.derivation.followers[number]
-        return Along(each.along.x - each.start.x, each.along.v)
+    def _derive_fields(self, number: int) -> Along:
+        """Return the derivatives of the displacement and the velocity at the end."""
+        follower = self.derivation.followers[number]
+        return Along(follower.along.x - follower.start.x, follower.along.v)
 
     def _value_at(self, quantity: Quantity, number: int, size: float) -> Any:
-        d = self.derivation
-        slopes = d.followers[number].slopes
-        moved = self._moved(number)
-        columns = {name: c + size * slopes[name] for name, c in d.columns.items()}
-        state = d.result.state
-        fields = {
-            "displacement": state.x - self.setup.start.x + size * moved.x,
-            "velocity": state.v + size * moved.v,
+        """Return the quantity if a parameter changes by `size` of its width, to first order."""
+        slopes = self.derivation.followers[number].slopes
+        field_slopes = self._derive_fields(number)
+        columns = {
+            name: values + size * slopes[name] for name, values in self.derivation.columns.items()
         }
-        record = RunRecord(d.times, columns, self.setup.cloth, fields, self.probes)
+        state = self.derivation.result.state
+        fields = {
+            "displacement": state.x - self.setup.start.x + size * field_slopes.x,
+            "velocity": state.v + size * field_slopes.v,
+        }
+        record = RunRecord(self.derivation.times, columns, self.setup.cloth, fields, self.probes)
         if quantity.function:
             value = float(quantity.function(self._result_at(number, size, columns)))
             record = replace(record, values={quantity.text: value})
         return self.read(quantity, record)
 
     def _result_at(self, number: int, size: float, columns: dict[str, np.ndarray]) -> Any:
+        """Return the result if a parameter changes, for a user's function of it."""
         result = self.derivation.result
         end = self.derivation.followers[number].along
         if isinstance(result, Equilibrium):
@@ -239,18 +332,19 @@ class Slopes:
         return replace(result, state=state, energies=energies, observed=observed)
 
 
-def _largest(values: np.ndarray) -> float:
-    known = np.abs(values[np.isfinite(values)])
-    return float(known.max()) if known.size else 0.0
+def _find_largest(values: np.ndarray) -> float:
+    """Return the largest size of the finite values; 0 if there is none."""
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
 def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides: Sides) -> float:
-    """df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ with φ · M φ = 1.
+    """Return df/dp of a natural frequency: 8 π² f df/dp = φ · (dK/dp − ω² dM/dp) φ.
 
-    It holds for a frequency that no other mode has. K and M are differences at p + ε and p − ε,
-    with the states there, which `end` has the derivatives of.
+    Here φ · M φ = 1, and no other mode has this frequency. dK and dM are differences between
+    p + ε and p − ε, with the states there; `end` has the derivatives of the state. Raises
+    `InputError` for an unstable mode, or a mode without stiffness.
+
     Source: Fox and Kapoor (1968), Rates of Change of Eigenvalues and Eigenvectors, AIAA J. 6.
-    It raises `InputError` for an unstable mode, or a mode without stiffness.
     """
     omega2 = float(shapes.eigenvalues[mode - 1])
     f = float(shapes.frequencies[mode - 1])
@@ -259,15 +353,17 @@ def slope_of_frequency(shapes: Modes, mode: int, state: State, end: Along, sides
         raise InputError(what, "must be > 0 for a derivative", "sensitivity")
     phi = shapes.shapes[mode - 1]
     plus, minus = (
-        _energy(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
+        _modal_product(system, end.shift(state, size), phi, omega2) for system, size in sides.signed
     )
     return (plus - minus) / (2 * sides.size) / (8 * math.pi**2 * f)
 
 
-def _energy(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
-    """φ · (K − ω² M) φ."""
-    J = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
-    part = system.coupling(state, wx=1.0)
-    Kphi = (J if part is None else J.plus(part)) @ phi
+def _modal_product(system: System, state: State, phi: np.ndarray, omega2: float) -> float:
+    """Return φ · (K − ω² M) φ; the parts of K with low rank are added as c (u · φ)²."""
+    K = system.assemble(BlockMatrix.zeros(system.pattern), state, wx=1.0)
+    coupling = system.coupling(state, wx=1.0)
+    if coupling is not None:
+        K = K.plus(coupling)
+    Kphi = K @ phi
     total = np.vdot(phi, Kphi - omega2 * system.mass_times(phi))
     return float(total + sum(c * np.vdot(u, phi) ** 2 for c, u in system.dense(state)))

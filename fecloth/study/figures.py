@@ -16,7 +16,9 @@ Figure: TypeAlias = "matplotlib.figure.Figure"  # imported when a figure is draw
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 DASHES = ("-", "--", "-.", ":")
-GAP = 0.062  # between two labels, as a fraction of the axes
+LABEL_DISTANCE = 0.062  # of two labels, over the height of the axes: a line of text
+COLUMNS = 3  # panels side by side that are legible at 800 pixels
+MOST_GROUPS = 8  # methods or settings that a reader can tell apart in a figure
 STYLE = Path(__file__).with_name("figures.mplstyle")
 
 
@@ -39,9 +41,13 @@ def use_plain_ticks(ax) -> None:
         low, high = axis.get_view_interval()
         if axis.get_scale() != "log" or high / low >= 100:
             continue
-        few = (1, 2, 5)
-        many = (1, 1.5, 2, 2.5, 3, 4, 5, 7)
-        subs = (1, 3) if high / low > 15 else few if high / low > 3 else many
+        subs: list[float]
+        if high / low > 15:
+            subs = [1, 3]
+        elif high / low > 3:
+            subs = [1, 2, 5]
+        else:
+            subs = [1, 1.5, 2, 2.5, 3, 4, 5, 7]
         axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
@@ -58,17 +64,21 @@ def mark_failures(ax, rows: Sequence[Mapping], x: str, colour: str = "black") ->
     for row in rows:
         if row["status"] == "ok" or x not in row:
             continue
-        at = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        ax.plot([row[x]], [0.985], "x", color=colour, ms=8, mew=2, **at)
+        at_border = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+        ax.plot([row[x]], [0.985], "x", color=colour, ms=8, mew=2, **at_border)
         text = {"rotation": 90, "ha": "center", "va": "top", "fontsize": 8, "color": colour}
-        ax.text(row[x], 0.955, row["status"], **text, **at)
+        ax.text(row[x], 0.955, row["status"], **text, **at_border)
 
 
 def label_ends(ax, ends: Sequence[tuple]) -> None:
-    """Label the lines in the right margin, apart from each other, each with a leader."""
+    """Label lines in the right margin, apart from each other, each with a leader to its end.
+
+    `ends` are the name, the colour, x and y of the end of each line.
+    """
     to_axes = ax.transAxes.inverted().transform
     heights = [to_axes(ax.transData.transform((x, y)))[1] for _, _, x, y in ends]
-    for (name, colour, x, y), height in zip(ends, spread(heights, GAP), strict=True):
+    heights = spread(heights, LABEL_DISTANCE)
+    for (name, colour, x, y), height in zip(ends, heights, strict=True):
         arrow = {"arrowstyle": "-", "color": colour, "lw": 0.7, "alpha": 0.6, "relpos": (0, 0.5)}
         ax.annotate(
             name,
@@ -84,7 +94,7 @@ def label_ends(ax, ends: Sequence[tuple]) -> None:
 
 
 def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Return heights in [0, 1] in the same order that differ by at least `gap`, near the given."""
+    """Return heights in [0, 1] near the given ones, in the same order, at least `gap` apart."""
     order = np.argsort(heights, kind="stable")
     y = np.clip(np.array(heights, dtype=float)[order], 0.0, 1.0)
     for i in range(1, len(y)):  # from below
@@ -92,6 +102,6 @@ def spread(heights: Sequence[float], gap: float) -> list[float]:
     y[-1] = min(y[-1], 1.0)
     for i in range(len(y) - 1, 0, -1):  # and from above
         y[i - 1] = min(y[i - 1], y[i] - gap)
-    spread = np.empty_like(y)
-    spread[order] = y
-    return spread.tolist()
+    heights_apart = np.empty_like(y)
+    heights_apart[order] = y
+    return heights_apart.tolist()

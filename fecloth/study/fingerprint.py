@@ -1,4 +1,4 @@
-"""The files of studies: importing them, and the hash of the sources on which a result depends."""
+"""Import the files of studies, and hash the sources on which a result depends."""
 
 import ast
 import hashlib
@@ -36,12 +36,15 @@ def source_hash(file: str | Path) -> str:
     imports from the folder of its package, and the scenes in `scenes/` beside it or above it.
     """
     root, module = module_of(Path(file).resolve())
-    folders = [root.joinpath(*module.split(".")[:k]) for k in range(module.count(".") + 1)]
-    scenes = sorted(scene for at in folders for scene in (at / "scenes").rglob("*.toml"))
-    whole = Path(fecloth.__file__).parent.rglob("*")
-    package = sorted(file for file in whole if file.suffix in (".py", ".toml"))
+    package_names = module.split(".")[:-1]
+    scenes: list[Path] = []
+    for k in range(len(package_names) + 1):
+        folder = root.joinpath(*package_names[:k])
+        scenes += (folder / "scenes").rglob("*.toml")
+    fecloth_files = Path(fecloth.__file__).parent.rglob("*")
+    sources = sorted(path for path in fecloth_files if path.suffix in (".py", ".toml"))
     digest = hashlib.sha256()
-    for source in (*package, *sorted(_imported_files(Path(file))), *scenes):
+    for source in (*sources, *sorted(_imported_files(Path(file))), *sorted(scenes)):
         digest.update(source.read_bytes())
     return digest.hexdigest()
 
@@ -57,11 +60,15 @@ def _imported_files(file: Path) -> set[Path]:
             continue
         files.add(source)
         for node in ast.walk(ast.parse(source.read_bytes())):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            else:
-                names = []
-            if isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            waiting += [root.joinpath(*name.split(".")).with_suffix(".py") for name in names]
+            for name in _imported_names(node):
+                waiting.append(root.joinpath(*name.split(".")).with_suffix(".py"))
     return files
+
+
+def _imported_names(node: ast.AST) -> list[str]:
+    """Return the dotted names that a statement imports, which may be modules."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom) and node.module:
+        return [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return []

@@ -21,11 +21,11 @@ class Study(Opened):
     Attributes
     ----------
     problems
-        Several for `compare` alone.
+        The problem; several only for `compare`.
     given
-        What was said once, for all studies: h, dt, probes, and how the cases run.
+        How the cases of all studies run.
     takes_usual_limit
-        Whether each study chooses the longest time of a case.
+        Whether each study chooses the longest time of a case, because none was given.
     """
 
     converge = converging.converge
@@ -41,12 +41,14 @@ class Study(Opened):
     def modes(self, *, count: int = 6) -> Modes:
         """Find the `fecloth.modes` of lowest frequency about the start or the equilibrium."""
         setup = self.problem.first
-        state = _equilibrium(setup) if setup.is_static else setup.start
+        state = setup.start
+        if setup.is_static:
+            state = _find_equilibrium(setup)
         title = f"Modes of {self.problem.name}"
         return replace(modes(setup.system, state, count=count), title=title)
 
 
-def _equilibrium(setup: Setup) -> State:
+def _find_equilibrium(setup: Setup) -> State:
     """Return the equilibrium of a static problem, by load steps if it has them."""
     if setup.t_end is None:
         return equilibrium(setup.system, setup.start)

@@ -17,15 +17,39 @@ from fecloth.study import setups
 from fecloth.study.change import REFINED, Change, Level
 from fecloth.study.fingerprint import load_function, source_hash
 from fecloth.study.problem import CommonProblem, quantities_of
-from fecloth.study.workload import ITERATIONS, STEPS, Workload
+from fecloth.study.workload import CHOSEN_STEPS, ITERATIONS, LOAD_STEP, Workload
 
-STATIC = 20  # iterations of an equilibrium, for the predicted time
-known_functions: dict[tuple[str, str], Callable] = {}  # of this process: imported already
+# Functions that this process has imported, by file and name.
+known_functions: dict[tuple[str, str], Callable] = {}
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(CommonProblem):
-    """A user's function of h and dt that returns cloth, system, method and start."""
+    """A user's function of h and dt that returns cloth, system, method and start.
+
+    Attributes
+    ----------
+    function
+        The function.
+    h
+        Edge length [m]; None if the function takes none.
+    dt
+        Fixed step [s]; None if the method chooses its steps.
+    t_end
+        End of the run [s]; None for an equilibrium.
+    placed
+        The probes.
+    settings
+        Further arguments of the function.
+    terms
+        Terms in place of the function's own, as `describe_term` describes them, or None.
+    sharper
+        Divides the tolerance of the solver; None leaves it as it is.
+    rtol
+        Tolerance of steps that the function's method chooses: not known, 0.
+    interest
+        Quantities of interest, which a function does not have.
+    """
 
     function: Callable
     h: float | None
@@ -33,10 +57,9 @@ class FunctionProblem(CommonProblem):
     t_end: float | None
     placed: tuple[Probe, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
-    terms: list[dict] | None = None  # in place of the function's own, as `describe_term` has them
-    sharper: float | None = None  # divides the tolerance of the solver; None for its own
-
-    rtol: ClassVar[float] = 0.0  # of steps that the function's method chooses: not known
+    terms: list[dict] | None = None
+    sharper: float | None = None
+    rtol: ClassVar[float] = 0.0
     interest: ClassVar[tuple[Quantity, ...]] = ()
 
     @property
@@ -47,15 +70,17 @@ class FunctionProblem(CommonProblem):
 
     @property
     def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
         return tuple(probe.name for probe in self.placed)
 
     @property
     def span(self) -> float | None:  # type: ignore[override]  # read only
-        """Length of the run [s]; None of an equilibrium."""
+        """Length of the run [s]; None for an equilibrium."""
         return self.t_end
 
     @cached_property
-    def first(self) -> setups.Setup:  # type: ignore[override]  # computed when it is first needed
+    def first(self) -> setups.Setup:  # type: ignore[override]  # computed when it is needed
+        """The setup of the first level."""
         return self.setup()
 
     @property
@@ -71,10 +96,10 @@ class FunctionProblem(CommonProblem):
         """Predict the size of a level from the first one."""
         triangles = len(self.first.cloth.triangles) * level.h**2
         if self.is_static:
-            return Workload(triangles, STATIC, unit=ITERATIONS)
+            return Workload(triangles, LOAD_STEP, unit=ITERATIONS)
         dt = self.first.steps.dt
         if dt is None:
-            return Workload(triangles, STEPS * level.h, self.is_explicit)
+            return Workload(triangles, CHOSEN_STEPS * level.h, self.is_explicit)
         assert self.first.t_end is not None
         steps = math.ceil((self.first.t_end - self.first.start.t) / dt * level.dt)
         return Workload(triangles, steps, self.is_explicit)
@@ -83,7 +108,10 @@ class FunctionProblem(CommonProblem):
         """Raise `InputError` if it has no h or dt to refine."""
         if refine not in REFINED:
             return
-        for what in ("h", "dt") if refine == "both" else (refine,):
+        needed = [refine]
+        if refine == "both":
+            needed = ["h", "dt"]
+        for what in needed:
             if not self.can_refine(what):
                 allowed = f"refine = {refine!r} needs the {what} of the first level"
                 raise InputError(f"{what} is missing", allowed, self.name, f"Give {what}=….")
@@ -94,7 +122,9 @@ class FunctionProblem(CommonProblem):
     def tables(self) -> dict:
         """What edits can change, in the form of a scene's tables."""
         first = self.first
-        cloth: dict = {"element": first.cloth.element} | ({} if self.h is None else {"h": self.h})
+        cloth: dict = {"element": first.cloth.element}
+        if self.h is not None:
+            cloth["h"] = self.h
         terms = [setups.describe_term(term, i) for i, term in enumerate(first.system.terms)]
         tables = {"cloth": cloth, "terms": terms, "output": {}}
         if first.is_static:
@@ -105,14 +135,19 @@ class FunctionProblem(CommonProblem):
 
     def changed(self, change: Change) -> "FunctionProblem":
         """Return the problem with a change: other arguments, or other terms, h and dt."""
-        sizes: dict[str, Any] = {k: change.values[k] for k in ("h", "dt") if k in change.values}
-        rest = {key: value for key, value in change.values.items() if key not in sizes}
-        setups.accepted(self.function, rest)
+        settings = dict(change.values)
+        changed: dict[str, Any] = {}
+        for size in ("h", "dt"):
+            if size in settings:
+                changed[size] = settings.pop(size)
+        setups.accepted(self.function, settings)
         if change.edits:
             tables = replace(change, values={}).apply(self.tables)
-            sizes |= {"h": tables["cloth"].get("h"), "terms": tables["terms"]}
-            sizes |= {"dt": tables["time"]["dt"]} if self.dt is not None else {}
-        return replace(self, settings={**self.settings, **rest}, **sizes)
+            changed["h"] = tables["cloth"].get("h")
+            changed["terms"] = tables["terms"]
+            if self.dt is not None:
+                changed["dt"] = tables["time"]["dt"]
+        return replace(self, settings={**self.settings, **settings}, **changed)
 
     def refined(self, level: Level) -> "FunctionProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
@@ -131,12 +166,11 @@ class FunctionProblem(CommonProblem):
             remedy = "Pass it on, as in fc.Cloth.rectangle(1.0, 1.0, h, grading=grading)."
             needed = "needs a function with the argument grading"
             raise InputError("grade = True", needed, self.name, remedy)
-        return self.changed(
-            Change(values={"grading": list(map(setups.table_of_grading, gradings))})
-        )
+        tables = [setups.table_of_grading(grading) for grading in gradings]
+        return self.changed(Change(values={"grading": tables}))
 
     def arguments(self) -> tuple[dict[str, object], float | None]:
-        """Return the arguments of the function, with h and dt, and dt, of equal steps."""
+        """Return the arguments of the function, and dt, which divides the run equally."""
         settings = dict(self.settings)
         dt = self.dt
         if self.h is not None:
@@ -148,26 +182,39 @@ class FunctionProblem(CommonProblem):
         return settings, dt
 
     def setup(self, cloth: Cloth | None = None) -> setups.Setup:
-        """Call the function, which makes its own cloth, and put other terms in place of its own."""
+        """Call the function, and put other terms in place of its own, if there are any.
+
+        `cloth` is not used: the function makes its own.
+        """
         settings, dt = self.arguments()
-        run = self.function, settings, dt, self.t_end
-        made = setups.setup_of_function(*run, self.placed, self.sharper)
+        setup = setups.setup_of_function(
+            self.function,
+            settings,
+            dt=dt,
+            t_end=self.t_end,
+            probes=self.placed,
+            sharper=self.sharper,
+        )
         if self.terms is None:
-            return made
-        return setups.with_terms(made, self.terms)
+            return setup
+        return setups.with_terms(setup, self.terms)
 
     @property
     def is_importable(self) -> bool:
         """Whether other processes can import the function and know its probes."""
-        names = all(isinstance(probe.where, str | None) for probe in self.placed)
-        return names and _importable(self.function) is not None
+        are_named = all(isinstance(probe.where, str | None) for probe in self.placed)
+        return are_named and _find_file(self.function) is not None
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
-        file = _importable(self.function) or ""
+        file = _find_file(self.function) or ""
         name = self.function.__name__
         known_functions[file, name] = self.function
         settings, dt = self.arguments()
+        probes = []
+        for probe in self.placed:
+            point = list(probe.point) if probe.point else None
+            probes.append([probe.name, probe.where, point])
         return {
             "path": file,
             "name": name,
@@ -175,7 +222,7 @@ class FunctionProblem(CommonProblem):
             "settings": settings,
             "dt": dt,
             "t_end": self.t_end,
-            "probes": [[p.name, p.where, list(p.point) if p.point else None] for p in self.placed],
+            "probes": probes,
             "terms": self.terms,
             "sharper": self.sharper,
         }
@@ -186,16 +233,17 @@ class FunctionProblem(CommonProblem):
     ) -> "FunctionProblem":
         """Return the problem of a case; `digest` is of the function's file."""
         function = known_functions.get((path, name)) or load_function(path, name)
-        placed = tuple(Probe(*probe) for probe in probes)
+        placed = tuple(Probe(probe_name, where, point) for probe_name, where, point in probes)
         return cls(function, None, placed=placed, settings=settings, **more)
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
+        """Return the cloth that a field needs; None for other quantities."""
         if quantity.is_field:
             return self.first.cloth
         return None
 
 
-def _importable(function: Callable) -> str | None:
+def _find_file(function: Callable) -> str | None:
     """Return the file of a function at its top level; None for any other."""
     name = getattr(function, "__qualname__", "<")
     try:

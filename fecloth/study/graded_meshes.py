@@ -13,34 +13,59 @@ from fecloth.study.problem import border_of, has_bending, is_round
 from fecloth.system.space_error import space_error
 from fecloth.system.state import State
 
-POWERS = (0.3, 0.45, 0.6, 0.7, 0.8)
-SHARES = (0.5, 0.25, 0.12, 0.06)  # of the cloth's size: the distances that are tried
-LEAST_SAVED = 0.05  # share of the triangles below which a grading is not worth its table
-MOST = 8  # gradings
-TURN = np.sin(np.radians(30.0))  # of the border, above which a node is a corner
+# The settings of `Grading` that are tried: powers, and distances over the extent of the cloth.
+# Chosen by hand, from weak to strong; each distance is about half of the one before.
+TRIED_POWERS = (0.3, 0.45, 0.6, 0.7, 0.8)
+TRIED_DISTANCES = (0.5, 0.25, 0.12, 0.06)
+# The share of the triangles that a grading saves: below it the saving is not worth a table more.
+LEAST_SAVED = 0.05
+# The sine of the angle by which the border turns at a node: above it the node is a corner.
+LEAST_CORNER = np.sin(np.radians(30.0))
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A place to grade towards: `where` or `point` of a `Grading`, and each triangle's distance."""
+    """A place towards which a mesh may be graded.
 
-    named: dict[str, object]
-    r: np.ndarray
+    Attributes
+    ----------
+    arguments
+        `where` or `point` of its `Grading`.
+    distances
+        (m,) distance of each triangle from the place [m].
+    """
+
+    arguments: dict[str, object]
+    distances: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class _Prediction:
-    """Error and triangles of meshes with other sizes, from the error of one mesh."""
+    """Predicts how many triangles graded meshes need, from the error of one mesh.
 
-    energy: np.ndarray  # (m,) of the error of each triangle [J]
+    Attributes
+    ----------
+    energy
+        (m,) energy of the error of each triangle [J].
+    area
+        (m,) area of each triangle [m²].
+    size
+        (m,) edge length of each triangle [m].
+    h
+        Edge length of the mesh without gradings [m].
+    order
+        Order of stress in h.
+    """
+
+    energy: np.ndarray
     area: np.ndarray
-    size: np.ndarray  # edge length of each triangle [m]
+    size: np.ndarray
     h: float
-    order: float  # of stress in h
+    order: float
 
-    def triangles(self, chosen: Mapping[_Place, Grading]) -> float:
-        """Return the relative number of triangles for an error, with the sizes c h s for any c."""
-        factors = [shift.factors(place.r, self.h) for place, shift in chosen.items()]
+    def count_triangles(self, chosen: Mapping[_Place, Grading]) -> float:
+        """Return N E^(1/p), which compares gradings: the same error with fewer triangles."""
+        factors = [grading.factors(place.distances, self.h) for place, grading in chosen.items()]
         s = np.min([np.ones(len(self.area)), *factors], axis=0)
         energy = np.sum(self.energy * (self.h * s / self.size) ** (2 * self.order))
         return float(np.sum(self.area / s**2) * energy ** (1 / self.order))
@@ -54,14 +79,21 @@ def choose_gradings(
     The energy of the error of a triangle, e_t of `space_error`, goes like its size to the
     power 2p; p is the order of stress. With sizes c h s, N ∝ c⁻² Σ A_t/s_t² triangles have the
     error E ∝ c^2p Σ e_t s_t^2p. So N E^(1/p) does not depend on c; it is least where all
-    triangles have the same error. Greedily the place, the distance and the power of `Grading`
-    are added that reduce it most: first corners of the border and the ends of pins on it, then
+    triangles have the same error.
+
+    The search is greedy: it adds the place, the distance and the power of `Grading` that reduce
+    N E^(1/p) most. The places are first corners of the border and the ends of pins on it, then
     pinned curves. A node that is pinned alone is no such place: a membrane has no finite
     stiffness there, and with smaller triangles it only gives way further.
 
-    `state` is the end of the run of `setup`, on a mesh of edge length h [m] without gradings.
-    If all gradings together save less than the share `least_saved` of the triangles, there are
-    none.
+    Parameters
+    ----------
+    setup, state
+        A run on a mesh without gradings, and its end.
+    h
+        Edge length of this mesh [m].
+    least_saved
+        Share of the triangles: if all gradings together save less, none is returned.
     """
     error = space_error(setup.system, state)
     cloth = setup.cloth
@@ -70,76 +102,88 @@ def choose_gradings(
         remedy = "Leave grade out, or take other terms."
         raise InputError(what, f"needs the error in space: {error.reason}", "converge", remedy)
     area = cloth.weights.sum(axis=1)
-    order = 2.0 if cloth.element == "P2" and not has_bending(setup) else 1.0
-    sizes = np.sqrt(area * 4 / np.sqrt(3))
-    predicted = _Prediction(error.density * area, area, sizes, h, order)
-    distances = [share * cloth.extent for share in SHARES if share * cloth.extent > 2 * h]
-    points, curves = _places(setup)
+    order = 1.0
+    if cloth.element == "P2" and not has_bending(setup):
+        order = 2.0
+    prediction = _Prediction(
+        energy=error.density * area,
+        area=area,
+        size=np.sqrt(area * 4 / np.sqrt(3)),  # of equilateral triangles
+        h=h,
+        order=order,
+    )
+    distances = [share * cloth.extent for share in TRIED_DISTANCES if share * cloth.extent > 2 * h]
+    points, curves = _find_places(setup)
     chosen: dict[_Place, Grading] = {}
     for places in (points, curves):
-        chosen = _add_greedily(chosen, list(product(places, distances, POWERS)), predicted)
-    if predicted.triangles(chosen) > (1 - least_saved) * predicted.triangles({}):
+        settings = list(product(places, distances, TRIED_POWERS))
+        chosen = _add_greedily(chosen, settings, prediction)
+    without = prediction.count_triangles({})
+    if prediction.count_triangles(chosen) > (1 - least_saved) * without:
         return ()
     return tuple(chosen.values())
 
 
 def _add_greedily(
-    chosen: dict[_Place, Grading], settings: list[tuple], predicted: _Prediction
+    chosen: dict[_Place, Grading], settings: list[tuple], prediction: _Prediction
 ) -> dict[_Place, Grading]:
-    """Return the gradings with the most saving ones added, or put in place of the place's own."""
-    least = predicted.triangles(chosen)
-    while settings and len(chosen) < MOST:
-        tried = [
-            chosen | {place: Grading(**place.named, distance=distance, power=power)}
+    """Return the gradings and those that save most; a place has one, which may be replaced.
+
+    `settings` are pairs of place, distance and power to choose from.
+    """
+    least = prediction.count_triangles(chosen)
+    while settings:
+        candidates = [
+            chosen | {place: Grading(**place.arguments, distance=distance, power=power)}
             for place, distance, power in settings
         ]
-        fewest = min(tried, key=predicted.triangles)
-        if predicted.triangles(fewest) > (1 - LEAST_SAVED) * least:
+        best = min(candidates, key=prediction.count_triangles)
+        if prediction.count_triangles(best) > (1 - LEAST_SAVED) * least:
             break
-        chosen = fewest
-        least = predicted.triangles(fewest)
+        chosen = best
+        least = prediction.count_triangles(best)
     return chosen
 
 
-def _places(setup: Setup) -> tuple[list[_Place], list[_Place]]:
+def _find_places(setup: Setup) -> tuple[list[_Place], list[_Place]]:
     """Return corners of the border and ends of pins on it, and curves that are pinned whole."""
     cloth = setup.cloth
-    middle = cloth.X[cloth.triangles].mean(axis=1)
+    centres = cloth.X[cloth.triangles].mean(axis=1)
     edges, turning = border_of(cloth)
-    corners = (turning > TURN) & (not is_round(cloth))
-    nodes = np.flatnonzero(corners | _ends_of_pins(setup, edges))
-    points = cloth.X[np.setdiff1d(nodes, alone(setup))]
-    singular = [
-        _Place({"point": tuple(map(float, X))}, np.linalg.norm(middle - X, axis=1)) for X in points
-    ]
+    is_corner = (turning > LEAST_CORNER) & (not is_round(cloth))
+    nodes = np.flatnonzero(is_corner | _find_ends_of_pins(setup, edges))
+    points = []
+    for X in cloth.X[np.setdiff1d(nodes, find_lone_pins(setup))]:
+        distances = np.linalg.norm(centres - X, axis=1)
+        points.append(_Place({"point": (float(X[0]), float(X[1]))}, distances))
     curves = []
     for pin, _ in setup.system.constraints.groups.values():
         if isinstance(pin.where, str) and pin.where in cloth.edge_sets:
-            ends = cloth.X[cloth.edge_sets[pin.where]]
-            curves.append(_Place({"where": pin.where}, _distance(middle, ends)))
-    return singular, curves
+            segments = cloth.X[cloth.edge_sets[pin.where]]
+            curves.append(_Place({"where": pin.where}, _distance(centres, segments)))
+    return points, curves
 
 
-def alone(setup: Setup) -> np.ndarray:
+def find_lone_pins(setup: Setup) -> np.ndarray:
     """Return the pinned nodes none of whose neighbours is pinned."""
     cloth = setup.cloth
     pinned = setup.system.constraints.nodes
-    ends = np.concatenate([cloth.parts[:, [i, (i + 1) % 3]] for i in range(3)])
-    both = ends[np.isin(ends, pinned).all(axis=1)]
-    return np.setdiff1d(pinned, both)
+    edges = np.concatenate([cloth.parts[:, [i, (i + 1) % 3]] for i in range(3)])
+    pinned_edges = edges[np.isin(edges, pinned).all(axis=1)]
+    return np.setdiff1d(pinned, pinned_edges)
 
 
-def _ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:
-    """(n,) whether one of the two edges of the border at a node is pinned, and the other is not."""
-    held = np.isin(border, setup.system.constraints.nodes).all(axis=1)
-    pinned = np.bincount(border[held].ravel(), minlength=len(setup.cloth.X))
-    return pinned == 1
+def _find_ends_of_pins(setup: Setup, border: np.ndarray) -> np.ndarray:
+    """Return (n,) whether just one of the two edges of the border at a node is pinned."""
+    is_pinned = np.isin(border, setup.system.constraints.nodes).all(axis=1)
+    pinned_edges = np.bincount(border[is_pinned].ravel(), minlength=len(setup.cloth.X))
+    return pinned_edges == 1
 
 
 def _distance(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """(p,) the distance of points (p, 2) to the nearest of the segments (k, 2, 2) [m]."""
+    """Return (p,) the distance of points (p, 2) to the nearest of the segments (k, 2, 2) [m]."""
     start = segments[:, 0]
-    along = np.diff(segments, axis=1)[:, 0]
-    away = points[:, None] - start
-    part = np.clip((away * along).sum(axis=2) / (along**2).sum(axis=1), 0, 1)
-    return np.linalg.norm(away - part[..., None] * along, axis=2).min(axis=1)
+    direction = np.diff(segments, axis=1)[:, 0]
+    from_start = points[:, None] - start
+    part = np.clip((from_start * direction).sum(axis=2) / (direction**2).sum(axis=1), 0, 1)
+    return np.linalg.norm(from_start - part[..., None] * direction, axis=2).min(axis=1)

@@ -24,44 +24,73 @@ from fecloth.study.modes import modes as natural_modes
 from fecloth.study.problem import find_obstacles
 from fecloth.study.status import TimeLimit, check_time_limit
 
-WHOLE = ("max", "min", "path", "period", "frequency")  # over the run
-REPEATS, SHORT = 3, 1.0  # runs to compare seconds, as long as all together take less [s]
+WHOLE = ("max", "min", "path", "period", "frequency")  # `how` of quantities of the whole run
+# Runs at most to compare seconds, of which the fastest counts; no run is added once all together
+# have taken this long [s], where the clock is exact enough.
+REPEATS = 3
+LONG_ENOUGH = 1.0
 Solve = Callable[[Setup, Callable[..., None]], dict]
 Rest = Callable[..., Equilibrium]
 
 
 def measure_problem(
-    problem: Any, recorded: Sequence[str], modes: int = 0, disturbed: int | None = None, **more: Any
+    problem: Any,
+    recorded: Sequence[str],
+    modes: int = 0,
+    disturbed: int | None = None,
+    **more: Any,
 ) -> dict:
-    """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs."""
+    """Return the row of `measure` of a problem, with the CPU seconds of set-up and all runs.
+
+    `disturbed` is the seed of a disturbance of the start, `more` are arguments of `measure`.
+    """
     begin = time.process_time()
     setup = problem.setup()
-    setup = setup if disturbed is None else setup.disturbed(disturbed)
+    if disturbed is not None:
+        setup = setup.disturbed(disturbed)
     row = measure(setup, recorded, modes, **more)
     return row | {"case_seconds": time.process_time() - begin}
 
 
 def measure(
     setup: Setup,
-    recorded: Sequence[str],  # columns, or names of vectors, that are returned over the whole run
-    # Number of natural frequencies about the start, or about the equilibrium; then a setup in
-    # time is not run.
+    recorded: Sequence[str],
     modes: int = 0,
-    function: Callable[[Any], float] | None = None,  # a user's function of the result
-    # Whether the CPU seconds will be compared: first a few steps warm up, and a short run is
-    # repeated; the fastest counts.
+    function: Callable[[Any], float] | None = None,
     timed: bool = False,
-    repeats: int = REPEATS,  # runs at most
-    most: float | None = None,  # longest CPU time of a run [s]
-    rest: Rest = equilibrium,  # finds the equilibrium of a setup without `t_end`
+    repeats: int = REPEATS,
+    most: float | None = None,
+    rest: Rest = equilibrium,
 ) -> dict:
+    """Run a setup, and return what quantities need of the run, as numbers and lists.
+
+    Parameters
+    ----------
+    recorded
+        Columns, or names of vectors, that are returned over the whole run.
+    modes
+        Number of natural frequencies about the start, or about the equilibrium. With modes a
+        setup in time is not run.
+    function
+        A user's function of the result.
+    timed
+        Whether the CPU seconds will be compared. Then a few steps warm up first, and a short run
+        is repeated; the fastest counts.
+    repeats
+        Number of runs at most.
+    most
+        Longest CPU time of a run [s].
+    rest
+        Finds the equilibrium of a setup without `t_end`.
+    """
     quiet = warnings.catch_warnings(action="ignore", category=FeclothWarning)
     with setup.system.team.pinned(), quiet:
         setup = setup.recording(recorded)
-        whole = bool(recorded or function)  # over the run: each step has a row
-        solve: Solve = partial(_march, whole=whole)
-        if setup.t_end is None or (modes and not setup.is_static):
-            solve = partial(_solve, rest=rest if setup.t_end is None else None)
+        solve: Solve = partial(_march, whole=bool(recorded or function))
+        if setup.t_end is None:
+            solve = partial(_solve, rest=rest)
+        elif modes and not setup.is_static:
+            solve = partial(_solve, rest=None)
         if timed:
             row, seconds = _run_timed(solve, setup, repeats, most)
         else:
@@ -92,6 +121,7 @@ def measure(
 
 
 def _run_once(solve: Solve, setup: Setup, most: float | None) -> tuple[dict, float]:
+    """Return what a run gives, and its CPU seconds; raise `TimeLimit` above `most` [s]."""
     begin = time.process_time()
 
     def report(*_: object) -> None:
@@ -108,19 +138,23 @@ def _run_timed(solve: Solve, setup: Setup, repeats: int, most: float | None) -> 
     first = setup
     if setup.t_end is not None and not setup.is_static:
         span = setup.t_end - setup.start.t
-        short = min(4 * setup.steps.dt if setup.steps.dt else 0.02 * span, span)
-        first = replace(setup, t_end=setup.start.t + short)
+        short = 0.02 * span
+        if setup.steps.dt:
+            short = 4 * setup.steps.dt
+        first = replace(setup, t_end=setup.start.t + min(short, span))
     with suppress(FeclothError):  # the run itself will say so
         _run_once(solve, first, most)
     row, seconds = _run_once(solve, setup, most)
     spent = [seconds]
-    while len(spent) < repeats and sum(spent) < SHORT:
+    while len(spent) < repeats and sum(spent) < LONG_ENOUGH:
         spent.append(_run_once(solve, setup, most)[1])
     return row, min(spent)
 
 
 def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
-    (chosen, solver), sizes = setup.choose(), [0.0]
+    """Run over time or load steps; without `whole` only start and end have rows."""
+    chosen, solver = setup.choose()
+    sizes = [0.0]
 
     def follow(info):
         sizes.append(info.dt)
@@ -142,7 +176,7 @@ def _march(setup: Setup, report: Callable[..., None], whole: bool) -> dict:
 
 
 def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict:
-    """Solve for the equilibrium, or do nothing without `rest`; the rows are start and end."""
+    """Find the equilibrium, or do nothing without `rest`; only start and end have rows."""
     state: Any = setup.start
     counted: dict[str, Any] = {"steps": 0, "newton": 0, "doubts": []}
     if rest:
@@ -163,22 +197,25 @@ def _solve(setup: Setup, report: Callable[..., None], rest: Rest | None) -> dict
 
 def columns_to_record(quantity: Quantity) -> list[str]:
     """Return the columns that a quantity needs over the whole run."""
-    needs = quantity.how in WHOLE or quantity.at is not None or on_request([quantity.column])
-    return [quantity.column] if needs else []
+    if quantity.how in WHOLE or quantity.at is not None or on_request([quantity.column]):
+        return [quantity.column]
+    return []
 
 
 def record_of(row: Mapping, quantity: Quantity, cloth: Cloth | None, probes=()) -> RunRecord:
-    """Return what a quantity is computed from, of a row of `measure`."""
-    needs = bool(columns_to_record(quantity))
-    whole = row["columns" if needs else "ends"]
-    times = row["times"] if needs else [row["times"][0], row["times"][-1]]
+    """Return what a quantity is computed from, out of a row of `measure`."""
+    columns_of_run = row["ends"]
+    times = [row["times"][0], row["times"][-1]]
+    if columns_to_record(quantity):
+        columns_of_run = row["columns"]
+        times = row["times"]
     fields = {name: np.array(row[name]) for name in ("displacement", "velocity")}
     return RunRecord(
-        np.array(times),
-        {name: np.array(values) for name, values in whole.items()},
-        cloth,
-        fields,
-        tuple(probes),
-        tuple(row.get("frequencies", ())),
-        {quantity.text: row.get("function", math.nan)},
+        times=np.array(times),
+        columns={name: np.array(values) for name, values in columns_of_run.items()},
+        cloth=cloth,
+        fields=fields,
+        probes=tuple(probes),
+        frequencies=tuple(row.get("frequencies", ())),
+        values={quantity.text: row.get("function", math.nan)},
     )

@@ -17,15 +17,17 @@ from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
-from fecloth.study.figures import Figure, new_figure
+from fecloth.study.figures import COLUMNS, Figure, new_figure
 from fecloth.study.result import StudyResult, Table
 from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-BALANCED = 0.01  # part of the forces that may be out of balance
-SYMMETRIC = 1e-6  # asymmetry of K that changes no frequency visibly
-SHOWN = 0.1  # extents of the cloth by which the files show a mode
+# The unbalanced forces over all forces: up to it a state counts as an equilibrium.
+EQUILIBRIUM_FORCES = 0.01
+# The asymmetry of K over K: up to it no frequency changes visibly.
+SYMMETRIC_STIFFNESS = 1e-6
+SHOWN_DISPLACEMENT = 0.1  # largest displacement of a mode in the files over the cloth's extent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +59,7 @@ class Modes(StudyResult):
         (count, n, 3) u with u · M u = 1 [1/√kg], zero where pins hold.
     zero
         Frequency [Hz] up to which a mode counts as one without stiffness, such as the
-        motion of a rigid body: round-off hides whether it is more.
+        motion of a rigid body. Round-off hides whether its frequency is really 0.
     """
 
     system: System
@@ -79,11 +81,12 @@ class Modes(StudyResult):
     def notes(self) -> list[str]:
         """What the figure shows."""
         words = (
-            "The colour is the displacement of a mode along the direction in which it moves most, "
-            "over its largest one, on the flat cloth."
+            "The colour is the displacement of a mode along the direction in which it moves "
+            "most, over its largest one, on the flat cloth."
         )
-        shown = f" The figure shows the first {MOST} modes, the table all."
-        return [words + shown * (len(self.frequencies) > MOST)]
+        if len(self.frequencies) > MOST_PANELS:
+            words += f" The figure shows the first {MOST_PANELS} modes, the table all."
+        return [words]
 
     def write(self, folder: str | Path) -> Path:
         """Write a frame for each mode, for ParaView; return the .pvd file.
@@ -98,14 +101,15 @@ class Modes(StudyResult):
         frames = Frames(folder / "modes", cloth, stem="frames/mode")
         for number, shape in enumerate(self.shapes, start=1):
             shape = shape / np.linalg.norm(shape, axis=1).max()
-            shown = State(float(number), self.state.x + SHOWN * cloth.extent * shape, 0.0 * shape)
-            frames.add(shown, ({"shape": shape}, {}))
+            x = self.state.x + SHOWN_DISPLACEMENT * cloth.extent * shape
+            frames.add(State(float(number), x, 0.0 * shape), ({"shape": shape}, {}))
         return frames.opens
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{f:.4g}" for f in self.frequencies[:6])
-        more = ", …" if len(self.frequencies) > 6 else ""
-        return f"<{amount(len(self.frequencies), 'mode')}: {shown}{more} Hz; {self.verdict}>"
+        if len(self.frequencies) > 6:
+            shown += ", …"
+        return f"<{amount(len(self.frequencies), 'mode')}: {shown} Hz; {self.verdict}>"
 
 
 def modes(system: System, state: State, *, count: int = 6) -> Modes:
@@ -167,8 +171,12 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
     doubts = tuple(_find_doubts(pairs, unbalanced))
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=2)
-    numbered = enumerate(zip(frequencies.tolist(), pairs.values.tolist(), strict=True), start=1)
-    rows = [{"mode": i, "frequency [Hz]": f, "eigenvalue [1/s²]": w} for i, (f, w) in numbered]
+    rows = []
+    for k in range(len(frequencies)):
+        frequency = float(frequencies[k])
+        eigenvalue = float(pairs.values[k])
+        row = {"mode": k + 1, "frequency [Hz]": frequency, "eigenvalue [1/s²]": eigenvalue}
+        rows.append(row)
     return Modes(
         title=f"Modes of {len(state.x)} nodes",
         verdict=_verdict(frequencies, zero),
@@ -184,6 +192,7 @@ def modes(system: System, state: State, *, count: int = 6) -> Modes:
 
 
 def _verdict(f: np.ndarray, zero: float) -> str:
+    """Return whether modes grow or have no stiffness, and the lowest frequency of the others."""
     unstable = int((f < -zero).sum())
     soft = int((f <= zero).sum())
     count = len(f)
@@ -195,21 +204,24 @@ def _verdict(f: np.ndarray, zero: float) -> str:
     if soft == count:
         return f"none of the {count} lowest modes has any stiffness"
     lowest = f"the lowest frequency is {f[soft]:.4g} Hz"
+    if soft == 1:
+        return f"1 mode has no stiffness; of the others {lowest}"
     if soft:
-        have = "1 mode has" if soft == 1 else f"{soft} modes have"
-        return f"{have} no stiffness; of the others {lowest}"
+        return f"{soft} modes have no stiffness; of the others {lowest}"
     return f"stable: {lowest}"
 
 
 def _frequencies(eigenvalues: np.ndarray) -> np.ndarray:
-    """±√|ω²|/(2π) [Hz] with the sign of ω²."""
+    """Return ±√|ω²|/(2π) [Hz] with the sign of ω²."""
     size: np.ndarray = np.sqrt(np.abs(eigenvalues)) / (2 * math.pi)
     return np.copysign(size, eigenvalues)
 
 
 def _unbalanced(system: System, state: State) -> float:
-    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces."""
-    # It is 0 where the forces are round-off.
+    """Return ‖f‖ of the free directions, at rest, over the sum of the sizes of all forces.
+
+    It is 0 where the forces are round-off.
+    """
     equation = StaticEquation(system, state)
     f, scale = equation.forces(equation.at(state.x))
     size = system.sums.norm(f)
@@ -219,7 +231,8 @@ def _unbalanced(system: System, state: State) -> float:
 
 
 def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
-    if unbalanced > BALANCED:
+    """Yield the reasons to doubt the modes."""
+    if unbalanced > EQUILIBRIUM_FORCES:
         words = (
             f"the state is not in equilibrium ({100 * unbalanced:.2g} % of the forces are not "
             "balanced): the modes belong to the stiffness there"
@@ -231,12 +244,12 @@ def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
         yield Doubt(DoubtKind.BALANCE, words, remedy)
     if pairs.values[0] < -pairs.zero:
         rate = math.sqrt(-pairs.values[0])
-        yield Doubt(
-            DoubtKind.INSTABILITY,
+        words = (
             f"the state is unstable: ω² = {pairs.values[0]:.3g} 1/s² < 0, so that a disturbance "
-            f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies",
+            f"grows by the factor e in {1 / rate:.3g} s; unstable modes have negative frequencies"
         )
-    if pairs.asymmetry > SYMMETRIC:
+        yield Doubt(DoubtKind.INSTABILITY, words)
+    if pairs.asymmetry > SYMMETRIC_STIFFNESS:
         words = (
             f"the stiffness is not symmetric (by {pairs.asymmetry:.1g} of its size): the modes are "
             "modes of its symmetric part, and flutter is not found"
@@ -244,8 +257,8 @@ def _find_doubts(pairs: Eigenpairs, unbalanced: float) -> Iterator[Doubt]:
         yield Doubt(DoubtKind.TERMS, words)
 
 
-COLUMNS, MOST = 3, 12  # panels side by side, and in all
-PANEL = 2.6  # inches
+MOST_PANELS = 12  # of the figure: four rows of three
+PANEL_WIDTH = 2.6  # inches: three panels with a colour bar are as wide as other figures
 
 
 def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Figure:
@@ -254,20 +267,29 @@ def draw_modes(cloth: Cloth, frequencies: np.ndarray, shapes: np.ndarray) -> Fig
     The colour is the displacement along the direction in which the mode moves most, relative to
     the largest one.
     """
-    count = min(len(shapes), MOST)
+    count = min(len(shapes), MOST_PANELS)
     columns = min(count, COLUMNS)
     rows = math.ceil(count / COLUMNS)
     width, height = np.ptp(cloth.X, axis=0)
-    tall = PANEL * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
-    figure, axes = new_figure(rows, columns, (PANEL * columns + 0.6, max(tall * rows, PANEL)))
+    panel_height = PANEL_WIDTH * min(max(height / width, 0.3), 2.0) + 0.4  # with the title
+    size = PANEL_WIDTH * columns + 0.6, max(panel_height * rows, PANEL_WIDTH)
+    figure, axes = new_figure(rows, columns, size)
     axes = np.atleast_1d(axes).ravel()
     for axis, frequency, shape in zip(axes, frequencies, shapes, strict=False):
         along = np.linalg.svd(shape, full_matrices=False)[2][0]
         u = shape @ along
         u = u / u[abs(u).argmax()]
-        smooth = {"shading": "gouraud", "rasterized": True}  # SVG has no colours between nodes
-        look = {"cmap": "RdBu_r", "vmin": -1, "vmax": 1, **smooth}
-        colours = axis.tripcolor(*cloth.X.T, cloth.triangles, u, **look)
+        colours = axis.tripcolor(
+            cloth.X[:, 0],
+            cloth.X[:, 1],
+            cloth.triangles,
+            u,
+            cmap="RdBu_r",
+            vmin=-1,
+            vmax=1,
+            shading="gouraud",
+            rasterized=True,  # SVG has no colours between nodes
+        )
         axis.set_title(f"{frequency:.4g} Hz", fontsize=10)
         axis.set_aspect("equal")
     for axis in axes:

@@ -17,11 +17,21 @@ from fecloth.study.workload import LONGEST
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Opened:
-    """A problem that is open for studies."""
+    """A problem that is open for studies.
 
-    problems: tuple[Problem, ...]  # several for `compare` alone
+    Attributes
+    ----------
+    problems
+        The problem; several only for `compare`.
+    given
+        How cases run.
+    takes_usual_limit
+        Whether each study chooses the longest time of a case, because none was given.
+    """
+
+    problems: tuple[Problem, ...]
     given: Runs
-    takes_usual_limit: bool  # whether each study chooses the longest time of a case
+    takes_usual_limit: bool
 
     @classmethod
     @checks_arguments
@@ -94,22 +104,32 @@ class Opened:
         >>> print(study.compare("stiffness=40,20", "tip.x").verdict[:37])
         tip.x: stiffness = 20 is 2.107443 ± 0
         """
-        several = isinstance(problem, Sequence) and not isinstance(problem, str)
-        listed: Any = problem if several else [problem]
+        listed: Any = problem
+        if isinstance(problem, str) or not isinstance(problem, Sequence):
+            listed = [problem]
         if not listed:
             raise InputError("problem = []", "must be at least one scene or function", "study")
-        usual = time_limit == "auto"
-        limit: Any = None if usual else time_limit
-        given = Runs(cache, jobs, scheduler, limit, most_seconds, fresh)
-        sizes = h, dt, t_end, probes, settings
-        return cls(tuple(open_problem(source, *sizes) for source in listed), given, usual)
+        given = Runs(
+            cache=cache,
+            jobs=jobs,
+            scheduler=scheduler,
+            time_limit=None if time_limit == "auto" else time_limit,
+            most_seconds=most_seconds,
+            fresh=fresh,
+        )
+        problems = [
+            open_problem(source, h=h, dt=dt, t_end=t_end, probes=probes, settings=settings)
+            for source in listed
+        ]
+        return cls(tuple(problems), given, takes_usual_limit=time_limit == "auto")
 
     @property
     def problem(self) -> Problem:
         """The only problem; several are an `InputError`."""
         if len(self.problems) > 1:
             what = f"{len(self.problems)} problems"
-            raise InputError(what, "only compare takes several", "study", "Open a single problem.")
+            remedy = "Open a single problem."
+            raise InputError(what, "only compare takes several", "study", remedy)
         return self.problems[0]
 
     def runs(self, usual_limit: float | None = None) -> Runs:
@@ -119,7 +139,8 @@ class Opened:
         return self.given
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {', '.join(problem.name for problem in self.problems)}>"
+        names = ", ".join(problem.name for problem in self.problems)
+        return f"<{type(self).__name__} of {names}>"
 
 
 def open_study(problem: Any, shared: Mapping[str, Any]) -> Opened:

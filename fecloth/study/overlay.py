@@ -22,11 +22,12 @@ class Overlay:
     Attributes
     ----------
     first
-        A.
+        Result A: its system and its state.
     second
-        B.
+        Result B: its system and its state.
     arrays
-        `other`, x_B(X), and `difference`, x_B(X) − x_A(X), (n, 3) at the nodes of A.
+        `other`, the positions x_B(X), and `difference`, x_B(X) − x_A(X). Both are (n, 3), at the
+        nodes of A.
     """
 
     first: tuple[System, State]
@@ -35,18 +36,24 @@ class Overlay:
 
     @classmethod
     def of(cls, first: tuple[System, State], second: tuple[System, State]) -> "Overlay":
-        """Return the overlay; raise `MeshError` if a node of A does not lie on the cloth of B."""
-        (a, at_a), (b, at_b) = first, second
-        return cls(first, second, overlay_arrays(a.cloth, at_a.x, b.cloth, at_b.x))
+        """Return the overlay of two results.
+
+        Raises `MeshError` if a node of A does not lie on the cloth of B.
+        """
+        system_a, state_a = first
+        system_b, state_b = second
+        arrays = overlay_arrays(system_a.cloth, state_a.x, system_b.cloth, state_b.x)
+        return cls(first, second, arrays)
 
     def write(self, folder: str | Path) -> Path:
-        """Write first.pvd with `other` and `difference`, and second.pvd; return the former."""
+        """Write first.pvd with `other` and `difference`, and second.pvd; return first.pvd."""
         folder = Path(folder)
         system, state = self.first
         points, cells = fields(system, state)
         frames = Frames(folder / "first", system.cloth, system, stem="first")
         frames.add(state, (points | self.arrays, cells))
-        write_vtk(folder / "second", self.second[0].cloth, self.second[1], self.second[0])
+        other_system, other_state = self.second
+        write_vtk(folder / "second", other_system.cloth, other_state, other_system)
         return frames.opens
 
 
@@ -66,20 +73,28 @@ def compare_runs(folder_a: str | Path, folder_b: str | Path, output: str | Path)
     = x_B(X) − x_A(X). Raises `InputError` if a folder has no frames, or the runs have no time
     in common, and `MeshError` if a node of A does not lie on the cloth of B.
     """
-    a, b = Series.open(folder_a), Series.open(folder_b)
-    same = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
-    pairs = [(i, b.at(t)) for i, t in enumerate(a.times) if abs(b.times[b.at(t)] - t) <= same]
+    a = Series.open(folder_a)
+    b = Series.open(folder_b)
+    round_off = 1e-9 * max(abs(a.times[-1]), abs(b.times[-1]), 1e-300)
+    pairs = []
+    for i, t in enumerate(a.times):
+        nearest = b.at(t)
+        if abs(b.times[nearest] - t) <= round_off:
+            pairs.append((i, nearest))
     if not pairs:
         remedy = "Give both scenes the same t_end and output.frames."
         raise InputError(f"{folder_a} and {folder_b}", "have no time in common", "", remedy)
-    cloth, other = (_cloth_of(series.read(0)) for series in (a, b))
+    cloth = _cloth_of(a.read(0))
+    other_cloth = _cloth_of(b.read(0))
     path = Path(output)
     frames = Frames(path, cloth, stem=path.name)
     for i, k in pairs:
         frame = a.read(i)
-        kept = {name: frame.point_data[name] for name in ("displacement", "velocity", "reference")}
-        both = overlay_arrays(cloth, frame.points, other, b.read(k).points)
-        frames.add(State(frame.t, frame.points, kept["velocity"]), (kept | both, {}))
+        arrays = overlay_arrays(cloth, frame.points, other_cloth, b.read(k).points)
+        for name in ("displacement", "velocity", "reference"):
+            arrays[name] = frame.point_data[name]
+        state = State(frame.t, frame.points, frame.point_data["velocity"])
+        frames.add(state, (arrays, {}))
     return frames.opens
 
 

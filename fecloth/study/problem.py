@@ -1,4 +1,4 @@
-"""What a scene and a user's function have in common as problems, and what bounds their orders."""
+"""What scenes and users' functions have in common as problems, and what bounds their orders."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -16,22 +16,40 @@ from fecloth.terms.kinematics import principal_stretches
 from fecloth.terms.traits import has_kind, traits_of
 
 Asked = str | Callable[..., float] | Quantity
-ROUND = 0.5  # share of the corners of a boundary above which it is round
 
 
 class CommonProblem:
-    """What both kinds of problems derive from their name, first level and default `quantities`."""
+    """What both kinds of problems have in common.
+
+    Attributes
+    ----------
+    name
+        Name of the problem.
+    source
+        What errors name: the file of a scene, or the function.
+    h
+        Edge length of the first level [m]; None where there is none to refine.
+    dt
+        Fixed step of the first level [s]; None where there is none.
+    span
+        Length of the run [s]; None for an equilibrium.
+    first
+        The setup of the first level.
+    quantities
+        The quantities that are studied if none is asked for.
+    """
 
     name: str
-    source: str  # what errors name
-    h: float | None  # edge length [m]
-    dt: float | None  # fixed step [s]; None where there is none
-    span: float | None  # length of the run [s]; None of an equilibrium
+    source: str
+    h: float | None
+    dt: float | None
+    span: float | None
     first: Setup
     quantities: tuple[Quantity, ...]
 
     @property
     def is_static(self) -> bool:
+        """Whether it has no steps in time."""
         return self.first.is_static
 
     @property
@@ -40,14 +58,15 @@ class CommonProblem:
         return not self.is_static and self.first.steps.traits.explicit
 
     def can_refine(self, what: str) -> bool:
-        """Whether there is an h, or a fixed dt."""
-        return (self.h if what == "h" else self.dt) is not None
+        """Whether there is an h, or a fixed dt; `what` is "h" or "dt"."""
+        size = self.h if what == "h" else self.dt
+        return size is not None
 
     def refuse_methods(self, methods: Sequence[str] | None, study: str) -> None:
         """Raise `InputError` for methods of an equilibrium."""
         if methods and self.span is None:
-            words = f"methods = {methods!r}", "an equilibrium has no method"
-            raise InputError(*words, study, "Leave the methods out.")
+            allowed = "an equilibrium has no method"
+            raise InputError(f"methods = {methods!r}", allowed, study, "Leave the methods out.")
 
     @cached_property
     def has_contact(self) -> bool:
@@ -61,16 +80,18 @@ class CommonProblem:
 
     def orders(self, quantity: Quantity) -> tuple[float, float]:
         """Return the theoretical orders in h and in dt."""
-        if self.is_static:
-            time = 1.0
-        else:
-            time = float(self.first.steps.traits.order or 1)
-        return space_order(quantity, self.first), time
+        time_order = 1.0
+        if not self.is_static:
+            time_order = float(self.first.steps.traits.order or 1)
+        return space_order(quantity, self.first), time_order
 
     def choose_quantities(self, asked: Asked | Sequence[Asked] | None) -> tuple[Quantity, ...]:
         """Return the quantities that are asked for, or the problem's own."""
-        several = isinstance(asked, Sequence) and not isinstance(asked, str)
-        listed: Any = self.quantities if asked is None else asked if several else (asked,)
+        listed: Any = asked
+        if asked is None:
+            listed = self.quantities
+        elif isinstance(asked, str) or not isinstance(asked, Sequence):
+            listed = [asked]
         chosen = tuple(map(parse_quantity, listed))
         for quantity in chosen:
             self.check_quantity(quantity)
@@ -81,7 +102,9 @@ class CommonProblem:
 
     def choose_quantity(self, asked: Asked | None) -> Quantity:
         """Return the quantity that is asked for, or the first of the problem's own."""
-        return self.choose_quantities(self.quantities[:1] if asked is None else asked)[0]
+        if asked is None:
+            return self.choose_quantities(self.quantities[:1])[0]
+        return self.choose_quantities(asked)[0]
 
     def check_quantity(self, quantity: Quantity) -> None:
         """Raise `InputError` for a quantity that the run does not have."""
@@ -91,35 +114,38 @@ class CommonProblem:
 
 def quantities_of(probes: Sequence[str], static: bool) -> tuple[Quantity, ...]:
     """Return the usual quantities of a run with these probes."""
-    names = [name if static else f"path of {name}" for name in probes]
-    return tuple(parse_quantity(name) for name in names or ["displacement"])
+    if not probes:
+        return (parse_quantity("displacement"),)
+    return tuple(parse_quantity(name if static else f"path of {name}") for name in probes)
 
 
 def space_order(quantity: Quantity, setup: Setup) -> float:
     """Return the theoretical order in h, for a smooth solution.
 
-    For linear triangles it is 2, for gradients 1; of quadratic triangles 3, of gradients 2,
-    and 4 of energies, frequencies, areas, volumes and reactions. With bending or a round
-    border of straight edges it is at most 2. `find_obstacles` says where point values have
-    order 2 only.
+    Linear triangles have order 2, and 1 for gradients. Quadratic triangles have order 3, 2 for
+    gradients, and 4 for energies, frequencies, areas, volumes and reactions. With bending, or a
+    round border of straight edges, the order is at most 2. `find_obstacles` says where point
+    values have order 2 only.
     """
     is_gradient = quantity.norm == "h1" or quantity.name.endswith("stretch")
     if setup.cloth.element == "P1":
         return 1.0 if is_gradient else 2.0
-    if has_bending(setup) or is_round(setup.cloth):
+    if has_bending(setup) or is_round(setup.cloth) or is_gradient:
         return 2.0
-    names = {*setup.system.names, "kinetic", "total", "area", "volume"}
-    is_mean = quantity.how in ("mode", "period", "frequency") or quantity.column in names
-    is_mean |= quantity.column.startswith(("reaction", "line_force"))
-    return 2.0 if is_gradient else 4.0 if is_mean else 3.0
+    mean_columns = {*setup.system.names, "kinetic", "total", "area", "volume"}
+    is_mean = quantity.how in ("mode", "period", "frequency") or quantity.column in mean_columns
+    if is_mean or quantity.column.startswith(("reaction", "line_force")):
+        return 4.0
+    return 3.0
 
 
 def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
-    """Return the edges of the border (b, 2), and by how much it turns at each node (n,), |sin|."""
+    """Return the edges (b, 2) of the border, and |sin| of its turn at each node (n,)."""
     edges = np.concatenate([cloth.triangles[:, [i, (i + 1) % 3]] for i in range(3)]).astype(int)
-    key = edges @ [len(cloth.X), 1]
-    back = edges @ [1, len(cloth.X)]
-    edges = edges[~np.isin(key, back)]  # of one triangle only, with the cloth on their left
+    number = edges @ [len(cloth.X), 1]
+    number_of_reverse = edges @ [1, len(cloth.X)]
+    # An edge of the border belongs to one triangle only, which lies on its left.
+    edges = edges[~np.isin(number, number_of_reverse)]
     along = np.diff(cloth.X[edges], axis=1)[:, 0]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     arriving, leaving = np.zeros((2, len(cloth.X), 2))
@@ -129,14 +155,17 @@ def border_of(cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_round(cloth: Cloth) -> bool:
-    """Whether most corners of the border turn: a round shape, meshed with straight edges."""
+    """Whether the border turns at most of its nodes, as the mesh of a round shape does."""
     edges, turning = border_of(cloth)
-    return bool(len(edges)) and float(np.mean(turning[edges[:, 0]] > 1e-3)) > ROUND
+    turns = turning[edges[:, 0]] > 1e-3
+    return bool(np.count_nonzero(turns) > len(turns) / 2)
 
 
-SLACK = 0.05  # strain across, relative to that along, below which a cloth is slack across
-ROUND_OFF = 1e-9  # strain
-FOLDED = 0.9  # least stretch below which a cloth has folds or wrinkles
+# The median strain across the median strain of the larger direction: below it a cloth is slack
+# across.
+SLACK_STRAIN_RATIO = 0.05
+# The least stretch of a triangle at the end of a run: below it a cloth has folds or wrinkles.
+FOLDED_STRETCH = 0.9
 
 
 def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray) -> list[str]:
@@ -146,6 +175,7 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
     end.
     """
     system = setup.system
+    bends = has_bending(setup)
     remarks = []
     for name, (_, nodes) in system.constraints.groups.items():
         if len(nodes) == 1:
@@ -159,12 +189,14 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
             "log(1/h); spread it over an area"
         )
     least = ends.get("least_stretch", [1.0])[-1]
-    bends = has_bending(setup)
-    if least < FOLDED:
-        remarks.append(
+    if least < FOLDED_STRETCH:
+        remark = (
             f"a triangle is compressed to {least:.2f} of its length: folds and wrinkles differ "
-            "from mesh to mesh" + ("" if bends else ", without bending down to the edge length")
+            "from mesh to mesh"
         )
+        if not bends:
+            remark += ", without bending down to the edge length"
+        remarks.append(remark)
     if any(traits_of(term).by_pattern for term in system.terms):
         remarks.append(
             "the bending of hinges depends on the pattern of the mesh; PlateBending converges on "
@@ -177,8 +209,8 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
         )
     if setup.cloth.element == "P2" and not bends and is_slack_across(setup.cloth, x):
         remarks.append(
-            "most of the cloth has tension in one direction only, so that nothing holds it between "
-            "the lines of tension: there point values of quadratic triangles have order 2"
+            "most of the cloth has tension in one direction only, so that nothing holds it "
+            "between the lines of tension: there point values of quadratic triangles have order 2"
         )
     return remarks
 
@@ -186,8 +218,10 @@ def find_obstacles(setup: Setup, ends: Mapping[str, list[float]], x: np.ndarray)
 def is_slack_across(cloth: Cloth, x: np.ndarray) -> bool:
     """Whether most of the cloth is stretched in one direction, and not across."""
     smaller, larger = np.median(principal_stretches(cloth, x) - 1, axis=0)
-    return bool(larger > ROUND_OFF and smaller < SLACK * larger)
+    is_stretched = larger > np.sqrt(np.finfo(float).eps)  # more than by round-off
+    return bool(is_stretched and smaller < SLACK_STRAIN_RATIO * larger)
 
 
 def has_bending(setup: Setup) -> bool:
+    """Whether a term resists bending."""
     return has_kind(setup.system.terms, "bending")

@@ -22,7 +22,11 @@ def open_problem(
     probes: Sequence[Probe] = (),
     settings: Mapping[str, object] | None = None,
 ) -> Problem:
-    """Return the problem of a scene, its path, or a function; see `converge`."""
+    """Return the problem of a scene, its path, or a function.
+
+    The other arguments are for a function, see `fecloth.study.of`; for a scene they raise
+    `InputError`.
+    """
     if isinstance(problem, Scene | str | Path):
         named = {"h": h, "dt": dt, "t_end": t_end, "probes": probes or None, **(settings or {})}
         given = [name for name, value in named.items() if value is not None]
@@ -36,4 +40,4 @@ def open_problem(
         allowed = "must be a scene, its path, or a function of h and dt"
         raise InputError(f"problem = {problem!r}", allowed)
     accepted(problem, settings or {})  # refuses what the function does not take
-    return FunctionProblem(problem, h, dt, t_end, tuple(probes), settings or {})
+    return FunctionProblem(problem, h, dt, t_end, placed=tuple(probes), settings=settings or {})

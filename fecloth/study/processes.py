@@ -1,4 +1,4 @@
-"""Run cases in processes of this machine, which are killed when they are late, or on a cluster."""
+"""Run cases in processes of this machine, which end when they are late, or on a cluster."""
 
 import multiprocessing
 import os
@@ -17,11 +17,12 @@ from fecloth.study import status, threads
 from fecloth.study.command import require_packages
 from fecloth.study.fingerprint import load_function, source_hash
 
-# The system ends a late process after this many times its CPU time: a case that looks at its
-# limit by itself comes before it. A process that hangs is stopped after this many times its
-# limit by the clock, and at least so many seconds [s].
-LATER = 1.2
-HANGING = 30.0
+# The CPU time at which the system ends a late process over its limit: a case that looks at its
+# limit by itself ends before it.
+LATE_OVER_LIMIT = 1.2
+# The time by the clock at which a process counts as hanging over its limit of CPU time, and the
+# least such time [s]: a busy machine may take that long.
+HANGING_OVER_LIMIT = 30.0
 LEAST_HANGING = 60.0
 ENDED_BY_TIMER = -signal.SIGPROF if os.name == "posix" else None
 
@@ -34,12 +35,13 @@ def run_case(file: str, name: str, settings: dict, time_limit: float | None = No
 def run_in_processes(
     cases: Sequence[Any], count: int, time_limit: float | None
 ) -> Iterator[tuple[Any, dict]]:
-    """Yield (case, result) as they finish in `count` processes; replace each stopped process."""
-    # The limit is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
-    if time_limit is None:
-        hanging = None
-    else:
-        hanging = max(HANGING * time_limit, LEAST_HANGING)
+    """Yield (case, result) as they finish in `count` processes; replace each stopped process.
+
+    `time_limit` is CPU time [s]. A process that hangs takes none: it is stopped by the clock.
+    """
+    hanging = None
+    if time_limit is not None:
+        hanging = max(HANGING_OVER_LIMIT * time_limit, LEAST_HANGING)
     first = cases[0]
     context = multiprocessing.get_context("spawn")
     pool = ProcessPool(count, 0, _start_worker, (first.file, first.name), context)
@@ -64,10 +66,10 @@ def _start_worker(file: str, name: str) -> None:
 
 
 def _run_limited(file: str, name: str, settings: dict, time_limit: float | None) -> dict:
-    """Run a case; the system ends the process at its limit of CPU time, also in compiled code."""
+    """Run a case; the system ends the process when it is late, also in compiled code."""
     if time_limit is None or os.name != "posix":
         return run_case(file, name, settings, time_limit)
-    signal.setitimer(signal.ITIMER_PROF, LATER * time_limit)
+    signal.setitimer(signal.ITIMER_PROF, LATE_OVER_LIMIT * time_limit)
     try:
         return run_case(file, name, settings, time_limit)
     finally:
@@ -98,11 +100,12 @@ def _one_thread_environment() -> Iterator[None]:
         yield
     finally:
         for name, value in before.items():
-            os.environ.pop(name)
-            os.environ.update({} if value is None else {name: value})
+            del os.environ[name]
+            if value is not None:
+                os.environ[name] = value
 
 
-PATIENCE = 10.0  # s to reach the scheduler and its first worker
+PATIENCE = 10.0  # time to wait for the scheduler, and for its first worker [s]
 
 
 def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[tuple]:
@@ -119,8 +122,16 @@ def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[
             _check_workers(client, scheduler, file, source)
         case_of = {}
         for case in cases:
-            task = (case.file, case.name, case.source, dict(case.settings), time_limit)
-            case_of[client.submit(run_checked_case, *task, pure=False)] = case
+            future = client.submit(
+                run_checked_case,
+                case.file,
+                case.name,
+                case.source,
+                dict(case.settings),
+                time_limit,
+                pure=False,  # a case that is submitted again runs again
+            )
+            case_of[future] = case
         for future in as_completed(case_of):
             yield case_of[future], _result_of_task(future)
 
@@ -128,7 +139,7 @@ def run_on_cluster(cases, scheduler: str, time_limit: float | None) -> Iterator[
 def run_checked_case(
     file: str, name: str, source: str, settings: dict, time_limit: float | None
 ) -> dict:
-    """Run one case on a worker, unless its sources are others than those of the study."""
+    """Run one case on a worker, unless the worker has other sources than the study."""
     if mistake := find_mistake(file, source):
         return {"status": status.ERROR, "cause": mistake}
     return run_case(file, name, settings, time_limit)
@@ -148,6 +159,7 @@ def find_mistake(file: str, source: str) -> str:
 
 
 def _connect(scheduler: str):
+    """Return a client of the scheduler; raise `InputError` if it does not answer."""
     from distributed import Client
 
     remedy = "studies/README.md says how to start a scheduler and workers."
@@ -176,9 +188,12 @@ def _check_workers(client, scheduler: str, file: str, source: str) -> None:
 
 
 def _result_of_task(future) -> dict:
+    """Return the result of a case, or the status of a case that has none."""
     error = future.exception()
     if error is None:
         return future.result()
-    was_killed = type(error).__name__ == "KilledWorker"
-    word = status.KILLED if was_killed else status.ERROR
-    return {"status": word, "cause": f"{type(error).__name__}: {error}"}
+    kind = type(error).__name__
+    word = status.ERROR
+    if kind == "KilledWorker":
+        word = status.KILLED
+    return {"status": word, "cause": f"{kind}: {error}"}

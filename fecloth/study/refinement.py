@@ -18,17 +18,29 @@ from fecloth.study.run_problems import Point, Runs, check_points, doubts_of, rec
 from fecloth.study.status import OK
 from fecloth.study.uncertainty import UNSAFE, estimate_uncertainty
 
-CLOSER = 10.0  # rtol over rtol of the run that shows the error of chosen steps
+# rtol over rtol of the run that shows the error of chosen steps: the error falls to a fifth, so
+# that the change is most of it.
+RTOL_RATIO = 10.0
 RTOL_ORDER = 2 / 3  # global errors of adaptive steps are about proportional to rtol^(2/3)
 
 
 def refine_problem(
     opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None, runs: Runs
 ) -> Convergence:
-    """Run the levels, and return what they say."""
-    cases = levels_to_run(opened, quantity, refine, levels, ratio)
+    """Run the levels of a problem, and return what they say about the quantity.
+
+    Parameters
+    ----------
+    refine
+        "h", "dt" or "both".
+    levels
+        Their number, from 3.
+    ratio
+        The size of a level over the size of the next one; None for the usual ratio.
+    """
+    refined = levels_to_run(opened, quantity, refine, levels, ratio)
     opened.check_quantity(quantity)
-    points = [Point(opened, case, str(case), opened.workload(case)) for case in cases]
+    points = [Point(opened, level, str(level), opened.workload(level)) for level in refined]
     check_points(points, runs)
     rows = run_points(points, [quantity], runs)
     return summarise(opened, quantity, refine, rows[:levels], rows[levels:])
@@ -37,29 +49,32 @@ def refine_problem(
 def levels_to_run(
     opened: Problem, quantity: Quantity, refine: str, levels: int, ratio: float | None
 ) -> list[Level]:
-    """Return the levels, coarse to fine, and after them the levels for the other shares."""
-    orders = opened.orders(quantity)
-    made = make_levels(refine, levels, ratio or opened.ratio(refine), *orders)
-    return made + _cases_for_shares(opened, quantity, refine)
+    """Return the levels, coarse to fine, and after them the levels that show other errors."""
+    space_order, time_order = opened.orders(quantity)
+    made = make_levels(refine, levels, ratio or opened.ratio(refine), space_order, time_order)
+    return made + _levels_for_other_errors(opened, quantity, refine)
 
 
-def _cases_for_shares(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
-    """Return cases on the first level: finer in what is not refined, and a sharper solver.
+def _levels_for_other_errors(opened: Problem, quantity: Quantity, refine: str) -> list[Level]:
+    """Return levels that change the first one where the refined levels do not.
 
-    Of steps that their error chooses rtol is divided, in place of dt. With contact the gaps are
-    halved in one of them.
+    One is finer in dt, where h is refined, or in h, where dt is. If the error chooses the steps,
+    rtol is divided in place of dt. One halves the gaps of contact, if there is contact. One
+    divides the tolerance of the solver.
     """
-    gaps = [Level(gap=2.0)] if opened.has_contact else []
-    if opened.is_static or quantity.how == "mode":
-        return gaps
-    other = {"h": Level(dt=2.0), "dt": Level(h=opened.ratio("h"))}.get(refine)
-    if other and opened.can_refine("dt" if refine == "h" else "h"):
-        cases = [other]
-    else:
-        cases = []
-    if refine == "h" and opened.rtol:
-        cases = [Level(rtol=CLOSER)]
-    return cases + gaps + ([] if opened.is_explicit else [Level(sharper=100.0)])
+    levels = []
+    in_time = not (opened.is_static or quantity.how == "mode")
+    if in_time and refine == "h" and opened.rtol:
+        levels.append(Level(rtol=RTOL_RATIO))
+    elif in_time and refine == "h" and opened.can_refine("dt"):
+        levels.append(Level(dt=2.0))
+    elif in_time and refine == "dt" and opened.can_refine("h"):
+        levels.append(Level(h=opened.ratio("h")))
+    if opened.has_contact:
+        levels.append(Level(gap=2.0))
+    if in_time and not opened.is_explicit:
+        levels.append(Level(sharper=100.0))
+    return levels
 
 
 def summarise(
@@ -69,10 +84,18 @@ def summarise(
     rows: Sequence[Mapping],
     more: Sequence[Mapping],
 ) -> Convergence:
-    """Return the result from the rows of all levels, coarse to fine, and the rows for shares."""
-    orders = opened.orders(quantity)
-    theory = orders[1] if refine == "dt" else orders[0]
-    shown: dict[str, Any] = {
+    """Return the result from the rows of all levels.
+
+    Parameters
+    ----------
+    rows
+        Rows of the refined levels, coarse to fine.
+    more
+        Rows of the levels that show other errors.
+    """
+    space_order, time_order = opened.orders(quantity)
+    theory = time_order if refine == "dt" else space_order
+    described: dict[str, Any] = {
         "levels": rows,
         "others": more,
         "title": opened.name,
@@ -82,52 +105,70 @@ def summarise(
         "theory": theory,
     }
     rows = [{**row, "h": _edge(opened, rows[0], row)} for row in rows]
-    failed = [row for row in rows if row["status"] != OK]
-    if failed:
-        if failed[0]["cause"]:
-            cause = failed[0]["cause"].splitlines()[0]
-        else:
-            cause = failed[0]["status"]
-        verdict = f"not known: {len(failed)} of {len(rows)} levels failed; the first: {cause}"
-        return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
-    values, sequence = _values_of_levels(quantity, rows)
-    if not np.isfinite(sequence).all():
-        verdict = f"not known: {quantity.text} has no value on a level"
-        return Convergence(verdict=verdict, table=Table(tuple(map(_table_row, rows))), **shown)
+    if failure := _find_failure(rows):
+        return _answer_unknown(failure, rows, described)
+    values, judged_numbers = _values_of_levels(quantity, rows)
+    if not np.isfinite(judged_numbers).all():
+        return _answer_unknown(f"{quantity.text} has no value on a level", rows, described)
     sizes = [row["step"] if refine == "dt" else row["h"] for row in rows]
-    estimate = estimate_uncertainty(sizes, sequence, theory)
+    estimate = estimate_uncertainty(sizes, judged_numbers, theory)
+    least_error = 0.0
+    if estimate.behaviour not in ("monotone", "constant"):
+        least_error = estimate.uncertainty / UNSAFE  # the finest level is not exact
     name = {"h": "mesh", "dt": "time step"}.get(refine, "mesh and time step")
-    known = estimate.behaviour in ("monotone", "constant")
-    least = 0.0 if known else estimate.uncertainty / UNSAFE  # the finest is not exact
-    shares = {name: max(abs(estimate.value - estimate.limit), least)}
-    base = record_at(rows[0], quantity)
-    able = [row for row in more if row["status"] == OK]
-    apart = [difference_of(quantity, base, record_at(row, quantity)) for row in able]
-    shares |= other_shares(refine, orders, rows[0], able, apart)
-    added = sum(UNSAFE * part for part in list(shares.values())[1:])
-    uncertainty = estimate.uncertainty + added
-    obstacles = list(rows[-1]["obstacles"]) if refine != "dt" else []
+    own_share = {name: max(abs(estimate.value - estimate.limit), least_error)}
+    finished = [row for row in more if row["status"] == OK]
+    first = record_at(rows[0], quantity)
+    changes = [difference_of(quantity, first, record_at(row, quantity)) for row in finished]
+    others = other_shares(refine, (space_order, time_order), rows[0], finished, changes)
+    uncertainty = estimate.uncertainty + sum(UNSAFE * share for share in others.values())
+    obstacles = []
+    if refine != "dt":
+        obstacles = list(rows[-1]["obstacles"])
     wrinkles = (doubt for doubt in doubts_of(rows[-1]) if doubt.kind is DoubtKind.WRINKLES)
     doubt = next(wrinkles, None)
-    converges, verdict = judge(estimate, sizes, sequence, obstacles, abs(values[-1]), doubt)
-    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, shown['unit'])}"
-    lines = [
-        _table_row(row) | {"value": value, "error": max(abs(difference - estimate.limit), least)}
-        for row, value, difference in zip(rows, values, sequence, strict=True)
-    ]
+    converges, verdict = judge(estimate, sizes, judged_numbers, obstacles, abs(values[-1]), doubt)
+    answer = f"{quantity.text} = {with_uncertainty(values[-1], uncertainty, described['unit'])}"
+    errors = [max(abs(number - estimate.limit), least_error) for number in judged_numbers]
+    shares = own_share | others
     return Convergence(
         verdict=f"{verdict}: {answer}" if converges else f"{verdict}\nFinest level: {answer}",
-        table=Table(tuple(lines)),
+        table=_make_table(rows, values, errors),
         value=values[-1],
         uncertainty=uncertainty,
-        limit=estimate.limit if sequence is values else math.nan,
+        limit=estimate.limit if judged_numbers is values else math.nan,
         order=estimate.order,
         converges=converges,
         shares=shares,
         estimate=estimate,
         remarks=tuple(_remarks(rows, shares)),
-        **shown,
+        **described,
     )
+
+
+def _answer_unknown(why: str, rows: Sequence[Mapping], described: Mapping) -> Convergence:
+    """Return a result without a value; `described` says what was studied."""
+    table = Table(tuple(map(_table_row, rows)))
+    return Convergence(verdict=f"not known: {why}", table=table, **described)
+
+
+def _make_table(rows: Sequence[Mapping], values: Sequence[float], errors: Sequence[float]) -> Table:
+    """Return a table of levels with the value and the error of each."""
+    table_rows = []
+    for row, value, error in zip(rows, values, errors, strict=True):
+        table_rows.append(_table_row(row) | {"value": value, "error": error})
+    return Table(tuple(table_rows))
+
+
+def _find_failure(rows: Sequence[Mapping]) -> str:
+    """Return how many levels failed and the cause of the first; "" if none failed."""
+    failed = [row for row in rows if row["status"] != OK]
+    if not failed:
+        return ""
+    cause = failed[0]["status"]
+    if failed[0]["cause"]:
+        cause = failed[0]["cause"].splitlines()[0]
+    return f"{len(failed)} of {len(rows)} levels failed; the first: {cause}"
 
 
 def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list, list]:
@@ -140,8 +181,8 @@ def _values_of_levels(quantity: Quantity, rows: Sequence[Mapping]) -> tuple[list
     values = [value_of(quantity, record) for record in records]
     if is_number(quantity, records[0]):
         return values, values
-    apart = [difference_of(quantity, a, b) for a, b in pairwise(records)]
-    return values, [sum(apart[k:]) for k in range(len(records))]
+    changes = [difference_of(quantity, coarse, fine) for coarse, fine in pairwise(records)]
+    return values, [sum(changes[k:]) for k in range(len(records))]
 
 
 def is_number(quantity: Quantity, record: RunRecord) -> bool:
@@ -152,8 +193,10 @@ def is_number(quantity: Quantity, record: RunRecord) -> bool:
 
 
 def _edge(opened: Problem, first: Mapping, row: Mapping) -> float | None:
-    """Return h of a level: h of the first times the ratio of √(area of a triangle)."""
-    # Of a failed level it is the nominal one.
+    """Return h of a level: h of the first level times the ratio of √(mean triangle area).
+
+    A failed level has its nominal h.
+    """
     if "edge" not in row or "edge" not in first:
         return row["point"].refined.h
     return (opened.h or first["edge"]) * row["edge"] / first["edge"]
@@ -164,37 +207,59 @@ def other_shares(
     orders: tuple[float, float],
     first: Mapping,
     more: Sequence[Mapping],
-    apart: Sequence[float],
+    changes: Sequence[float],
 ) -> dict[str, float]:
-    """Return the estimated errors that the levels do not show."""
-    # `apart` is by how much each of the runs `more` differs from the `first` level.
+    """Return the estimated errors that the refined levels do not show, by their names.
+
+    A part of the first level's error ∝ s^p changes by the share 1 − r^−p of itself if s is
+    divided by r.
+
+    Parameters
+    ----------
+    orders
+        Theoretical orders in h and in dt.
+    first
+        Row of the first level.
+    more, changes
+        Rows of the levels that show other errors, and how far each is from the first level.
+    """
+    space_order, time_order = orders
     errors = {}
-    for row, change in zip(more, apart, strict=True):
-        if (row["point"].level.sharper or 1.0) > 1:
+    for row, change in zip(more, changes, strict=True):
+        level = row["point"].level
+        if (level.sharper or 1.0) > 1:
             errors["solver"] = change
-        elif row["point"].level.gap > 1:
-            errors["gap"] = change / (1 - 1 / row["point"].level.gap)  # of first order
-        elif row["point"].level.rtol > 1:
-            errors["time step"] = change / (1 - CLOSER**-RTOL_ORDER)
+        elif level.gap > 1:
+            errors["gap"] = change / (1 - 1 / level.gap)  # of first order
+        elif level.rtol > 1:
+            errors["time step"] = change / (1 - RTOL_RATIO**-RTOL_ORDER)
         elif refine == "h":
-            errors["time step"] = change / (1 - 2.0 ** -orders[1])
+            errors["time step"] = change / (1 - 2.0**-time_order)
         else:
             ratio = first["edge"] / row["edge"]
-            errors["mesh"] = change / (1 - ratio ** -orders[0])
+            errors["mesh"] = change / (1 - ratio**-space_order)
     return errors
 
 
 def _table_row(row: Mapping) -> dict:
     """Return the columns of a level that a reader wants."""
-    names = ("triangles", "steps", "newton", "cpu_seconds")
+    cells = {"h": row["h"]}
+    dt = row["step"] if "step" in row else _nominal_step(row)
+    if dt is None or math.isfinite(dt):
+        cells["dt"] = dt
+    for name in ("triangles", "steps", "newton", "cpu_seconds"):
+        cells[name] = row.get(name)
+    if row["status"] != OK:
+        cells["status"] = row["status"]
+    return cells
+
+
+def _nominal_step(row: Mapping) -> float | None:
+    """Return the step of a level that failed [s]; None where there is no fixed step."""
     problem = row["point"].problem
-    level = row["point"].level
-    dt = None if problem.is_static else problem.first.steps.dt
-    sizes = {"h": row["h"], "dt": row.get("step", dt and dt / level.dt)}
-    if isinstance(sizes["dt"], float) and not math.isfinite(sizes["dt"]):
-        del sizes["dt"]
-    state = {"status": row["status"]} if row["status"] != OK else {}
-    return sizes | {name: row.get(name) for name in names} | state
+    if problem.is_static or not problem.first.steps.dt:
+        return None
+    return problem.first.steps.dt / row["point"].level.dt
 
 
 def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
@@ -203,18 +268,19 @@ def _remarks(rows: Sequence[Mapping], shares: Mapping[str, float]) -> list[str]:
     refined, *others = shares
     for other in others:
         if shares[other] > shares[refined]:
-            remedy = "take a smaller gap" if other == "gap" else "refine it too"
+            remedy = "refine it too"
+            if other == "gap":
+                remedy = "take a smaller gap"
             lines.append(
                 f"The {other} contributes more than the {refined} that was refined: {remedy}."
             )
     if "time step" not in " ".join(shares) and rows[-1]["time_order"]:
         estimated = rows[-1]["time_error"]
+        size = "not at all"
         if estimated >= 0:
-            known = f"at {100 * estimated:.2g} % of the motion"
-        else:
-            known = "not at all"
+            size = f"at {100 * estimated:.2g} % of the motion"
         lines.append(
-            f"The finest run estimates its error in time {known}: the uncertainty does not "
+            f"The finest run estimates its error in time {size}: the uncertainty does not "
             "contain it."
         )
     warned = [doubt for row in rows for doubt in doubts_of(row)]

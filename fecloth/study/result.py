@@ -13,11 +13,10 @@ from fecloth.study.figures import Figure
 from fecloth.study.status import OK
 from fecloth.view.web_page import render
 
-LONGEST_CELL = 300  # characters
 Row = Mapping[str, object]
 Cell = float | int | str | bool | None
-UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # of columns, added to their names when shown
-UNCERTAIN = {  # column: column of its error, which says how many of its digits are shown
+UNITS = {"h": "m", "dt": "s", "cpu_seconds": "s"}  # units that are shown with names of columns
+ERROR_OF = {  # column → column of its error, which says how many of its digits are shown
     "value": "error",
     "limit": "uncertainty",
     "error %": "uncertainty %",
@@ -28,9 +27,10 @@ UNCERTAIN = {  # column: column of its error, which says how many of its digits 
 
 def write_csv(rows: Sequence[Row], path: str | Path) -> None:
     """Write all rows, with the union of their columns; omit columns that hold lists."""
-    columns = [
-        c for c in _columns(rows) if not any(isinstance(row.get(c), list | dict) for row in rows)
-    ]
+    columns = []
+    for column in _columns(rows):
+        if not any(isinstance(row.get(column), list | dict) for row in rows):
+            columns.append(column)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     with writing(Path(path)), Path(path).open("w", newline="", encoding="utf-8") as stream:
         table = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
@@ -47,12 +47,13 @@ def markdown_table(rows: Sequence[Row]) -> str:
 
 
 def _columns(rows: Sequence[Row]) -> list[str]:
+    """Return the names of all columns, in the order in which they first occur."""
     return list(dict.fromkeys(key for row in rows for key in row))
 
 
 def _cell(value: object) -> str:
-    text = " ".join(_text(value).split())
-    return (text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …").replace("|", "\\|")
+    """Return a value as a cell of a Markdown table, on one line."""
+    return " ".join(_text(value).split()).replace("|", "\\|")
 
 
 @dataclass(frozen=True)
@@ -85,38 +86,40 @@ class Table(Sequence[Mapping[str, Cell]]):
         return iter(self.rows)
 
     def __str__(self) -> str:
-        shown = [{**row, **_digits(row)} for row in self.rows]
-        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in shown])
+        rows = [{**row, **_round_by_errors(row)} for row in self.rows]
+        return markdown_table([{_head(k): row.get(k) for k in self.columns} for row in rows])
 
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, with all digits."""
         write_csv(self.rows, path)
 
     def _repr_html_(self) -> str:
-        shown = [{**row, **_digits(row)} for row in self.rows]
-        rows = [[_text(row.get(name)) for name in self.columns] for row in shown]
-        return render("table.html", {"head": map(_head, self.columns), "rows": rows})
+        rows = [{**row, **_round_by_errors(row)} for row in self.rows]
+        cells = [[_text(row.get(name)) for name in self.columns] for row in rows]
+        return render("table.html", {"head": map(_head, self.columns), "rows": cells})
 
 
-def _digits(row: Mapping[str, Cell]) -> dict[str, str]:
+def _round_by_errors(row: Mapping[str, Cell]) -> dict[str, str]:
     """Return the cells of numbers and their errors, with as many digits as the errors have."""
     cells = {}
     for column, value in row.items():
         name, bracket, unit = column.partition(" [")
-        beside = f"{UNCERTAIN.get(name, '')}{bracket}{unit}"
-        error = row.get(beside)
+        error_column = f"{ERROR_OF.get(name, '')}{bracket}{unit}"
+        error = row.get(error_column)
         if isinstance(value, float) and isinstance(error, float) and error > 0:
-            cells[column], cells[beside] = with_uncertainty(value, error).split(" ± ")
+            cells[column], cells[error_column] = with_uncertainty(value, error).split(" ± ")
     return cells
 
 
 def _head(column: str) -> str:
+    """Return the name of a column as it is shown, with its unit."""
     if column in UNITS:
         return f"{column} [{UNITS[column]}]"
     return column
 
 
 def _text(value: object) -> str:
+    """Return a cell as text: numbers to four digits, nothing for None."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -126,7 +129,7 @@ def _text(value: object) -> str:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """What a study found.
+    """The result of a study: what all kinds of results share.
 
     Attributes
     ----------
@@ -204,7 +207,9 @@ class StudyResult:
     def describe_files(self, folder: Path, page: Path) -> str:
         """Say which files `report` has written to the folder, beside results and figure."""
         name, text = self.scene_file
-        return f"wrote {page}" + (f" and {folder / name}" if text else "")
+        if text:
+            return f"wrote {page} and {folder / name}"
+        return f"wrote {page}"
 
     @property
     def scene_file(self) -> tuple[str, str]:
@@ -215,18 +220,19 @@ class StudyResult:
         return self._fill("study_in_notebook.html")
 
     def _fill(self, template: str) -> str:
+        """Return the template with title, words and table."""
         table = self.table._repr_html_()
         return render(template, {"title": self.title, "lines": self.words(), "table": table})
 
 
 def with_uncertainty(value: float, uncertainty: float, unit: str = "") -> str:
-    """Return a value and its uncertainty, to two digits of the latter."""
+    """Return a value and its uncertainty, both to the second digit of the uncertainty."""
     size = max(abs(value), uncertainty)
     if not uncertainty > 0 or not size < float("inf"):
         text = f"{value:.8g} ± {uncertainty:.2g}"
     elif 1e-3 <= size < 1e5 and uncertainty > 1e-9 * size:
-        places = _places(uncertainty)
-        text = f"{value:.{max(places, 0)}f} ± {uncertainty:.{max(places, 0)}f}"
+        places = max(_places(uncertainty), 0)
+        text = f"{value:.{places}f} ± {uncertainty:.{places}f}"
     else:
         digits = max(_places(uncertainty) - _places(size) + 1, 1)
         text = f"{value:.{min(digits, 15)}e} ± {uncertainty:.1e}"
@@ -239,23 +245,25 @@ def _places(number: float) -> int:
 
 
 def read_tolerance(value: float | str) -> float:
-    """Return a relative tolerance, of a number or of a text such as "1%" or "0.01"."""
+    """Return a relative tolerance from a number or a text such as "1%" or "0.01"."""
     text = str(value).strip()
     try:
-        number = float(text.rstrip("% ")) / (100 if text.endswith("%") else 1)
+        number = float(text.rstrip("% "))
     except ValueError:
         number = 0.0
+    if text.endswith("%"):
+        number /= 100
     if not 0 < number < 1:
+        remedy = ""
         if 1 <= number < 100:
             remedy = f"For {number:g} percent write {number:g}%."
-        else:
-            remedy = ""
         allowed = "must lie between 0 and 100 %, as 1% or 0.01"
         raise InputError(f"tolerance = {value}", allowed, "", remedy)
     return number
 
 
 def in_percent(value: float) -> str:
+    """Return a part as a percentage; to two digits, above 100 % without decimals."""
     if abs(value) < 1:
         return f"{100 * value:.2g} %"
     return f"{100 * value:.0f} %"

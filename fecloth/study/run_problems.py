@@ -28,41 +28,78 @@ from fecloth.system.system import System
 
 @dataclass(frozen=True)
 class Runs:
-    """How the cases of a study run."""
+    """How the cases of a study run.
 
-    # Folder whose `cache` stores each finished case, for the next time; None for none.
+    Attributes
+    ----------
+    cache
+        Folder whose `cache` stores each finished case for the next time; None for none.
+    jobs
+        Number of processes of this machine.
+    scheduler
+        Address of a Dask scheduler that runs the cases in place of this machine.
+    time_limit
+        Longest CPU time of a case [s]; None for no limit.
+    most_seconds
+        Predicted time above which the study does not start [s]; None for no limit.
+    fresh
+        Whether every case runs, even if its result is stored.
+    timed
+        Whether CPU seconds are measured so that they can be compared; see `measure`.
+    repeats
+        Number of runs at most to measure them.
+    quiet
+        Whether no line is printed for a case.
+    """
+
     cache: str | Path | None = None
-    # Processes of this machine, or the address of a Dask scheduler.
     jobs: int = 1
     scheduler: str | None = None
-    time_limit: float | None = None  # longest CPU time of a case [s]
-    # Predicted time above which the study does not start [s]; None for no limit.
+    time_limit: float | None = None
     most_seconds: float | None = LONGEST
-    fresh: bool = False  # run every case, even if its result is stored
-    # Measure CPU seconds that can be compared, by up to this many repeated runs; see `measure`.
+    fresh: bool = False
     timed: bool = False
     repeats: int = REPEATS
-    quiet: bool = False  # print no line for each case
+    quiet: bool = False
 
     def __post_init__(self):
         if not (isinstance(self.jobs, int) and self.jobs >= 1):
             raise InputError(f"jobs = {self.jobs!r}", "must be an integer of at least 1")
-        for name, seconds in (("time_limit", self.time_limit), ("most_seconds", self.most_seconds)):
-            if seconds is not None:
-                validation.number(name, seconds, 0.0, "", infinite=True)
+        if self.time_limit is not None:
+            validation.number("time_limit", self.time_limit, 0.0, "", infinite=True)
+        if self.most_seconds is not None:
+            validation.number("most_seconds", self.most_seconds, 0.0, "", infinite=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A problem on a level, in words for the progress lines, and its predicted size."""
+    """A problem on a level, to run.
+
+    Attributes
+    ----------
+    problem
+        The problem on its first level.
+    level
+        How it is refined.
+    words
+        What the progress line says.
+    size
+        Predicted size of the run.
+    most
+        Longest CPU time of the run [s]; None for no limit.
+    cells
+        Cells of a row that the caller needs again.
+    disturbed
+        Seed of a disturbance of the start; None for none.
+    """
 
     problem: Problem
     level: Level
     words: str
     size: Workload
-    most: float | None = None  # longest CPU time of the run [s]
-    cells: Mapping[str, Any] = field(default_factory=dict)  # of a row of a table, for the caller
-    disturbed: int | None = None  # seed of a disturbance of the start; None for none
+    most: float | None = None
+    cells: Mapping[str, Any] = field(default_factory=dict)
+    disturbed: int | None = None
 
     @cached_property
     def refined(self) -> Problem:
@@ -71,7 +108,7 @@ class Point:
 
 
 def check_points(points: Sequence[Point], runs: Runs) -> None:
-    """Print the size of all, and refuse what takes too long."""
+    """Print the size of all points, and raise `InputError` if they take too long."""
     sizes = [point.size for point in points]
     check_size(sizes, runs.jobs, runs.most_seconds, points[0].problem.source)
 
@@ -79,14 +116,14 @@ def check_points(points: Sequence[Point], runs: Runs) -> None:
 def run_or_skip(
     listed: Sequence[Point | Mapping], quantities: Sequence[Quantity], runs: Runs
 ) -> list[Mapping]:
-    """Return a row for each point; what is a row already, of one that does not run, stays."""
-    points = [point for point in listed if isinstance(point, Point)]
-    rows = iter(run_points(points, quantities, runs) if points else ())
-    return [next(rows) if isinstance(item, Point) else item for item in listed]
+    """Return a row for each point; a row in the list, of what does not run, stays."""
+    points = [item for item in listed if isinstance(item, Point)]
+    new_rows = iter(run_points(points, quantities, runs)) if points else iter(())
+    return [next(new_rows) if isinstance(item, Point) else item for item in listed]
 
 
 def refuse_huge(opened: Problem, runs: Runs, level: Level = FIRST) -> None:
-    """Refuse a scene that would take too long, before its mesh is made."""
+    """Raise `InputError` for a scene that would take too long, before its mesh is made."""
     if isinstance(opened, SceneProblem) and runs.most_seconds is not None:
         size = opened.workload(level)
         if size.seconds > runs.most_seconds:
@@ -103,20 +140,24 @@ def print_warnings(opened: Problem) -> tuple[Doubt, ...]:
 def run_points(points: Sequence[Point], quantities: Sequence[Quantity], runs: Runs) -> list[dict]:
     """Return a row for each point, with its `point`.
 
-    A run with a doubt that spoils it has failed: it is no evidence.
+    A run with a doubt that spoils it counts as failed: it is no evidence. Raises `InputError`
+    for several functions as quantities.
     """
     functions = [quantity.function for quantity in quantities if quantity.function]
     if len(functions) > 1:
-        raise InputError(f"{len(functions)} functions as quantities", "must be at most 1", "study")
-    first = points[0].problem
-    needed = (*quantities, *first.interest)  # so studies of others of them share cases
+        what = f"{len(functions)} functions as quantities"
+        raise InputError(what, "must be at most 1", "study")
+    # With all quantities of interest, studies of other quantities find the same stored cases.
+    needed = (*quantities, *points[0].problem.interest)
     recorded = sorted({name for quantity in needed for name in columns_to_record(quantity)})
     modes = max((quantity.mode for quantity in quantities), default=0)
     asked: dict[str, Any] = {"recorded": recorded, "modes": modes}
-    asked |= {"function": functions[0]} if functions else {}
-    tasks = [
-        Task(measure_problem, p.refined, asked | _timing(p, runs), p.words, p.size) for p in points
-    ]
+    if functions:
+        asked["function"] = functions[0]
+    tasks = []
+    for point in points:
+        settings = asked | _timing(point, runs)
+        tasks.append(Task(measure_problem, point.refined, settings, point.words, point.size))
     rows = run_tasks(tasks, runs)
     return [judged(row) | {"point": point} for row, point in zip(rows, points, strict=True)]
 
@@ -136,22 +177,46 @@ def doubts_of(row: Mapping) -> list[Doubt]:
 
 
 def _timing(point: Point, runs: Runs) -> dict:
-    """Return the arguments of `measure` on the time of a run, without defaults."""
-    timing: dict = {"timed": True, "repeats": runs.repeats} if runs.timed else {}
-    others = {"most": point.most, "disturbed": point.disturbed}
-    return timing | {name: value for name, value in others.items() if value is not None}
+    """Return the arguments of `measure_problem` on time and disturbance, without defaults.
+
+    Defaults would make other cases of the same runs.
+    """
+    arguments: dict = {}
+    if runs.timed:
+        arguments |= {"timed": True, "repeats": runs.repeats}
+    if point.most is not None:
+        arguments["most"] = point.most
+    if point.disturbed is not None:
+        arguments["disturbed"] = point.disturbed
+    return arguments
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A function of a problem, in words for the progress lines, and its predicted size."""
+    """A function of a problem, to run.
 
-    function: Callable[..., dict]  # of the problem and the settings, at the top of a module
+    Attributes
+    ----------
+    function
+        A function of the problem and the settings, at the top of a module.
+    problem
+        Its first argument.
+    settings
+        Its other arguments.
+    words
+        What the progress line says.
+    size
+        Predicted size of the run.
+    cells
+        Cells of a row that the caller needs again.
+    """
+
+    function: Callable[..., dict]
     problem: Problem
     settings: Mapping[str, Any]
     words: str
     size: Workload
-    cells: Mapping[str, Any] = field(default_factory=dict)  # of a row of a table, for the caller
+    cells: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def case(self) -> dict | None:
@@ -174,23 +239,27 @@ def run_task(task: str, problem: dict, settings: dict) -> dict:
 
 def run_tasks(tasks: Sequence[Task], runs: Runs) -> list[dict]:
     """Return the rows of tasks; what only this process can run is not stored."""
+    anywhere = [task for task in tasks if task.case is not None]
+    only_here = [task for task in tasks if task.case is None]
     rows: dict[Task, dict] = {}
-    for run, is_stored in ((_run_stored, True), (_run_here, False)):
-        own = [task for task in tasks if (task.case is not None) == is_stored]
-        rows |= zip(own, run(own, runs) if own else (), strict=True)
+    if anywhere:
+        rows |= zip(anywhere, _run_as_cases(anywhere, runs), strict=True)
+    if only_here:
+        rows |= zip(only_here, _run_here(only_here, runs), strict=True)
     return [rows[task] for task in tasks]
 
 
-def _run_stored(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+def _run_as_cases(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """Return the rows of tasks that any process can run; their results are stored."""
     cases: list[Any] = [task.case for task in tasks]
     return run_cases(
         cases,
         run_task,
-        runs.cache,
-        runs.jobs,
-        runs.scheduler,
-        runs.time_limit,
-        runs.fresh,
+        out=runs.cache,
+        jobs=runs.jobs,
+        scheduler=runs.scheduler,
+        time_limit=runs.time_limit,
+        fresh=runs.fresh,
         label=lambda settings: tasks[cases.index(dict(settings))].words,
         costs=[task.size.seconds for task in tasks],
         quiet=runs.quiet,
@@ -198,6 +267,7 @@ def _run_stored(tasks: Sequence[Task], runs: Runs) -> list[dict]:
 
 
 def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
+    """Return the rows of tasks that run one after the other in this process."""
     costs = [task.size.seconds for task in tasks]
     rows = list[dict]()
     progress = Progress(costs, in_seconds=True, quiet=runs.quiet)
@@ -209,14 +279,14 @@ def _run_here(tasks: Sequence[Task], runs: Runs) -> list[dict]:
 
 
 def end_of(row: Mapping) -> tuple[System, State]:
-    """Return the system and the last state of a run, of a row of `run_points`."""
+    """Return the system and the last state of a run from its row of `run_points`."""
     setup = row["point"].problem.first
-    moved = np.array(row["displacement"])
+    x = setup.start.x + np.array(row["displacement"])
     v = np.array(row["velocity"])
-    return setup.system, State(row["times"][-1], setup.start.x + moved, v)
+    return setup.system, State(row["times"][-1], x, v)
 
 
 def record_at(row: Mapping, quantity: Quantity) -> RunRecord:
-    """Return what a quantity is computed from, of a row of `run_points`."""
+    """Return what a quantity is computed from, out of a row of `run_points`."""
     problem = row["point"].refined
     return record_of(row, quantity, problem.cloth_for(quantity), problem.probes)

@@ -21,17 +21,28 @@ from fecloth.study.problem import CommonProblem, quantities_of
 from fecloth.study.setups import table_of_grading
 from fecloth.study.workload import Workload
 
-# Tables that change no result
-WORDS = "title", "expect", "interest", "output", "uncertain", "measured"
+# Tables that change no result.
+WORDS = ("title", "expect", "interest", "output", "uncertain", "measured")
 
 
 @dataclass(frozen=True, eq=False)
 class SceneProblem(CommonProblem):
-    """A scene to change and refine."""
+    """A scene to change and refine.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    name
+        Its title, or the name of its file.
+    source
+        What errors name: the name of the file, if there is one.
+    """
 
     scene: Scene
     name: str
-    source: str = "the scene"  # what errors name: the name of the file, if there is one
+    source: str = "the scene"
+    is_importable = True  # other processes can read its tables
 
     @cached_property
     def tables(self) -> dict:
@@ -39,11 +50,13 @@ class SceneProblem(CommonProblem):
         return self.scene.to_tables()
 
     @cached_property
-    def first(self) -> Setup:  # type: ignore[override]  # computed when it is first needed
+    def first(self) -> Setup:  # type: ignore[override]  # computed when it is needed
+        """The setup of the first level."""
         return self._build()
 
     @property
     def probes(self) -> tuple[str, ...]:
+        """Names of the probes."""
         return tuple(probe.name for probe in self.scene.probes)
 
     @property
@@ -54,12 +67,13 @@ class SceneProblem(CommonProblem):
     @property
     def dt(self) -> float | None:  # type: ignore[override]  # read only
         """Fixed step [s]; None where there is none."""
-        dt = "auto" if self.scene.equilibrium else self.scene.time.dt
-        return None if dt == "auto" else dt
+        if self.scene.equilibrium or self.scene.time.dt == "auto":
+            return None
+        return self.scene.time.dt
 
     @property
     def span(self) -> float | None:  # type: ignore[override]  # read only
-        """Length of the run [s]; None of an equilibrium."""
+        """Length of the run [s]; None for an equilibrium."""
         time = self.scene.time
         if self.scene.equilibrium:
             return None
@@ -67,6 +81,7 @@ class SceneProblem(CommonProblem):
 
     @property
     def interest(self) -> tuple[Quantity, ...]:
+        """The quantities of [interest]."""
         if self.scene.interest:
             return tuple(self.scene.interest.all)
         return ()
@@ -77,14 +92,15 @@ class SceneProblem(CommonProblem):
         time = self.scene.time
         if self.scene.equilibrium or time.dt != "auto":
             return 0.0
-        stable = time.method.type in EXPLICIT and time.rtol is None
-        if stable:
+        if time.rtol is not None:
+            return time.rtol
+        if time.method.type in EXPLICIT:
             return 0.0
-        return Adaptive.rtol if time.rtol is None else time.rtol
+        return Adaptive.rtol
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]  # read only
-        """The quantities of [interest]; else the paths or ends of the probes, or displacement."""
+        """The quantities of [interest]; else paths or ends of the probes, or displacement."""
         return self.interest or quantities_of(self.probes, static=bool(self.scene.equilibrium))
 
     def ratio(self, refine: str) -> float:
@@ -101,13 +117,13 @@ class SceneProblem(CommonProblem):
 
     def workload(self, level: Level) -> Workload:
         """Predict the size of a level, without its mesh."""
-        finer = level.dt
+        more_steps = level.dt
         if self.scene.equilibrium:
-            finer = 1.0
+            more_steps = 1.0
         elif self.scene.time.dt == "auto":
-            finer = level.h * math.sqrt(level.rtol)
+            more_steps = level.h * math.sqrt(level.rtol)
         triangles = self.size.triangles * level.h**2
-        steps = math.ceil(self.size.steps * finer)
+        steps = math.ceil(self.size.steps * more_steps)
         return replace(self.size, triangles=triangles, steps=steps)
 
     def check(self, refine: str) -> None:
@@ -116,7 +132,8 @@ class SceneProblem(CommonProblem):
             remedy = "Give a .geo file and h, or a shape."
             if self.tables["cloth"].get("shape") == "join":
                 remedy = "Each of [cloths.NAME] has its own h: open a function of h in Python."
-            raise InputError("a mesh of one size", "has no cloth.h to refine", self.source, remedy)
+            allowed = "has no cloth.h to refine"
+            raise InputError("a mesh of one size", allowed, self.source, remedy)
         if self.scene.equilibrium:
             if refine != "h":
                 raise InputError(f"refine = {refine!r}", "an equilibrium has no dt", self.source)
@@ -129,22 +146,30 @@ class SceneProblem(CommonProblem):
             raise InputError('dt = "auto"', "cannot be refined", self.source, remedy)
 
     def changed(self, change: Change) -> "SceneProblem":
-        """Return the problem with a change; raise `InputError` with its name if it is refused."""
-        with errors_of(f"{self.source} with {change.name}" if change.name else self.source):
-            tables = change.apply(self._without_defaults(change))
+        """Return the problem with a change; if it is refused, `InputError` names the change."""
+        where = self.source
+        if change.name:
+            where = f"{self.source} with {change.name}"
+        with errors_of(where):
+            tables = change.apply(self._tables_for(change))
             return replace(self, scene=scene_of(tables, self.scene.trusts_geo))
 
-    def _without_defaults(self, change: Change) -> dict:
-        """Return the tables; a term that changes its type without the defaults of the old type."""
-        terms = [
-            {key: value for key, value in table.items() if key in term.model_fields_set}
-            if f"terms.{i}.type" in (key.replace(" ", "") for key in change.values)
-            else table
-            for i, (table, term) in enumerate(
-                zip(self.tables.get("terms", ()), self.scene.terms, strict=True)
-            )
-        ]
-        return self.tables | ({"terms": terms} if terms else {})
+    def _tables_for(self, change: Change) -> dict:
+        """Return the tables to change.
+
+        A term that changes its type has only the keys that were given, because all others are
+        defaults of its old type.
+        """
+        if not self.scene.terms:
+            return self.tables
+        keys = [key.replace(" ", "") for key in change.values]
+        terms = []
+        for i, term in enumerate(self.scene.terms):
+            table = self.tables["terms"][i]
+            if f"terms.{i}.type" in keys:
+                table = {key: table[key] for key in table if key in term.model_fields_set}
+            terms.append(table)
+        return self.tables | {"terms": terms}
 
     def refined(self, level: Level) -> "SceneProblem":
         """Return a level of the problem; a refined dt divides the run into equal steps."""
@@ -162,20 +187,18 @@ class SceneProblem(CommonProblem):
                 values["equilibrium.tolerance"] = scene.equilibrium.tolerance / level.sharper
         elif level.sharper is not None:  # "auto" may leave more than levels differ by
             values["solver.tolerance"] = scene.solver.make().residual / level.sharper
-        edits = level.edits
-        if values or edits:
-            return self.changed(Change(values=values, edits=edits))
+        if values or level.edits:
+            return self.changed(Change(values=values, edits=level.edits))
         return self
 
     def graded(self, gradings: Sequence[Grading]) -> "SceneProblem":
         """Return the problem with [[cloth.grading]]; a scene may not have its own already."""
         if self.scene.cloth.grading:
+            allowed = "the scene has [[cloth.grading]]"
             remedy = "Leave grade or the gradings out."
-            raise InputError("grade = True", "the scene has [[cloth.grading]]", self.source, remedy)
-        entries = list(map(table_of_grading, gradings))
-        return self.changed(Change(values={"cloth.grading": entries}))
-
-    is_importable = True
+            raise InputError("grade = True", allowed, self.source, remedy)
+        tables = [table_of_grading(grading) for grading in gradings]
+        return self.changed(Change(values={"cloth.grading": tables}))
 
     def setup(self, cloth: Cloth | None = None) -> Setup:
         """Build the scene, on the cloth if it is given, and compile what its run needs."""
@@ -185,10 +208,17 @@ class SceneProblem(CommonProblem):
         return setup
 
     def _build(self, cloth: Cloth | None = None) -> Setup:
-        """Return what moves, without frames: no step must end at one."""
+        """Return the setup of the scene without frames, so that no step has to end at one."""
         built = self.scene.build(cloth)
-        run = built.system, built.start, built.steps, built.t_end, built.newton, built.linear
-        return Setup(*run, built.probes)
+        return Setup(
+            built.system,
+            built.start,
+            built.steps,
+            built.t_end,
+            newton=built.newton,
+            linear=built.linear,
+            probes=built.probes,
+        )
 
     def case(self) -> dict[str, object]:
         """Return what `of_case` takes, in JSON's types: equal cases give equal runs."""
@@ -207,6 +237,7 @@ class SceneProblem(CommonProblem):
         return cls(scene_of(tables, trust_geo), "scene")
 
     def cloth_for(self, quantity: Quantity) -> Cloth | None:
+        """Return the cloth that a field needs; None for other quantities."""
         if quantity.is_field:
             return self.scene.mesh()
         return None
@@ -220,8 +251,9 @@ def _constants(fabric: dict) -> dict:
 def digest_of_files(scene: Scene) -> str:
     """Return a hash of the files that the scene reads: an edited mesh makes another case."""
     digest = hashlib.sha256()
-    of_terms = (dict(term).get("path") for term in scene.terms)
-    of_pieces = getattr(scene.cloth, "paths", ())
-    for path in (getattr(scene.cloth, "path", None), scene.start.frame, *of_terms, *of_pieces):
+    paths = [getattr(scene.cloth, "path", None), scene.start.frame]
+    paths += [dict(term).get("path") for term in scene.terms]
+    paths += getattr(scene.cloth, "paths", ())
+    for path in paths:
         digest.update(Path(path).read_bytes() if path else b"-")
     return digest.hexdigest()[:12]

@@ -12,7 +12,7 @@ from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import Doubt
 from fecloth.simulation.quantity import Quantity
 from fecloth.study.change import FIRST, Change
-from fecloth.study.derived_cases import LOOSE, Sought, derive_case, run_twin
+from fecloth.study.derived_cases import LARGEST_ERROR, Sought, derive_case, run_twin
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.parameters import Asked as AskedParameters
 from fecloth.study.parameters import choose_parameters
@@ -20,14 +20,18 @@ from fecloth.study.problem import Asked
 from fecloth.study.problems import Problem, SceneProblem
 from fecloth.study.result import read_tolerance
 from fecloth.study.run_problems import Runs, Task, print_warnings, refuse_huge, run_tasks
-from fecloth.study.sensitivity_result import DOUBTFUL, Sensitivity, make_result
+from fecloth.study.sensitivity_result import Sensitivity, make_result
 from fecloth.study.status import OK, REFUSED
 from fecloth.study.workload import Workload, check_size
 
-ROUND_OFF = 1e-9  # of a quantity: changes below it tell nothing
-PRICE = 0.5  # of a derivative, in runs
-STEPS = 3e-4, 1e-5  # of pairs of twin runs: change of each parameter over its width
-OF_STEPS = ("sizes", "method")  # of the run, which its twin runs repeat
+# The change of a quantity over its value: below it round-off of the runs may be all of it.
+LEAST_QUANTITY_CHANGE = 1e-9
+PRICE = 0.5  # predicted time of a derivative over the time of the run
+# The change of each parameter over its width in a pair of twin runs: the usual one, and the one
+# of a second pair, where the quantity may bend too much for the first.
+WIDE_CHANGE = 3e-4
+NARROW_CHANGE = 1e-5
+STEPS_OF_RUN = ("sizes", "method")  # of a row: the steps, which its twin runs repeat
 
 
 def sensitivity(
@@ -52,11 +56,12 @@ def sensitivity(
     equation. So a parameter costs a part of a run, and no rounding of two runs that differ
     little.
 
-    A pair of twin runs, with all parameters changed by 0.03 % at once, each in the direction
-    that increases the first quantity, checks every answer: `checked` is its distance from the
-    sum of the derivatives. So it tells little of parameters that count much less than others.
-    Above 1 % a second pair follows, changed by 0.001 %, and then the answer is "no derivative
-    here": folds that change, contacts that begin, friction between stick and slip have none.
+    A pair of twin runs checks every answer. It changes all parameters by 0.03 % at once, each in
+    the direction that increases the first quantity. `checked` is its distance from the sum of
+    the derivatives. So it tells little of parameters that count much less than others. Above 1 %
+    a second pair follows, changed by 0.001 %. If it differs by more than 1 %, too, the answer is
+    "no derivative here": folds that change, contacts that begin, and friction between stick and
+    slip have none.
 
     Parameters
     ----------
@@ -100,7 +105,7 @@ def sensitivity(
 
     Examples
     --------
-    A strip that hangs stretches in proportion to its density and to one over its stiffness, nearly:
+    The stretch of a hanging strip goes with its density and with one over its stiffness, nearly:
 
     >>> import fecloth as fc
     >>> def strip(h, stiffness=2000.0, density=0.2):
@@ -119,23 +124,28 @@ def sensitivity(
     opened = study.problem
     runs = study.runs()
     relative = read_tolerance(tolerance)
-    if not 1e-9 <= relative <= LOOSE:
-        allowed = f"must lie between 1e-9 and {LOOSE:g}"
+    if not 1e-9 <= relative <= LARGEST_ERROR:
+        allowed = f"must lie between 1e-9 and {LARGEST_ERROR:g}"
         raise InputError(f"tolerance = {tolerance}", allowed, "sensitivity")
-    pairs = scale.items() if isinstance(scale, Mapping) else scale
-    if isinstance(pairs, str) or not isinstance(pairs, Iterable):
+    if isinstance(scale, str) or not isinstance(scale, Iterable):
         raise InputError(f"scale = {brief(scale)}", "must be a mapping of names", "sensitivity")
     if isinstance(parameters, Mapping):
         opened = opened.changed(Change.of(parameters))
     refuse_huge(opened, runs)
-    chosen = choose_parameters(opened, parameters, dict(pairs))
+    chosen = choose_parameters(opened, parameters, dict(scale))
     single = quantity is None or isinstance(quantity, str | Quantity) or callable(quantity)
-    only: Any = quantity
-    asked = (opened.choose_quantity(only),) if single else opened.choose_quantities(quantity)
+    asked = _choose_quantities(opened, quantity, single)
     if not asked:
         raise InputError("quantity = []", "must be at least one", "sensitivity")
     doubts = print_warnings(opened)
     return _answer(opened, Sought(chosen, asked, relative), runs, check, single, doubts)
+
+
+def _choose_quantities(opened: Problem, quantity: Any, single: bool) -> tuple[Quantity, ...]:
+    """Return the quantities of a list, or the single one, or the first of the problem."""
+    if single:
+        return (opened.choose_quantity(quantity),)
+    return opened.choose_quantities(quantity)
 
 
 def _answer(
@@ -146,68 +156,85 @@ def _answer(
     single: bool = False,
     doubts: tuple[Doubt, ...] = (),
 ) -> Sensitivity:
+    """Run the problem with derivatives, check them by twin runs, and return the result.
+
+    `single` says that a single quantity was asked for, not a list; `doubts` are about
+    the set-up.
+    """
     size = opened.workload(FIRST)
+    row = _run_with_derivatives(opened, sought, size, runs)
+    unknown = np.full((len(sought.quantities), len(sought.parameters)), np.nan)
+    slopes = np.array(row.get("slopes", unknown))
+    checked = np.full(len(slopes), np.nan)
+    why = row.get("why", "")
+    if check and row["status"] == OK:
+        for change in (WIDE_CHANGE, NARROW_CHANGE):
+            checked, why = _check(opened, sought, slopes, row, size, runs, change)
+            if not (checked > LARGEST_ERROR).any():
+                break
+    is_lost = _find_lost_changes(sought, slopes, np.array(row.get("values", [])))
+    known_slopes = np.where(is_lost, np.nan, slopes)
+    made = make_result(opened, sought, row, known_slopes, checked, single)
+    remarks = [why] if why else []
+    for k, parameter in enumerate(sought.parameters):
+        if is_lost[:, k].any():
+            words = "a change by its scale is lost in round-off; take a larger one"
+            remarks.append(f"{parameter.name}: {words}")
+    return replace(made, doubts=doubts, remarks=(*remarks, *made.remarks))
+
+
+def _run_with_derivatives(opened: Problem, sought: Sought, size: Workload, runs: Runs) -> dict:
+    """Return the row of the run; `size` is the predicted size without derivatives."""
     count = len(sought.parameters)
     cost = replace(size, steps=round(size.steps * (1 + PRICE * count)))
     check_size([cost], runs.jobs, runs.most_seconds, opened.source)
     words = f"run and {amount(count, 'derivative')}"
-    settings = {"sought": sought.settings()}
-    task = Task(derive_case, opened, settings, words, cost)
+    task = Task(derive_case, opened, {"sought": sought.settings()}, words, cost)
     (row,) = run_tasks([task], runs)
     if row["status"] == REFUSED:
         raise InputError(row["cause"])
-    shape = len(sought.quantities), count
-    slopes = np.array(row.get("slopes", np.full(shape, np.nan)))
-    checked = np.full(len(slopes), np.nan)
-    why = row.get("why", "")
-    for step in STEPS if row["status"] == OK and check else ():
-        checked, why = _check(opened, sought, slopes, row, size, runs, step)
-        if not (checked > DOUBTFUL).any():
-            break
-    lost = _lost(sought, slopes, np.array(row.get("values", [])))
-    made = make_result(opened, sought, row, np.where(lost, np.nan, slopes), checked, single)
-    names = [p.name for k, p in enumerate(sought.parameters) if lost[:, k].any()]
-    remarks = [f"{n}: a change by its scale is lost in round-off; take a larger one" for n in names]
-    return replace(made, doubts=doubts, remarks=(*filter(None, [why]), *remarks, *made.remarks))
+    return row
 
 
-def _lost(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Whether a change by a scale that was given is below the round-off of a quantity."""
-    given = np.array([p.width != abs(p.value) for p in sought.parameters])
+def _find_lost_changes(sought: Sought, slopes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return (quantities, parameters) where a change by a given scale is below round-off."""
     if not len(values):
         return np.zeros(slopes.shape, bool)
-    small = np.abs(slopes) < ROUND_OFF * np.abs(values)[:, None]
-    return np.asarray(given & (slopes != 0.0) & small)
+    has_scale = np.array([p.width != abs(p.value) for p in sought.parameters])
+    is_small = np.abs(slopes) < LEAST_QUANTITY_CHANGE * np.abs(values)[:, None]
+    return np.asarray(has_scale & (slopes != 0.0) & is_small)
 
 
 def describe_weak_terms(
     opened: Problem, quantities: Sequence[Quantity], tolerance: float, runs: Runs
 ) -> str:
-    """A sentence: on which terms' numbers the quantities of a scene hardly depend, or "".
+    """Return on which numbers of terms the quantities of a scene hardly depend; "" if on none.
 
     Hardly means: a number that doubles, or falls to zero, would change no quantity by more than
     the tolerance, by its derivative.
     """
-    if isinstance(opened, SceneProblem):
-        listed = choose_parameters(opened, None, {})
-    else:
-        listed = ()
+    if not isinstance(opened, SceneProblem):
+        return ""
+    listed = choose_parameters(opened, None, {})
     chosen = tuple(p for p in listed if p.name.startswith("terms."))
     if not chosen:
         return ""
     unknown = "whether numbers of terms count is not known"
+    sought = Sought(chosen, tuple(quantities), LARGEST_ERROR)
     try:
-        answer = _answer(opened, Sought(chosen, tuple(quantities), LOOSE), runs, check=False)
+        answer = _answer(opened, sought, runs, check=False)
     except InputError as error:  # as for a number at its limit: it is no mistake of `simplify`
         return f"{unknown}: {error}"
     if not np.isfinite(answer.value).all():
         return f"{unknown}: {answer.verdict}"
-    weak = (np.abs(answer.elasticity) < tolerance).all(axis=0)
-    types = [table["type"] for table in opened.tables["terms"]]
-    names = [p.name for p, is_weak in zip(chosen, weak, strict=True) if is_weak]
-    words = [f"{name} of {types[int(name.split('.')[1])]}" for name in names]
-    if words:
-        return f"the quantities hardly depend on {', '.join(words)}"
+    is_weak = (np.abs(answer.elasticity) < tolerance).all(axis=0)
+    weak_numbers = []
+    for parameter, weak in zip(chosen, is_weak, strict=True):
+        if weak:
+            term = int(parameter.name.split(".")[1])  # of terms.TERM.KEY
+            weak_numbers.append(f"{parameter.name} of {opened.tables['terms'][term]['type']}")
+    if weak_numbers:
+        return f"the quantities hardly depend on {', '.join(weak_numbers)}"
     return ""
 
 
@@ -218,20 +245,27 @@ def _check(
     row: Mapping,
     size: Workload,
     runs: Runs,
-    step: float,
+    change: float,
 ) -> tuple[np.ndarray, str]:
-    """The relative distance of twin runs for each quantity, and why there is none, or a remark."""
+    """Return how far twin runs are from the derivatives of each quantity, and a remark.
+
+    The distance is relative to the sum of the sizes of all derivatives. It is infinite if a twin
+    run failed; then the remark says why. `change` is the change of each parameter over its
+    width.
+    """
     signs = np.where(slopes[0] < 0, -1.0, 1.0)
-    same = {"sought": sought.settings(), **{key: row[key] for key in OF_STEPS}}
+    settings = {"sought": sought.settings(), **{key: row[key] for key in STEPS_OF_RUN}}
     tasks = []
-    for sign, change in ("+", step * signs), ("-", -step * signs):
-        words = f"twin run, numbers {sign} {100 * step:g} %"
-        settings = {"changes": change.tolist()}
-        tasks.append(Task(run_twin, opened, same | settings, words, size))
+    for sign, changes in ("+", change * signs), ("-", -change * signs):
+        words = f"twin run, numbers {sign} {100 * change:g} %"
+        own_settings = settings | {"changes": changes.tolist()}
+        tasks.append(Task(run_twin, opened, own_settings, words, size))
     plus, minus = run_tasks(tasks, runs)
-    if failed := next((each for each in (plus, minus) if each["status"] != OK), None):
-        return np.full(len(slopes), np.inf), f"a twin run failed: {failed['cause']}"
-    change = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * step)
-    size_of = np.abs(slopes).sum(axis=1)
-    least = ROUND_OFF * np.abs(row["values"]) / STEPS[0] + np.finfo(float).tiny
-    return np.abs(change - slopes @ signs) / np.maximum(size_of, least), row["why"]
+    for twin in (plus, minus):
+        if twin["status"] != OK:
+            return np.full(len(slopes), np.inf), f"a twin run failed: {twin['cause']}"
+    measured = (np.array(plus["values"]) - np.array(minus["values"])) / (2 * change)
+    predicted = slopes @ signs
+    least_size = LEAST_QUANTITY_CHANGE * np.abs(row["values"]) / WIDE_CHANGE + np.finfo(float).tiny
+    size_of_all = np.maximum(np.abs(slopes).sum(axis=1), least_size)
+    return np.abs(measured - predicted) / size_of_all, row["why"]

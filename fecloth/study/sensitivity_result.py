@@ -8,7 +8,7 @@ import numpy as np
 
 from fecloth.errors import FAILED
 from fecloth.simulation.quantity import Quantity
-from fecloth.study.derived_cases import Sought
+from fecloth.study.derived_cases import LARGEST_ERROR, Sought
 from fecloth.study.figures import Figure, new_figure
 from fecloth.study.parameters import Parameter
 from fecloth.study.problems import Problem
@@ -16,17 +16,14 @@ from fecloth.study.result import StudyResult, Table, in_percent
 from fecloth.study.status import OK
 from fecloth.terms.traits import parameters_of
 
-DOUBTFUL = 1e-2  # distance from the twin runs above which there is no derivative
-SHOWN = 20  # bars of the figure
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensitivity(StudyResult):
-    """What `sensitivity` found.
+    """The result of `sensitivity`.
 
-    Of a single quantity `value` and `checked` are numbers, and the others have the shape
-    (parameters,); of a list of quantities they have the shapes (quantities,) and (quantities,
-    parameters).
+    For a single quantity `value` and `checked` are numbers, and `derivative` and `elasticity`
+    have the shape (parameters,). For a list of quantities the shapes are (quantities,) and
+    (quantities, parameters).
 
     Attributes
     ----------
@@ -41,13 +38,13 @@ class Sensitivity(StudyResult):
     remarks
         Sentences on what was noticed.
     parameters
-        Their names.
+        Names of the parameters.
     quantities
-        Their texts.
+        Texts of the quantities.
     value
-        Of the quantities, in their units.
+        Values of the quantities, in their units.
     derivative
-        Unit of the quantity over the unit of the parameter; NaN for none.
+        Derivatives, in the unit of the quantity over the unit of the parameter; NaN for none.
     elasticity
         Change of the quantity in per cent if the parameter changes by 1 %.
     checked
@@ -73,14 +70,15 @@ class Sensitivity(StudyResult):
         """Return a panel of bars for each quantity, the largest elasticity first."""
         elasticity = np.atleast_2d(self.elasticity)
         signs = np.sign(np.atleast_1d(self.value))
-        count = min(SHOWN, len(self.parameters))
-        size = 8.0, (1.2 + 0.3 * count) * len(self.quantities)
-        drawing, axes = new_figure(len(self.quantities), 1, size)
+        height = 1.2 + 0.3 * len(self.parameters)
+        drawing, axes = new_figure(len(self.quantities), 1, (8.0, height * len(self.quantities)))
         rows = zip(np.ravel(axes), self.quantities, elasticity, signs, strict=True)
         for ax, name, values, sign in rows:
-            order = np.argsort(np.nan_to_num(-np.abs(values)), kind="stable")[:count][::-1]
-            colors = ["C0" if sign * values[i] >= 0 else "C3" for i in order]
-            ax.barh([self.parameters[i] for i in order], np.abs(values[order]), color=colors)
+            largest_first = np.argsort(np.nan_to_num(-np.abs(values)), kind="stable")
+            upwards = largest_first[::-1]  # the first bar is the lowest one
+            names = [self.parameters[i] for i in upwards]
+            colors = np.where(sign * values[upwards] >= 0, "C0", "C3")
+            ax.barh(names, np.abs(values[upwards]), color=colors.tolist())
             ax.set(xlabel=f"change of {name} for 1 % [%]; red: it falls", ylabel="")
         return drawing
 
@@ -93,52 +91,74 @@ def make_result(
     checked: np.ndarray,
     single: bool,
 ) -> Sensitivity:
-    """The result of a run with derivatives, whose `slopes` are by parameters over their widths."""
+    """Return the result of a run with derivatives.
+
+    Parameters
+    ----------
+    row
+        The row of the run, with the `values` of the quantities if it was "ok".
+    slopes
+        (quantities, parameters) derivatives by the parameters over their widths.
+    checked
+        (quantities,) relative distance of the twin runs; NaN where they did not run.
+    single
+        Whether a single quantity was asked for, not a list.
+    """
     parameters = sought.parameters
     quantities = sought.quantities
     values = np.array(row.get("values", np.full(len(quantities), np.nan)))
-    slopes = np.where((checked > DOUBTFUL)[:, None], np.nan, slopes)
+    is_wrong = checked > LARGEST_ERROR
+    slopes = np.where(is_wrong[:, None], np.nan, slopes)
     derivative = slopes / np.array([p.width for p in parameters])
-    of_values = np.array([p.value or np.nan for p in parameters])
+    parameter_values = np.array([p.value or np.nan for p in parameters])
     with np.errstate(divide="ignore", invalid="ignore"):
-        elasticity = derivative * of_values / values[:, None]
-    rows = [
-        {
-            "quantity": quantity.text,
-            "parameter": p.name,
-            "value": p.value,
-            "derivative": derivative[i, k],
-            "% for 1 %": elasticity[i, k],
-        }
-        for i, quantity in enumerate(quantities)
-        for k, p in enumerate(parameters)
-    ]
-    names = opened.first.energies
-    sentences = [
-        _verdict(quantity, quantity.unit(names), values[i], slopes[i], parameters, checked[i])
-        if row["status"] == OK
-        else row["cause"]
-        for i, quantity in enumerate(quantities)
-    ]
-    table = [{k: v for k, v in each.items() if not (single and k == "quantity")} for each in rows]
-    shown = sorted(table, key=lambda each: -abs(np.nan_to_num(each["% for 1 %"])))
-    at = 0 if single else slice(None)
-    doubts = _doubts(opened) if (checked > DOUBTFUL).any() else ""
+        elasticity = derivative * parameter_values / values[:, None]
+    if row["status"] != OK:
+        sentences = [row["cause"]]
+    else:
+        units = [quantity.unit(opened.first.energies) for quantity in quantities]
+        sentences = [
+            _describe_quantity(quantity, units[i], values[i], slopes[i], parameters, checked[i])
+            for i, quantity in enumerate(quantities)
+        ]
+    remarks: tuple[str, ...] = ()
+    if is_wrong.any():
+        remarks = (_guess_reason(opened),)
+    chosen = 0 if single else slice(None)
     return Sensitivity(
         title=opened.name,
         verdict="\n".join(dict.fromkeys(sentences)),
-        table=Table(tuple(shown if single else table)),
+        table=Table(tuple(_table_rows(sought, derivative, elasticity, single))),
         parameters=tuple(p.name for p in parameters),
         quantities=tuple(quantity.text for quantity in quantities),
-        value=values[at],
-        derivative=derivative[at],
-        elasticity=elasticity[at],
-        checked=checked[at],
-        remarks=(doubts,) if doubts else (),
+        value=values[chosen],
+        derivative=derivative[chosen],
+        elasticity=elasticity[chosen],
+        checked=checked[chosen],
+        remarks=remarks,
     )
 
 
-def _verdict(
+def _table_rows(
+    sought: Sought, derivative: np.ndarray, elasticity: np.ndarray, single: bool
+) -> list[dict[str, Any]]:
+    """Return a row for each quantity and parameter.
+
+    The rows of a single quantity do not name it; they are sorted, the largest elasticity first.
+    """
+    rows = []
+    for i, quantity in enumerate(sought.quantities):
+        for k, parameter in enumerate(sought.parameters):
+            row: dict[str, Any] = {} if single else {"quantity": quantity.text}
+            row |= {"parameter": parameter.name, "value": parameter.value}
+            row |= {"derivative": derivative[i, k], "% for 1 %": elasticity[i, k]}
+            rows.append(row)
+    if single:
+        rows.sort(key=lambda row: -abs(np.nan_to_num(row["% for 1 %"])))
+    return rows
+
+
+def _describe_quantity(
     quantity: Quantity,
     unit: str,
     value: float,
@@ -146,40 +166,46 @@ def _verdict(
     parameters: Sequence[Parameter],
     checked: float,
 ) -> str:
-    """The largest three changes, and how they were checked."""
+    """Return the largest three changes of a quantity, and how they were checked."""
     begin = f"{quantity.text} = {value:.6g} {unit}".strip()
-    if checked > DOUBTFUL:
-        far = in_percent(checked) if checked < 1 else "more than 100 %"
-        return f"{begin}: no derivative here: twin runs differ by {far} from the derivatives"
-    order = np.argsort(-np.nan_to_num(np.abs(slopes)), kind="stable")[:3]
-    parts = [_change(parameters[k], slopes[k], value, unit) for k in order if abs(slopes[k]) > 0]
-    if parts:
-        words = f"it changes for {', '.join(parts)}"
-    else:
-        words = "depends on none of them"
-    if np.isnan(checked):
-        proof = "not checked"
-    else:
+    if checked > LARGEST_ERROR:
+        distance = "more than 100 %"
+        if checked < 1:
+            distance = in_percent(checked)
+        doubt = f"twin runs differ by {distance} from the derivatives"
+        return f"{begin}: no derivative here: {doubt}"
+    largest = np.argsort(-np.nan_to_num(np.abs(slopes)), kind="stable")[:3]
+    changes = [
+        _describe_change(parameters[k], slopes[k], value, unit)
+        for k in largest
+        if abs(slopes[k]) > 0
+    ]
+    words = "depends on none of them"
+    if changes:
+        words = f"it changes for {', '.join(changes)}"
+    proof = "not checked"
+    if not np.isnan(checked):
         proof = f"checked by twin runs: {checked:.0e}"
     return f"{begin}; {words}; {proof}"
 
 
-def _change(p: Parameter, slope: float, value: float, unit: str) -> str:
-    """By how much the quantity rises for 1 % more of a parameter, or for a change by its scale."""
+def _describe_change(p: Parameter, slope: float, value: float, unit: str) -> str:
+    """Return by how much the quantity rises for 1 % more of a parameter, or by its scale."""
     if p.value and value:
         rise = slope / p.width * p.value / abs(value)
         return f"1 % more of {p.name} by {rise:+.2g} %"
     return f"{p.width:+g} of {p.name} by {slope:+.2g} {unit}".rstrip()
 
 
-def _doubts(opened: Problem) -> str:
-    """The likely reason why there is no derivative."""
+def _guess_reason(opened: Problem) -> str:
+    """Return the likely reason why there is no derivative."""
     system = opened.first.system
     if any(parameters_of(term).get("friction") for term in system.terms):
         return "friction: a node that changes between rest and sliding leaves no derivative"
     if opened.has_contact:
         return "contact: where it begins or ends in a run, the motion after it has none"
     return (
-        "folds that change, a start that chooses between two equilibria, or a motion that doubles "
-        "small differences many times have no derivative; larger damping or a shorter run may help"
+        "folds that change, a start that chooses between two equilibria, or a motion that "
+        "doubles small differences many times have no derivative; larger damping or a shorter "
+        "run may help"
     )

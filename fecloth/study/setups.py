@@ -28,7 +28,19 @@ def setup_of_function(
     probes: tuple[Probe, ...] = (),
     sharper: float | None = None,
 ) -> Setup:
-    """Call the user's function with the settings that it takes and return its setup."""
+    """Call the user's function with the settings that it takes and return its setup.
+
+    Parameters
+    ----------
+    settings
+        Arguments of the function; gradings may be tables.
+    dt
+        Fixed step [s]; None where the method chooses its steps.
+    t_end
+        End of the run [s]; None for an equilibrium.
+    sharper
+        Divides the tolerance of the solver; None leaves it as it is.
+    """
     name = getattr(function, "__name__", "problem")
     if "grading" in settings:  # from JSON
         entries: Any = settings["grading"]
@@ -43,15 +55,21 @@ def setup_of_function(
     if sharper is not None:  # "auto" may leave more than levels differ by
         newton = Newton(tolerance=newton.residual / sharper)
     steps = None
+    load_steps = max((term.load_steps for term in system.bound), default=1)
     if t_end is not None:
-        steps = choose_steps(method, dt if not method.traits.chooses_dt else None, {})
-    elif (least := max((term.load_steps for term in system.bound), default=1)) > 1:
-        steps, t_end = LoadSteps(least), 1.0  # the place of rest depends on the way there
+        fixed_dt = None if method.traits.chooses_dt else dt
+        steps = choose_steps(method, fixed_dt, {})
+    elif load_steps > 1:  # the place of rest depends on the way there
+        steps = LoadSteps(load_steps)
+        t_end = 1.0
     return Setup(system, start, steps, t_end, newton, probes=tuple(probes))
 
 
 def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, object]:
-    """Return the settings that a function takes; h and dt may be left out by it."""
+    """Return the settings that a function takes; it need not take h and dt.
+
+    Raises `InputError` for any other setting that it does not take.
+    """
     parameters = inspect.signature(function).parameters
     if any(item.kind is inspect.Parameter.VAR_KEYWORD for item in parameters.values()):
         return dict(settings)
@@ -66,11 +84,13 @@ def accepted(function: Callable, settings: Mapping[str, object]) -> dict[str, ob
 def table_of_grading(grading: Grading) -> dict[str, object]:
     """Return a grading as a table of [[cloth.grading]], in JSON's types."""
     table = {key: value for key, value in asdict(grading).items() if value is not None}
-    return {key: list(value) if key == "point" else value for key, value in table.items()}
+    if "point" in table:
+        table["point"] = list(table["point"])
+    return table
 
 
 def describe_term(term: Any, number: int) -> dict:
-    """Return what edits of the terms need to know of a term, which is the number-th of a system."""
+    """Return a term as a table for edits; `number` is its place in the system, from 0."""
     table: dict = {"type": type(term).__name__, "number": number}
     parameters = parameters_of(term)
     if isinstance(parameters.get("strain"), str):
@@ -78,24 +98,39 @@ def describe_term(term: Any, number: int) -> dict:
     if "gap" in parameters:
         table["gap"] = term.gap
     if "rest" in parameters:
-        table["rest"] = term.rest if isinstance(term.rest, str) else "given"
+        table["rest"] = "given"
+        if isinstance(term.rest, str):
+            table["rest"] = term.rest
     return table
 
 
 def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
-    """Return the setup with these terms, and the clamps of pins if one of them holds normals."""
-    old: Any = setup.system
-    new = tuple(_make_term(term, old.terms) for term in terms)
-    holds = any(traits_of(term).holds_normals for term in new)
-    free = (replace(p, clamp=False) if getattr(p, "clamp", False) else p for p in old.pins)
-    pins = old.pins if holds else tuple(free)
-    return replace(setup, system=replace(old, terms=new, pins=pins))
+    """Return the setup with these terms; pins clamp only if one of them holds normals."""
+    system: Any = setup.system
+    new_terms = tuple(_make_term(term, system.terms) for term in terms)
+    pins = system.pins
+    if not any(traits_of(term).holds_normals for term in new_terms):
+        pins = tuple(_without_clamp(pin) for pin in pins)
+    return replace(setup, system=replace(system, terms=new_terms, pins=pins))
 
 
-def _make_term(term: Mapping, own: Sequence) -> Any:
-    if "number" not in term:
-        return getattr(all_terms, term["type"])()
-    kept = own[term["number"]]
-    before = parameters_of(kept)
-    other = {key: term.get(key) for key in ("strain", "gap") if term.get(key) != before.get(key)}
-    return replace(kept, **other) if other else kept
+def _without_clamp(pin: Any) -> Any:
+    """Return a pin that leaves the normals free."""
+    if getattr(pin, "clamp", False):
+        return replace(pin, clamp=False)
+    return pin
+
+
+def _make_term(table: Mapping, own_terms: Sequence) -> Any:
+    """Return the term of a table: one of the system, perhaps changed, or a new one."""
+    if "number" not in table:
+        return getattr(all_terms, table["type"])()
+    term = own_terms[table["number"]]
+    parameters = parameters_of(term)
+    changed = {}
+    for key in ("strain", "gap"):
+        if table.get(key) != parameters.get(key):
+            changed[key] = table.get(key)
+    if changed:
+        return replace(term, **changed)
+    return term

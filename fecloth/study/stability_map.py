@@ -12,20 +12,20 @@ from fecloth.scene.scene import Scene
 from fecloth.study import stability_words, variants
 from fecloth.study.change import describe_values
 from fecloth.study.chart_grid import known_names
-from fecloth.study.figures import Figure
+from fecloth.study.figures import MOST_GROUPS, Figure
 from fecloth.study.opened import Opened, open_study
 from fecloth.study.result import StudyResult, Table
-from fecloth.study.run_problems import print_warnings, refuse_huge
+from fecloth.study.run_problems import Task, print_warnings, refuse_huge
 from fecloth.study.stability_runs import ALL_METHODS, list_runs, run_all
-from fecloth.study.stability_words import JUDGED, MOST_PANELS, WRONG, draw_map, range_of
+from fecloth.study.stability_words import JUDGED, WRONG, draw_map, range_of
 from fecloth.study.status import FAILED, OK, REFUSED
 
-LONGEST_CASE = 120.0  # s
+LONGEST_CASE = 120.0  # usual limit of the CPU time of a run [s]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilityMap(StudyResult):
-    """What `stability` found: the table has a row for each method and combination of values.
+    """The result of `stability`: the table has a row for each method and combination of values.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class StabilityMap(StudyResult):
         return any(row["status"] not in JUDGED for row in self.cells)
 
     def figure(self) -> Figure:
-        """Return a panel for each of at most eight methods: the runs, and the predicted limit."""
+        """Return a panel for each of the first eight methods: its runs and predicted limit."""
         return draw_map(self)
 
     def notes(self) -> list[str]:
@@ -72,19 +72,20 @@ class StabilityMap(StudyResult):
         ]
         if stopped := [row for row in self.cells if row["status"] not in JUDGED]:
             words = f"{stopped[0]['status']}: {stopped[0]['cause']}"
-            if len(stopped) == 1:
-                count = "1 run says"
-            else:
+            count = "1 run says"
+            if len(stopped) > 1:
                 count = f"{len(stopped)} runs say"
             lines.append(f"{count} nothing about the step; the first: {words}")
-        if len(self.methods) > MOST_PANELS:
-            lines.append(f"The figure shows the first {MOST_PANELS} methods, the table all.")
+        if len(self.methods) > MOST_GROUPS:
+            lines.append(f"The figure shows the first {MOST_GROUPS} methods, the table all.")
         return lines
 
     @property
     def exit_status(self) -> int:
         """Exit status of the command: 3 if the map has a hole."""
-        return errors.FAILED if self.has_stopped else 0
+        if self.has_stopped:
+            return errors.FAILED
+        return 0
 
     def report(self, folder: str | Path) -> Path:
         """Write report.html, results.csv, the figure, and runs.csv with every run."""
@@ -124,12 +125,16 @@ def stability(
         Arguments of `fecloth.study.of`, as probes, jobs and cache.
         A function may take dt, but the steps are the steps of the map.
     """
-    names = studied_by("stability") if methods is None else methods
+    names = methods
+    if names is None:
+        names = studied_by("stability")
     allowed = f"must be names of {', '.join(ALL_METHODS)}"
     if isinstance(names, str) or not names:
         raise InputError(f"methods = {names!r}", allowed, "stability")
     chosen = known_names("method", names, ALL_METHODS, allowed, "stability")
-    ranges = variants.read_ranges(over) if over else {}
+    ranges: dict[str, list] = {}
+    if over:
+        ranges = variants.read_ranges(over)
     combinations = variants.combine(ranges)
     study = open_study(problem, shared)
     opened = variants.with_first_values(study.problem, ranges)
@@ -139,15 +144,19 @@ def stability(
     listed = variants.make_or_refuse(
         lambda values: list_runs(values, variants.vary(opened, values), chosen), combinations
     )
-    tried = [v for v, each in zip(combinations, listed, strict=True) if isinstance(each, list)]
-    cells = run_all([run for each in listed if isinstance(each, list) for run in each], runs)
-    cells += [
-        {"method": method, **values, "dt": None, "steps": None, **row, "predicted": None}
-        for values, row in zip(combinations, listed, strict=True)
-        if isinstance(row, dict)
-        for method in chosen
-    ]
-    rows = [_line(method, values, cells) for method in chosen for values in combinations]
+    tried = []  # combinations that run
+    tasks: list[Task] = []
+    refused_cells = []
+    for values, item in zip(combinations, listed, strict=True):
+        if isinstance(item, list):
+            tried.append(values)
+            tasks += item
+            continue
+        for method in chosen:
+            cell = {"method": method, **values, "dt": None, "steps": None}
+            refused_cells.append({**cell, **item, "predicted": None})
+    cells = run_all(tasks, runs) + refused_cells
+    rows = [_table_row(method, values, cells) for method in chosen for values in combinations]
     return StabilityMap(
         title=opened.name,
         doubts=warned,
@@ -160,19 +169,21 @@ def stability(
 
 
 def _cells_of(method: str, values: Mapping, cells: Iterable[Mapping]) -> list[Mapping]:
+    """Return the runs of a method with a combination of values."""
     wanted = {"method": method, **values}
     return [cell for cell in cells if all(cell[key] == value for key, value in wanted.items())]
 
 
-def _line(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
+def _table_row(method: str, values: Mapping, cells: Sequence[Mapping]) -> dict:
+    """Return the measured and the predicted limit of a method, and what happens above."""
     own = _cells_of(method, values, cells)
     longest = range_of(own)
     predicted = own[0]["predicted"]
-    first = [cell for cell in own if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED)]
-    if first:
-        above = f"{first[0]['status']}: {stability_words.shorten(first[0]['cause'])}"
-    else:
-        above = ""
+    above = ""
+    for cell in own:
+        if cell["dt"] == longest[1] and cell["status"] in (WRONG, FAILED):
+            above = f"{cell['status']}: {stability_words.shorten(cell['cause'])}"
+            break
     if own[0]["status"] == REFUSED:
         above = f"{REFUSED}: {own[0]['cause']}"
     return {

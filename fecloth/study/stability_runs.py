@@ -24,23 +24,31 @@ from fecloth.study.status import OK
 from fecloth.study.workload import ANYWAY, Workload, check_size
 
 ALL_METHODS: dict[str, Any] = {**METHODS, **EXPLICIT}
-ENERGY = 0.05  # energy made by the method, relative to the energy that moved
-COUNTS = (8, 16, 32, 64, 128, 256)  # steps of a run with an implicit method
-AROUND = (2**1.5, 2**0.5, 2**-0.5, 2**-1.5)  # times the predicted limit: explicit methods
-CLOSE = (1.06, 2**0.25)  # times the predicted limit and over it: least and most of two more runs
-GROWTH = 24.0  # half the logarithm of the growth that shows an unstable mode, from round-off
-MINUTE = 60.0  # s; a map that takes longer says what it can do in this time
+# Energy that the method made over the energy that moved: above it the run is wrong.
+WRONG_ENERGY = 0.05
+# Steps of the runs with an implicit method: from the fewest, doubled, to the most.
+FEWEST_STEPS = 8
+MOST_STEPS = 256
+# Steps of the runs with an explicit method over its predicted limit.
+AROUND = (2**1.5, 2**0.5, 2**-0.5, 2**-1.5)
+# Of two more runs, one with r times the limit and one with 1/r: the least and the largest r.
+CLOSE = (1.06, 2**0.25)
+# Half the logarithm of the growth from round-off to the size of the motion, which shows an
+# unstable mode: e^48 = 7e20.
+GROWTH = 24.0
+MINUTE = 60.0  # predicted time [s]: a map that takes longer says what it can do in this time
 SUMS = ("pins", "numerical", "total", "remainder")
 
 
 def span_of(setup: Setup) -> float:
+    """Return the length of the run [s]; raise `InputError` for an equilibrium."""
     if setup.is_static or setup.t_end is None:
         remedy = "Give [time] in a scene, t_end to a function's problem."
         raise InputError("an equilibrium", "has no steps in time", "stability", remedy)
     return setup.t_end - setup.start.t
 
 
-def make_method(name: str):
+def make_method(name: str) -> Any:
     """Return the method with its defaults; explicit methods may exceed their limit."""
     if name in EXPLICIT:
         return ALL_METHODS[name](beyond_limit=True)
@@ -54,7 +62,8 @@ def counts_of(span: float, predicted: float | None) -> list[int]:
     next to the limit are so close to it that this is seen within the run.
     """
     if not predicted or math.isinf(predicted):
-        return list(COUNTS)
+        doublings = round(math.log2(MOST_STEPS / FEWEST_STEPS))
+        return [FEWEST_STEPS * 2**k for k in range(doublings + 1)]
     r = min(max(math.cosh(min(GROWTH * predicted / span, 1.0)), CLOSE[0]), CLOSE[1])
     parts = sorted((*AROUND, r, 1 / r), reverse=True)
     return list(dict.fromkeys(math.ceil(span / (part * predicted)) for part in parts))
@@ -71,24 +80,33 @@ def list_runs(values: Mapping[str, object], problem: Problem, methods: Sequence[
         with suppress(SolveFailed):  # then it is not known
             limit = critical_dt(setup.system, setup.start, make_method(name))
         for count in counts_of(span, limit):
-            words = filter(None, (describe_values(values), name, amount(count, "step")))
-            size = Workload(len(setup.cloth.triangles), count, name in EXPLICIT)
+            words = [name, amount(count, "step")]
+            if values:
+                words.insert(0, describe_values(values))
             cells = {"method": name, **values, "dt": span / count, "steps": count}
-            run = problem, {"method": name, "count": count}, ", ".join(words), size
-            listed.append(Task(run_with, *run, cells | {"predicted": limit}))
+            task = Task(
+                run_with,
+                problem,
+                settings={"method": name, "count": count},
+                words=", ".join(words),
+                size=Workload(len(setup.cloth.triangles), count, name in EXPLICIT),
+                cells=cells | {"predicted": limit},
+            )
+            listed.append(task)
     return listed
 
 
 def run_all(listed: Sequence[Task], runs: Runs) -> list[dict]:
-    """Return a row for each run; first print the size of all."""
-    less = offer_less(listed, runs.jobs)
-    remedy = f"{less or 'fewer methods or values'}; {ANYWAY}"
+    """Print the size of all runs, and what a minute is enough for; return a row for each run."""
+    offer = offer_less(listed, runs.jobs)
+    remedy = f"{offer or 'fewer methods or values'}; {ANYWAY}"
     sizes = [run.size for run in listed]
     where = listed[0].problem.source
     check_size(sizes, runs.jobs, runs.most_seconds, where, remedy)
-    if less:
-        print(less, file=sys.stderr, flush=True)
-    return [_row(*pair) for pair in zip(listed, run_tasks(listed, runs), strict=True)]
+    if offer:
+        print(offer, file=sys.stderr, flush=True)
+    rows = run_tasks(listed, runs)
+    return [_make_row(run, row) for run, row in zip(listed, rows, strict=True)]
 
 
 def offer_less(listed: Sequence[Task], jobs: int) -> str:
@@ -98,9 +116,15 @@ def offer_less(listed: Sequence[Task], jobs: int) -> str:
         costs[run.settings["method"]] += run.size.seconds / jobs
     if sum(costs.values()) <= MINUTE:
         return ""
-    costs = dict(sorted(costs.items(), key=lambda cost: cost[1]))
-    fitting = [m for m, s in zip(costs, np.cumsum([*costs.values()]), strict=True) if s <= MINUTE]
-    ways = [f"the methods {', '.join(fitting)}"] if fitting else []
+    fitting = []
+    spent = 0.0
+    for method in sorted(costs, key=lambda name: costs[name]):
+        spent += costs[method]
+        if spent <= MINUTE:
+            fitting.append(method)
+    ways = []
+    if fitting:
+        ways.append(f"the methods {', '.join(fitting)}")
     h = listed[0].problem.h
     for k in (2, 4, 8, 16):
         if h and sum(run.size.coarser(k).seconds for run in listed) <= MINUTE * jobs:
@@ -112,7 +136,10 @@ def offer_less(listed: Sequence[Task], jobs: int) -> str:
 
 
 def run_with(problem: Problem, method: str, count: int) -> dict:
-    """Run a problem with a method and a number of steps: energy made, first warning, seconds."""
+    """Run a problem with a method and a number of steps.
+
+    The row has the energy that the method made, the first warning, and the CPU seconds.
+    """
     setup = problem.setup()
     steps = FixedStep(make_method(method), span_of(setup) / count)
     names = setup.energies
@@ -128,26 +155,35 @@ def run_with(problem: Problem, method: str, count: int) -> dict:
 
 
 def energy_made(energies: Mapping[str, np.ndarray]) -> float:
-    """Return the largest energy that start, loads and pins cannot give, over the moving energy."""
-    # Dissipated energy is not added, because its sum over large steps is too large.
-    terms = [c for name, c in energies.items() if ":" not in name and name not in (*SUMS, "t")]
-    work = energies["pins"] + sum(c for name, c in energies.items() if name.startswith("work:"))
+    """Return the largest energy that start, loads and pins cannot give, over the moving energy.
+
+    Dissipated energy is not added, because its sum over large steps is too large.
+    """
+    parts = []  # energies of the terms, and the kinetic energy
+    work = energies["pins"]
+    for name, values in energies.items():
+        if name.startswith("work:"):
+            work = work + values
+        elif ":" not in name and name not in (*SUMS, "t"):
+            parts.append(values)
     gain = energies["total"] - energies["total"][0] - work
-    moved = abs(work) + sum(abs(c - c[0]) for c in terms)
+    moved = abs(work) + sum(abs(values - values[0]) for values in parts)
     return max(0.0, float(gain.max() / max(moved.max(), 1e-300)))
 
 
-def _row(run: Task, row: Mapping) -> dict:
-    """Return the row of a run: status "ok", "wrong", "failed", or as a stopped case has it."""
+def _make_row(run: Task, row: Mapping) -> dict:
+    """Return the row of a run: "ok", "wrong", "failed", or the status of a stopped case."""
     cells = dict(run.cells)
-    last = {"predicted": cells.pop("predicted")}
-    state = row["status"]
-    cause = str(row["cause"]).partition("\n")[0]
-    if state == OK and row["made"] > ENERGY:
-        state = WRONG
-        cause = f"the method made {row['made']:.2g} of the energy that moved"
-    elif state == OK and row["warning"]:
-        state = WRONG
-        cause = row["warning"].partition("\n")[0]
-    numbers = {"energy made": row.get("made"), "cpu_seconds": row.get("cpu_seconds")}
-    return cells | {"status": state, "cause": cause} | numbers | last
+    predicted = cells.pop("predicted")
+    cells["status"] = row["status"]
+    cells["cause"] = str(row["cause"]).partition("\n")[0]
+    if row["status"] == OK and row["made"] > WRONG_ENERGY:
+        cells["status"] = WRONG
+        cells["cause"] = f"the method made {row['made']:.2g} of the energy that moved"
+    elif row["status"] == OK and row["warning"]:
+        cells["status"] = WRONG
+        cells["cause"] = row["warning"].partition("\n")[0]
+    cells["energy made"] = row.get("made")
+    cells["cpu_seconds"] = row.get("cpu_seconds")
+    cells["predicted"] = predicted
+    return cells

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from fecloth.study.figures import Figure, new_figure
+from fecloth.study.figures import COLUMNS, MOST_GROUPS, Figure, new_figure
 from fecloth.study.status import FAILED, OK
 
 WRONG = "wrong"  # the run reached its end with energy from nowhere, or with a warning
@@ -13,10 +13,10 @@ Range = tuple[float, float]  # longest dt that holds, shortest longer one that d
 
 
 def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) -> Range:
-    """Return the longest dt at and below which all runs are good, and the next one, that is not.
+    """Return the longest dt up to which all runs hold, and the next longer one, which does not.
 
-    The first is 0 if the shortest step is not good, the second infinite if all are; (0, inf)
-    without a run that says something.
+    A run holds if its status is one of `held`. The first dt is 0 if the shortest step does not
+    hold; the second is infinite if all steps hold. Both are so if no run says anything.
     """
     longest = 0.0
     for cell in sorted(cells, key=lambda cell: cell["dt"]):
@@ -29,6 +29,7 @@ def range_of(cells: Iterable[Mapping[str, Any]], held: tuple[str, ...] = (OK,)) 
 
 
 def describe_range(longest: Range) -> str:
+    """Return a range of steps in words, as "1.2–1.3 ms"."""
     low, high = longest
     if low == 0.0:
         if math.isinf(high):
@@ -53,39 +54,44 @@ def describe_ratio(longest: Range, predicted: float | None) -> str:
 
 
 def describe_limit(predicted: float | None) -> str:
+    """Return a predicted limit in words."""
     if predicted is None:
         return "not known"
     if math.isinf(predicted):
         return "none"
-    return in_seconds(predicted) if predicted else "0 s"
+    if not predicted:
+        return "0 s"
+    return in_seconds(predicted)
 
 
 def describe_best(ranges: Mapping[str, Range]) -> str:
-    """Return which method holds the longest step; methods that the runs cannot tell apart tie."""
+    """Return which method holds the longest step, or which methods tie."""
     longest = max((low for low, _ in ranges.values()), default=0.0)
     if longest == 0.0:
         return "no method holds at a step that was tried"
-    longest_ranges = {
-        name: r for name, r in ranges.items() if r[0] > 0.0 and r[1] > longest * (1 + 1e-9)
+    # The methods that hold the longest step, or may hold it: their range does not end below it.
+    best = {
+        name: (low, high)
+        for name, (low, high) in ranges.items()
+        if low > 0.0 and high > longest * (1 + 1e-9)
     }
-    lows, highs = zip(*longest_ranges.values(), strict=True)
-    if len(longest_ranges) == 1:
-        (name,) = longest_ranges
-        tried = ", the longest that was tried" if math.isinf(highs[0]) else ""
-        return f"{name} holds the longest step, {describe_range(longest_ranges[name])}{tried}"
-    names = f"{', '.join(list(longest_ranges)[:-1])} and {list(longest_ranges)[-1]} tie"
-    if min(lows) > longest * (1 - 1e-9) and len(set(highs)) == 1:
-        if math.isinf(highs[0]):
-            tried = ", the longest step that was tried"
-        else:
-            tried = ""
-        return f"{names} at {describe_range(next(iter(longest_ranges.values())))}{tried}"
-    upper = "" if math.isinf(max(highs)) else f" and {in_seconds(max(highs))}"
-    if upper:
-        where = f"between {in_seconds(min(lows))}{upper}"
-    else:
-        where = f"above {in_seconds(min(lows))}"
-    return f"{names}: their ranges overlap {where}"
+    *others, last = best
+    range_words = describe_range(best[last])
+    lowest = min(low for low, _ in best.values())
+    highest = max(high for _, high in best.values())
+    if not others:
+        words = f"{last} holds the longest step, {range_words}"
+        return f"{words}, the longest that was tried" if math.isinf(highest) else words
+    names = f"{', '.join(others)} and {last} tie"
+    have_same_range = lowest > longest * (1 - 1e-9) and len({h for _, h in best.values()}) == 1
+    if have_same_range and math.isinf(highest):
+        return f"{names} at {range_words}, the longest step that was tried"
+    if have_same_range:
+        return f"{names} at {range_words}"
+    if math.isinf(highest):
+        return f"{names}: their ranges overlap above {in_seconds(lowest)}"
+    between = f"between {in_seconds(lowest)} and {in_seconds(highest)}"
+    return f"{names}: their ranges overlap {between}"
 
 
 def shorten(cause: str) -> str:
@@ -105,13 +111,13 @@ def in_seconds(dt: float) -> str:
 
 
 def _scaled(dt: float) -> tuple[float, str]:
+    """Return a time in the largest unit in which it is at least 1, and the unit."""
     for unit, factor in (("s", 1.0), ("ms", 1e3)):
         if dt * factor >= 1 - 1e-9:
             return dt * factor, unit
     return dt * 1e6, "µs"
 
 
-MOST_PANELS = 8
 LOOKS: dict[str, dict[str, Any]] = {
     OK: {"marker": "o", "color": "#0072B2"},
     WRONG: {"marker": "^", "color": "#E69F00"},
@@ -119,12 +125,11 @@ LOOKS: dict[str, dict[str, Any]] = {
     "stopped": {"marker": "s", "color": "0.6", "mfc": "none"},
 }
 LIMIT: dict[str, Any] = {"color": "black", "lw": 2, "label": "predicted limit"}
-COLUMNS = 4
 
 
 def draw_map(stability: Any) -> Figure:
     """Draw the runs of a `StabilityMap`; the line is the predicted limit of explicit methods."""
-    methods = stability.methods[:MOST_PANELS]
+    methods = stability.methods[:MOST_GROUPS]
     columns = min(COLUMNS, len(methods))
     rows = math.ceil(len(methods) / columns)
     size = max(2.9 * columns, 6.0), 3.1 * rows + 1.1
@@ -138,51 +143,71 @@ def draw_map(stability: Any) -> Figure:
         _draw_runs(ax, [cells[i] for i in own], [x[i] for i in own])
         ax.set_title(method.replace("_", " "), fontsize=11)
     steps = [cell["dt"] for cell in cells if cell["dt"]]
-    numbers = not isinstance(x[0], str)
+    are_numbers = not isinstance(x[0], str)
     first = panels[0]
     first.set(yscale="log", ylim=(min(steps) / 1.5, max(steps) * 1.5))
-    if numbers and max(x) >= 10 * min(x):
+    if are_numbers and max(x) >= 10 * min(x):
         first.set(xscale="log", xlim=(min(x) / 1.5, max(x) * 1.5))
-    elif not numbers:
+    elif not are_numbers:
         first.set_xlim(-0.6, len(set(x)) - 0.4)
     for ax in panels[max(len(methods) - columns, 0) : len(methods)]:
         ax.tick_params("x", labelbottom=True)
-        if not numbers and max(map(len, x)) > 6:
+        if not are_numbers and max(map(len, x)) > 6:
             ax.tick_params("x", rotation=30)
     for ax in panels[len(methods) :]:
         ax.set_axis_off()
     drawing.supylabel("time step [s]")
     if stability.keys:
         drawing.supxlabel(", ".join(stability.keys))
-    shown = [zip(*ax.get_legend_handles_labels(), strict=True) for ax in panels]
-    lines = {label: handle for pairs in shown for handle, label in pairs}
-    look: dict[str, Any] = {"loc": "outside upper center", "ncols": len(lines), "frameon": False}
-    drawing.legend(list(lines.values()), list(lines), **look)
+    lines = {}  # a line of any panel by its label
+    for ax in panels:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            lines[label] = handle
+    drawing.legend(
+        list(lines.values()),
+        list(lines),
+        loc="outside upper center",
+        ncols=len(lines),
+        frameon=False,
+    )
     return drawing
 
 
 def _places(values: Sequence[tuple]) -> list:
-    """Return the values of the only key if they are numbers above 0, else combinations as texts."""
+    """Return the places of combinations of values on the axis.
+
+    They are the values of the only key, if these are numbers above 0, else texts.
+    """
     if all(len(v) == 1 and isinstance(v[0], int | float) and v[0] > 0 for v in values):
         return [value for (value,) in values]
-    return [", ".join(map(str, each)) for each in values]
+    return [", ".join(map(str, combination)) for combination in values]
 
 
 def _draw_runs(ax, cells: Sequence[Mapping], x: Sequence) -> None:
+    """Draw the runs of a method at their places x, and the predicted limit."""
     pairs = list(zip(x, cells, strict=True))
     ax.plot(x, [math.nan] * len(x), ls="")  # the axis has all places, in their order
     for state, look in LOOKS.items():
-        at = [
-            (place, cell["dt"])
-            for place, cell in pairs
-            if (cell["status"] if cell["status"] in JUDGED else "stopped") == state
-        ]
-        if at:
-            ax.plot(*zip(*at, strict=True), ls="", ms=7, label=state, **look)
-    limits = {place: cell["predicted"] for place, cell in pairs}
-    known = {place: each for place, each in limits.items() if each and math.isfinite(each)}
-    if len(known) == 1:
-        ax.axhline(next(iter(known.values())), **LIMIT)
-    elif known:
-        order = list(known) if isinstance(x[0], str) else sorted(known)
-        ax.plot(order, [known[place] for place in order], **LIMIT)
+        points = [(place, cell["dt"]) for place, cell in pairs if _state_of(cell) == state]
+        if points:
+            places = [place for place, _ in points]
+            steps = [dt for _, dt in points]
+            ax.plot(places, steps, ls="", ms=7, label=state, **look)
+    limits = {}
+    for place, cell in pairs:
+        if cell["predicted"] and math.isfinite(cell["predicted"]):
+            limits[place] = cell["predicted"]
+    if len(limits) == 1:
+        ax.axhline(next(iter(limits.values())), **LIMIT)
+    elif limits:
+        order = list(limits)
+        if not isinstance(x[0], str):
+            order = sorted(limits)
+        ax.plot(order, [limits[place] for place in order], **LIMIT)
+
+
+def _state_of(cell: Mapping[str, Any]) -> str:
+    """Return the status of a run; "stopped" if it says nothing about the step."""
+    if cell["status"] in JUDGED:
+        return cell["status"]
+    return "stopped"

@@ -43,8 +43,10 @@ def failure(status: str, cause: object) -> dict:
 
 
 def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
-    """Return the result of `function(**settings)` with the status "ok", or that of its failure."""
-    # The time limit [CPU s] works only where the function calls `check_time_limit`.
+    """Return the result of `function(**settings)` and how it ended: `status` and `cause`.
+
+    The time limit [CPU s] works only where the function calls `check_time_limit`.
+    """
     _current_case.limit = time_limit
     if time_limit is None:
         _current_case.end = None
@@ -53,14 +55,21 @@ def attempt(function, settings: dict, time_limit: float | None = None) -> dict:
     try:
         return {**function(**settings), "status": OK, "cause": ""}
     except Exception as error:
-        kinds = {TimeLimit: LATE, InputError: REFUSED, FeclothError: FAILED, MemoryError: MEMORY}
-        status = next((word for kind, word in kinds.items() if isinstance(error, kind)), ERROR)
+        status = _status_of(error)
+        cause = str(error)
+        if status in (FAILED, ERROR):
+            cause = f"{type(error).__name__}: {cause}"
         if status == ERROR:
             traceback.print_exc(file=sys.stderr)
-        if status in (FAILED, ERROR):
-            prefix = f"{type(error).__name__}: "
-        else:
-            prefix = ""
-        return {"status": status, "cause": f"{prefix}{error}".strip()}
+        return {"status": status, "cause": cause.strip()}
     finally:
         _current_case.end = None
+
+
+def _status_of(error: Exception) -> str:
+    """Return the status of a case that ended with an error; the first kind that fits counts."""
+    kinds = {TimeLimit: LATE, InputError: REFUSED, FeclothError: FAILED, MemoryError: MEMORY}
+    for kind, status in kinds.items():
+        if isinstance(error, kind):
+            return status
+    return ERROR

@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fecloth.errors import InputError
 from fecloth.scene.scene import Scene
 from fecloth.simulation.quantity import Quantity
@@ -22,7 +24,7 @@ from fecloth.study.status import NO_VALUE, OK, REFUSED, failure
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(StudyResult):
-    """What `sweep` found: the table has a row for each combination of values.
+    """The result of `sweep`: the table has a row for each combination of values.
 
     Attributes
     ----------
@@ -55,14 +57,14 @@ class Sweep(StudyResult):
         groups: dict = {}  # rows by the values of the other keys
         for row in self.table:
             groups.setdefault(tuple(row[key] for key in others), []).append(row)
-        panels = axes if len(self.quantities) > 1 else [axes]
-        for ax, name, unit in zip(panels, self.quantities, self.units, strict=True):
+        for ax, name, unit in zip(np.ravel(axes), self.quantities, self.units, strict=True):
             for i, (group, rows) in enumerate(groups.items()):
-                points = [(row[first], row[name]) for row in rows if row.get(name) is not None]
-                words = ", ".join(f"{k} {v}" for k, v in zip(others, group, strict=True))
-                ax.plot(
-                    *zip(*points, strict=True) if points else ((), ()), label=words, **line_style(i)
-                )
+                points = [row for row in rows if row.get(name) is not None]
+                x = [row[first] for row in points]
+                y = [row[name] for row in points]
+                values = zip(others, group, strict=True)
+                words = ", ".join(f"{key} {value}" for key, value in values)
+                ax.plot(x, y, label=words, **line_style(i))
                 mark_failures(ax, rows, first, str(line_style(i)["color"]))
             ax.set(xlabel=first, ylabel=f"{name} [{unit}]" if unit else name)
             if _spans_decades([row[first] for row in self.table]):
@@ -80,9 +82,9 @@ def sweep(
 ) -> Sweep:
     """Run a problem for every combination of values and return quantities of each run.
 
-    Raises `InputError` for a quantity or a key that the problem refuses, or if it refuses every
-    value. One value of several that is refused gives a row with the status "refused" and the
-    reason.
+    A value that the problem refuses gives a row with the status "refused" and the reason. It
+    raises `InputError` for a quantity or a key that the problem refuses, or if the problem
+    refuses every value.
 
     Parameters
     ----------
@@ -106,13 +108,15 @@ def sweep(
     run_problems.refuse_huge(opened, runs)
     warned = run_problems.print_warnings(opened)
     chosen = opened.choose_quantities(quantity)
-    listed = variants.make_or_refuse(partial(_point, opened), combinations)
+    listed = variants.make_or_refuse(partial(_make_point, opened), combinations)
     points = [item for item in listed if isinstance(item, run_problems.Point)]
     run_problems.check_points(points, runs)
     rows = run_problems.run_or_skip(listed, chosen, runs)
     if all(row["status"] == REFUSED for row in rows):
         raise InputError(f"every value: {rows[0]['cause']}")
-    lines = [_line(*pair, chosen) for pair in zip(combinations, rows, strict=True)]
+    lines = []
+    for values, row in zip(combinations, rows, strict=True):
+        lines.append(_table_row(values, row, chosen))
     table = Table(tuple(lines))
     names = next((row["energies"] for row in rows if row["status"] == OK), ())
     return Sweep(
@@ -126,23 +130,26 @@ def sweep(
     )
 
 
-def _point(opened: Problem, values: dict) -> run_problems.Point:
+def _make_point(opened: Problem, values: dict) -> run_problems.Point:
+    """Return the problem with these values of its keys, to run."""
     variant = variants.vary(opened, values)
     size = variants.size_of(opened, variant)
     return run_problems.Point(variant, FIRST, describe_values(values), size)
 
 
-def _line(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
+def _table_row(values: Mapping, row: Mapping, quantities: Sequence[Quantity]) -> dict:
+    """Return the status, the values of the keys, the quantities and the cost of a run."""
     if row["status"] != OK:
         return {**values, **failure(row["status"], row["cause"])}
-    line = dict(values)
+    cells = {"status": OK, **values}
     for quantity in quantities:
         try:
-            line[quantity.text] = value_of(quantity, run_problems.record_at(row, quantity))
+            cells[quantity.text] = value_of(quantity, run_problems.record_at(row, quantity))
         except InputError as error:  # as where a signal has no period
-            line |= failure(NO_VALUE, error)
-    counted = {name: row[name] for name in ("triangles", "steps", "cpu_seconds")}
-    return {"status": OK} | line | counted
+            cells |= failure(NO_VALUE, error)
+    for name in ("triangles", "steps", "cpu_seconds"):
+        cells[name] = row[name]
+    return cells
 
 
 def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:
@@ -154,9 +161,12 @@ def _verdict(table: Table, quantities: Sequence[Quantity]) -> str:
             parts.append(f"{quantity.text} from {min(values):.4g} to {max(values):.4g}")
     failed = sum(row["status"] != OK for row in table)
     words = "; ".join(parts) or "no run has a value"
-    return words + (f"; {failed} of {len(table)} runs failed" if failed else "")
+    if failed:
+        return f"{words}; {failed} of {len(table)} runs failed"
+    return words
 
 
 def _spans_decades(values: Sequence) -> bool:
-    numbers = all(isinstance(value, int | float) and value > 0 for value in values)
-    return numbers and max(values) >= 10 * min(values)
+    """Whether all values are numbers above 0, the largest at least ten times the smallest."""
+    are_positive = all(isinstance(value, int | float) and value > 0 for value in values)
+    return are_positive and max(values) >= 10 * min(values)

@@ -30,11 +30,20 @@ from scipy.optimize import brentq, minimize_scalar
 
 from fecloth.errors import InputError, amount
 
+# The factors F of both papers: the uncertainty over the estimated error, where the observed
+# order is trusted and where it is not.
 SAFE = 1.25
 UNSAFE = 3.0
-LEAST, ABOVE = 0.5, 0.1  # orders that are trusted: from 0.5 to the theoretical one + 0.1
-SEARCHED = 0.05, 12.0  # orders that are searched
-ROUND_OFF = 1e-11  # relative to the values; what solvers leave
+# The observed orders p that are trusted: 0.5 <= p <= P + 0.1 (Eça and Hoekstra: 0.5 to 2.1 for
+# P = 2).
+LEAST_ORDER = 0.5
+ORDER_ABOVE_THEORY = 0.1
+# The orders among which the best fit is searched: wider on both sides than any that is trusted,
+# so that it does not matter where the search ends.
+LOWEST_FITTED_ORDER = 0.05
+HIGHEST_FITTED_ORDER = 12.0
+# A range of the values over their size: what differs by less is equal up to what solvers leave.
+EQUAL_VALUES = 1e-11
 
 
 @dataclass(frozen=True)
@@ -77,18 +86,41 @@ class Estimate:
 def estimate_uncertainty(
     sizes: Sequence[float], values: Sequence[float], theory: float
 ) -> Estimate:
-    """Return the estimate from three or more different levels in any order, or `InputError`."""
-    order = np.argsort(sizes)
-    h = np.asarray(sizes, float)[order]
-    fine_first = np.asarray(values, float)[order]
+    """Estimate how far the value of the finest level is from the limit of all levels.
+
+    Parameters
+    ----------
+    sizes
+        The edge length, or the time step, of each level, in any order.
+    values
+        The value of each level.
+    theory
+        The theoretical order P.
+
+    Raises
+    ------
+    InputError
+        For less than three levels, or two levels of the same size.
+    """
+    from_fine = np.argsort(sizes)
+    h = np.asarray(sizes, float)[from_fine]
+    fine_first = np.asarray(values, float)[from_fine]
     if len(h) < 3 or not (np.diff(h) > 0).all():
         what = f"{amount(len(np.unique(h)), 'level')} of different size"
         raise InputError(what, "must be at least 3", "estimate_uncertainty")
     spread = float(np.ptp(fine_first))
-    if spread <= ROUND_OFF * np.abs(fine_first).max():
-        first = float(fine_first[0])
+    if spread <= EQUAL_VALUES * np.abs(fine_first).max():
+        finest = float(fine_first[0])
         return Estimate(
-            first, first, spread, math.nan, theory, "constant", 0.0, spread, "round-off"
+            value=finest,
+            limit=finest,
+            uncertainty=spread,
+            order=math.nan,
+            theory=theory,
+            behaviour="constant",
+            scatter=0.0,
+            data_range=spread,
+            procedure="round-off",
         )
     if len(h) == 3:
         return _grid_convergence_index(h, fine_first, theory)
@@ -97,63 +129,92 @@ def estimate_uncertainty(
 
 def is_reasonable(order: float, theory: float) -> bool:
     """Whether an observed order may be used to extrapolate."""
-    return LEAST <= order <= theory + ABOVE
+    return LEAST_ORDER <= order <= theory + ORDER_ABOVE_THEORY
 
 
 def _grid_convergence_index(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    fine = values[1] - values[0]
-    coarse = values[2] - values[1]
-    name = "grid convergence index"
+    """Return the estimate from three levels, fine to coarse (Roache 1994, Celik et al. 2008)."""
+    finest = float(values[0])
     spread = float(np.ptp(values))
-    first = float(values[0])
-    half = spread / 2
-    nothing = Estimate(first, first, 3 * spread, math.nan, theory, "", 0.0, half, name)
-    if fine * coarse <= 0:
-        return replace(nothing, behaviour="oscillating")
+    without_limit = Estimate(
+        value=finest,
+        limit=finest,
+        uncertainty=3 * spread,
+        order=math.nan,
+        theory=theory,
+        behaviour="oscillating",
+        scatter=0.0,
+        data_range=spread / 2,
+        procedure="grid convergence index",
+    )
+    fine_change = values[1] - values[0]
+    coarse_change = values[2] - values[1]
+    if fine_change * coarse_change <= 0:
+        return without_limit
     order = observed_order(h, values)
     if not order > 0:
-        return replace(nothing, order=order, behaviour="diverging")
+        return replace(without_limit, order=order, behaviour="diverging")
+    p = theory
+    factor = UNSAFE
     if is_reasonable(order, theory):
-        p, factor = (order, SAFE)
-    else:
-        p, factor = (theory, UNSAFE)
-    error = float(fine / ((h[1] / h[0]) ** p - 1))  # φ₁ − φ₀ with the sign reversed
+        p = order
+        factor = SAFE
+    extrapolated = float(fine_change / ((h[1] / h[0]) ** p - 1))  # φ₀ = φ₁ − this
     return replace(
-        nothing,
-        limit=float(values[0]) - error,
-        uncertainty=factor * abs(error),
+        without_limit,
+        limit=finest - extrapolated,
+        uncertainty=factor * abs(extrapolated),
         order=order,
         behaviour="monotone",
     )
 
 
 def observed_order(h: np.ndarray, values: np.ndarray) -> float:
-    """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁."""
-    # It is negative where the differences grow, and NaN where their sign changes.
-    fine = values[1] - values[0]
-    coarse = values[2] - values[1]
-    if fine * coarse <= 0:
+    """Return p of three levels, fine to coarse: (h₃^p − h₂^p)/(h₂^p − h₁^p) = Δφ₃₂/Δφ₂₁.
+
+    The order is negative where the differences grow, at least −1, and 0 where they stay the same.
+    It is NaN where their sign changes.
+    """
+    fine_change = values[1] - values[0]
+    coarse_change = values[2] - values[1]
+    if fine_change * coarse_change <= 0:
         return math.nan
-    x = np.log(h / h[0])
+    log_h = np.log(h / h[0])
+    log_change = math.log(coarse_change / fine_change)
 
     def mismatch(p: float) -> float:
-        low = np.expm1(p * x[1])
-        high = np.exp(p * x[1]) * np.expm1(p * (x[2] - x[1]))
-        return math.log(high / low) - math.log(coarse / fine)
+        """Return the logarithm of the left side over the right side; it rises with p."""
+        fine_part = np.expm1(p * log_h[1])
+        coarse_part = np.exp(p * log_h[1]) * np.expm1(p * (log_h[2] - log_h[1]))
+        return math.log(coarse_part / fine_part) - log_change
 
-    at_zero = math.log((x[2] - x[1]) / x[1]) - math.log(coarse / fine)
-    if at_zero >= 0:
+    if mismatch(-1e-9) <= 0 <= mismatch(1e-9):
+        return 0.0
+    mismatch_at_zero = math.log((log_h[2] - log_h[1]) / log_h[1]) - log_change
+    if mismatch_at_zero >= 0:
         if mismatch(-1.0) > 0:
             return -1.0
         return float(brentq(mismatch, -1.0, -1e-9))
-    if mismatch(SEARCHED[1]) < 0:
-        return SEARCHED[1]
-    return float(brentq(mismatch, 1e-9, SEARCHED[1]))
+    if mismatch(HIGHEST_FITTED_ORDER) < 0:
+        return HIGHEST_FITTED_ORDER
+    return float(brentq(mismatch, 1e-9, HIGHEST_FITTED_ORDER))
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """φ₀ + Σ α h^p by weighted least squares, its standard deviation and the observed order."""
+    """φ₀ + Σ α h^p by weighted least squares.
+
+    Attributes
+    ----------
+    limit
+        φ₀.
+    finest
+        The fitted value of the finest level, φ_fit(h₁).
+    deviation
+        The standard deviation σ.
+    order
+        The first power p.
+    """
 
     limit: float
     finest: float
@@ -162,76 +223,94 @@ class _Fit:
 
 
 def _least_squares(h: np.ndarray, values: np.ndarray, theory: float) -> Estimate:
-    weights = (np.ones(len(h)), len(h) / h / np.sum(1 / h))
-    free = [_fit_order(h, values, w) for w in weights]
-    reasonable = [fit for fit in free if is_reasonable(fit.order, theory)]
-    closest = min(reasonable or free, key=lambda fit: fit.deviation)
-    spread = float(np.ptp(values)) / (len(h) - 1)
-    behaviour = _behaviour(values)
-    if reasonable:
-        fit = closest
-        uncertainty = _uncertainty(closest, values[0], spread, SAFE)
+    """Return the estimate from four or more levels, fine to coarse (Eça and Hoekstra 2014)."""
+    weightings = [np.ones(len(h)), len(h) / h / np.sum(1 / h)]
+    free_fits = [_fit_order(h, values, weights) for weights in weightings]
+    trusted = [fit for fit in free_fits if is_reasonable(fit.order, theory)]
+    closest = min(trusted or free_fits, key=lambda fit: fit.deviation)
+    data_range = float(np.ptp(values)) / (len(h) - 1)
+    if trusted:
+        limit = closest.limit
+        uncertainty = _uncertainty(closest, values[0], data_range, SAFE)
     else:
-        powers = _powers(closest.order, theory)
-        fits = [_fit_powers(h, values, w, p) for w in weights for p in powers]
-        fit = min(fits, key=lambda fit: fit.deviation)
-        uncertainty = _uncertainty(fit, values[0], spread, UNSAFE)
-        if closest.order > theory:
-            fit, uncertainty = _take_smaller(fit, uncertainty, closest, h, values, theory)
-    limit = fit.limit
+        limit, uncertainty = _estimate_with_fixed_powers(
+            h, values, theory, weightings, closest, data_range
+        )
+    behaviour = _describe_behaviour(values)
+    order = closest.order
     if behaviour != "monotone":
         uncertainty = max(uncertainty, UNSAFE * np.ptp(values[:3]))
         limit = float(values[0])
+        order = math.nan
     return Estimate(
         value=float(values[0]),
         limit=limit,
         uncertainty=float(uncertainty),
-        order=closest.order if behaviour == "monotone" else math.nan,
+        order=order,
         theory=theory,
         behaviour=behaviour,
         scatter=closest.deviation,
-        data_range=spread,
+        data_range=data_range,
         procedure="least squares",
     )
 
 
-def _uncertainty(fit: _Fit, finest: float, spread: float, factor: float) -> float:
-    parts = abs(fit.finest - fit.limit), fit.deviation + abs(finest - fit.finest)
-    if fit.deviation < spread:
-        return factor * parts[0] + parts[1]
-    return UNSAFE * fit.deviation / spread * sum(parts)
+def _estimate_with_fixed_powers(
+    h: np.ndarray,
+    values: np.ndarray,
+    theory: float,
+    weightings: Sequence[np.ndarray],
+    free: _Fit,
+    data_range: float,
+) -> tuple[float, float]:
+    """Return limit and uncertainty where the order of the fit `free` cannot be trusted.
+
+    Above the theoretical order the grid convergence index of the two finest levels is taken, if
+    its uncertainty is the smaller one.
+    """
+    fits = []
+    for weights in weightings:
+        for powers in _fixed_powers(free.order, theory):
+            fits.append(_fit_powers(h, values, weights, powers))
+    fit = min(fits, key=lambda fit: fit.deviation)
+    uncertainty = _uncertainty(fit, values[0], data_range, UNSAFE)
+    if free.order > theory:
+        extrapolated = float(values[1] - values[0]) / ((h[1] / h[0]) ** theory - 1)
+        scatter = free.deviation + abs(values[0] - free.finest)
+        index = UNSAFE * abs(extrapolated) + scatter
+        if index < uncertainty:
+            return float(values[0]) - extrapolated, index
+    return fit.limit, uncertainty
 
 
-def _take_smaller(
-    fit: _Fit, uncertainty: float, free: _Fit, h: np.ndarray, values: np.ndarray, theory: float
-) -> tuple[_Fit, float]:
-    """Return the grid convergence index of the two finest levels, where it is the smaller one."""
-    error = float(values[1] - values[0]) / ((h[1] / h[0]) ** theory - 1)
-    index = UNSAFE * abs(error) + free.deviation + abs(values[0] - free.finest)
-    if index >= uncertainty:
-        return fit, uncertainty
-    first = float(values[0])
-    return _Fit(first - error, first, free.deviation, free.order), index
+def _uncertainty(fit: _Fit, finest: float, data_range: float, factor: float) -> float:
+    """Return U of a fit with F = `factor`; `finest` is the value of the finest level."""
+    error = abs(fit.finest - fit.limit)
+    scatter = fit.deviation + abs(finest - fit.finest)
+    if fit.deviation < data_range:
+        return factor * error + scatter
+    return UNSAFE * fit.deviation / data_range * (error + scatter)
 
 
-def _behaviour(values: np.ndarray) -> str:
+def _describe_behaviour(values: np.ndarray) -> str:
     """Return how values, fine to coarse, behave; one change of sign may be scatter."""
-    steps = np.diff(values)
-    if (steps[:2] * steps[1:3] < 0).all():
+    changes = np.diff(values)
+    if (changes[:2] * changes[1:3] < 0).all():
         return "oscillating"
-    if abs(steps[0]) >= np.abs(steps[1:]).max():
+    if abs(changes[0]) >= np.abs(changes[1:]).max():
         return "diverging"
     return "monotone"
 
 
-def _powers(order: float, theory: float) -> list[tuple[float, ...]]:
-    """Return the powers of the fits with fixed order, where the free one is unreasonable."""
+def _fixed_powers(order: float, theory: float) -> list[tuple[float, ...]]:
+    """Return the powers of the fits that are tried in place of the observed order."""
     if order > theory:
-        low, high = (max(theory - 1, 1.0), theory)
-    else:
-        low, high = (1.0, max(theory, 2.0))
-    single: list[tuple[float, ...]] = [(low,), (high,)]
-    return single + ([(low, high)] if order < LEAST else [])
+        return [(max(theory - 1, 1.0),), (theory,)]
+    low = 1.0
+    high = max(theory, 2.0)
+    if order < LEAST_ORDER:
+        return [(low,), (high,), (low, high)]
+    return [(low,), (high,)]
 
 
 def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
@@ -240,22 +319,28 @@ def _fit_order(h: np.ndarray, values: np.ndarray, weights: np.ndarray) -> _Fit:
     def deviation(p: float) -> float:
         return _fit_powers(h, values, weights, (p,)).deviation
 
-    grid = np.geomspace(*SEARCHED, 60)
-    least = int(np.argmin([deviation(p) for p in grid]))
-    bounds = grid[max(least - 1, 0)], grid[min(least + 1, len(grid) - 1)]
-    minimum = minimize_scalar(deviation, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+    grid = np.geomspace(LOWEST_FITTED_ORDER, HIGHEST_FITTED_ORDER, 60)
+    best = int(np.argmin([deviation(p) for p in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    options = {"xatol": 1e-9}
+    minimum = minimize_scalar(deviation, bounds=bounds, method="bounded", options=options)
     return _fit_powers(h, values, weights, (float(minimum.x),))
 
 
 def _fit_powers(
     h: np.ndarray, values: np.ndarray, weights: np.ndarray, powers: tuple[float, ...]
 ) -> _Fit:
-    """Return the fit with these powers; with p free it has one unknown more."""
+    """Return the fit with these powers; a single power counts as an unknown, too."""
     design = np.column_stack([np.ones(len(h)), *((h / h[-1]) ** p for p in powers)])
     root = np.sqrt(weights)
-    solution = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
-    fitted = design @ solution
-    unknowns = 3 if len(powers) == 1 else 1 + len(powers)
-    left = max(len(h) - unknowns, 1)
-    deviation = float(np.sqrt(np.sum(weights * (values - fitted) ** 2) / left))
-    return _Fit(float(solution[0]), float(fitted[0]), deviation, powers[0])
+    coefficients = np.linalg.lstsq(design * root[:, None], values * root, rcond=None)[0]
+    fitted = design @ coefficients
+    unknowns = max(1 + len(powers), 3)
+    degrees_of_freedom = max(len(h) - unknowns, 1)
+    variance = np.sum(weights * (values - fitted) ** 2) / degrees_of_freedom
+    return _Fit(
+        limit=float(coefficients[0]),
+        finest=float(fitted[0]),
+        deviation=float(np.sqrt(variance)),
+        order=powers[0],
+    )

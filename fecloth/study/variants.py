@@ -17,7 +17,7 @@ FORM = (
     "must be a key and its values, as "
     '"fabric.bending_rigidity=1e-6:1e-4:log:9" or "time.method=bdf2,newmark"'
 )
-MOST = 10_000  # values
+MOST_VALUES = 10_000  # values of a key: more are a slip of the keyboard, and fill the memory
 Made = TypeVar("Made")
 Over = str | Iterable[str] | Mapping[str, Sequence]
 
@@ -34,23 +34,25 @@ def parse_range(text: str) -> tuple[str, list]:
         numbers = SPACINGS[spacing.strip()](float(start), float(stop), int(count))
     except (ValueError, KeyError) as error:
         raise InputError(f"values {text!r}", FORM) from error
-    if not (len(numbers) and len(numbers) <= MOST and np.isfinite(numbers).all()):
-        raise InputError(f"values {text!r}", f"must have 1 to {MOST} finite values")
+    if not (1 <= len(numbers) <= MOST_VALUES and np.isfinite(numbers).all()):
+        raise InputError(f"values {text!r}", f"must have 1 to {MOST_VALUES} finite values")
     return key, [float(f"{number:.12g}") for number in numbers]
 
 
 def read_ranges(over: Over) -> dict[str, list]:
-    """Return the values by key, of texts or of a mapping."""
+    """Return the values by key, from texts or from a mapping."""
     if isinstance(over, Mapping):
-        ranges = {key: _listed(key, values) for key, values in over.items()}
+        ranges = {key: _read_values(key, values) for key, values in over.items()}
+    elif isinstance(over, str):
+        ranges = dict([parse_range(over)])
     else:
-        ranges = dict(map(parse_range, [over] if isinstance(over, str) else over))
+        ranges = dict(map(parse_range, over))
     if not ranges or not all(ranges.values()):
         raise InputError(f"values {over!r}", FORM)
     return ranges
 
 
-def _listed(key: str, values: object) -> list:
+def _read_values(key: str, values: object) -> list:
     """Return the values of a key in a mapping; a text is read as after "key="."""
     if isinstance(values, str):
         return parse_range(f"{key}={values}")[1]
@@ -60,6 +62,7 @@ def _listed(key: str, values: object) -> list:
 
 
 def _value(text: str) -> int | float | str:
+    """Return a text as a number, if it is one."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -69,12 +72,12 @@ def _value(text: str) -> int | float | str:
 
 
 def combine(ranges: Mapping[str, Sequence]) -> list[dict]:
-    """Return all combinations of the values, the last key first."""
+    """Return all combinations of the values; the last key changes fastest."""
     return [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
 
 
 def with_first_values(opened: Problem, ranges: Mapping[str, Sequence]) -> Problem:
-    """Return the problem to vary; a function's has the first value of each key."""
+    """Return the problem to vary; a function gets the first value of each key."""
     if isinstance(opened, SceneProblem):
         return opened
     return opened.changed(Change.of({key: values[0] for key, values in ranges.items()}))
@@ -88,7 +91,10 @@ def vary(opened: Problem, values: Mapping[str, object]) -> Problem:
 
 
 def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made | dict]:
-    """Return what each value makes, a row with the reason if refused; `InputError` if all are."""
+    """Return what `make` makes of each value, or a row with the reason if it is refused.
+
+    Raises `InputError` if all values are refused.
+    """
     made = list[Made | dict]()
     refusals = list[InputError]()
     for value in values:
@@ -97,35 +103,54 @@ def make_or_refuse(make: Callable[[Any], Made], values: Iterable) -> list[Made |
         except InputError as error:
             refusals.append(error)
             made.append(failure(REFUSED, error))
+    if len(refusals) == len(made) == 1:
+        raise refusals[0]
     if len(refusals) == len(made):
-        raise InputError(f"every value: {refusals[0]}") if len(made) > 1 else refusals[0]
+        raise InputError(f"every value: {refusals[0]}")
     return made
 
 
 def split_refused(made: Mapping[str, Made | dict]) -> tuple[dict[str, Made], dict[str, dict]]:
     """Return what was made, and the rows of what was refused, by name."""
-    refused = {name: each for name, each in made.items() if isinstance(each, dict)}
-    return {name: each for name, each in made.items() if not isinstance(each, dict)}, refused
+    kept = {}
+    refused = {}
+    for name, item in made.items():
+        if isinstance(item, dict):
+            refused[name] = item
+        else:
+            kept[name] = item
+    return kept, refused
 
 
 def size_of(opened: Problem, variant: Problem) -> Workload:
-    """Predict the size of a variant without its mesh; for a function from the size of `opened`."""
+    """Predict the size of a variant without its mesh.
+
+    For a function it follows from the size of `opened`, which the variant is made of.
+    """
     if isinstance(variant, SceneProblem) or isinstance(opened, SceneProblem):
         return variant.workload(FIRST)
-    pairs = (opened.h, variant.h), (opened.dt, variant.dt)
-    h, dt = (before / now if before and now else 1.0 for before, now in pairs)
-    return opened.workload(Level(h, dt))
+    level = Level(h=_divide(opened.h, variant.h), dt=_divide(opened.dt, variant.dt))
+    return opened.workload(level)
+
+
+def _divide(before: float | None, now: float | None) -> float:
+    """Return by what a size was divided; 1 where it is not known."""
+    if before and now:
+        return before / now
+    return 1.0
 
 
 def name_variant(values: Mapping[str, object]) -> str:
-    """Return a short name: words stand for themselves, numbers with their key."""
+    """Return a short name: texts stand for themselves, numbers have their key."""
     return ", ".join(_name_value(key, value) for key, value in values.items())
 
 
 def _name_value(key: str, value: object) -> str:
+    """Return the name of a value of a key; the name of a table begins with its type."""
     if isinstance(value, Mapping):
-        more = describe_values({k: v for k, v in value.items() if k != "type"})
-        return f"{value.get('type', key)}{f' ({more})' if more else ''}"
+        name = value.get("type", key)
+        others = describe_values({k: v for k, v in value.items() if k != "type"})
+        return f"{name} ({others})" if others else str(name)
     if isinstance(value, str):
         return value
     return f"{key.rpartition('.')[2]} = {value}"

@@ -1,4 +1,4 @@
-"""The size of a study of a user's scene, before its first case: cases, triangles, steps, time."""
+"""The size of a study before its first case: cases, triangles, steps and time."""
 
 import math
 import sys
@@ -10,33 +10,44 @@ from fecloth.integrators import EXPLICIT
 from fecloth.scene.scene import Scene
 from fecloth.simulation.dimensionless import wave_speed
 
-# CPU seconds per triangle, and the stable step of central differences over h / wave speed, of
-# StVK and hinges; and CPU seconds of a step on any mesh, with plates, damping, energies and a
-# probe.
+# CPU seconds per triangle, as with StVK and hinges: of a step, and of the set-up.
 IMPLICIT_STEP = 1e-5
 EXPLICIT_STEP = 2e-7
 BINDING = 3e-5
-STABLE = 0.4
+# CPU seconds of a step on any mesh, as with plates, damping, energies and a probe.
 IMPLICIT_LEAST = 2e-3
 EXPLICIT_LEAST = 8e-4
-LONGEST = 3600.0  # s, predicted for all cases, above which a study does not start by itself
-STEPS = 300  # of a run that chooses its steps by their error
+STABLE_STEP = 0.4  # stable step of central differences over h / wave speed, as with StVK
+LONGEST = 3600.0  # predicted time [s]: above it a study does not start by itself
+CHOSEN_STEPS = 300  # guessed steps of a run that chooses its steps by their error
 ITERATIONS = "Newton iterations"  # of an equilibrium
-LOAD_STEP = 10  # steps in time that take as long as a load step: its Newton iterations factorise
+LOAD_STEP = 10  # Newton iterations of a load step, each as long as a step in time
 TRIANGLES = {"right": 2.0, "cross": 4.0}  # triangles per h²
 EQUILATERAL = 4 / math.sqrt(3)
 ANYWAY = "most_seconds = None, as a command --yes, runs it anyway."
-COARSE = 30, 5, 1  # times h, for the area of a shape from a file
+COARSEST = 30  # edge length over h of the first mesh that is tried for the area of a shape
 
 
 @dataclass(frozen=True)
 class Workload:
-    """The predicted size of a case: its triangles, its steps and the CPU time [s]."""
+    """The predicted size of a case: its triangles, its steps and the CPU time [s].
+
+    Attributes
+    ----------
+    triangles
+        Number of triangles.
+    steps
+        Number of steps, or of iterations.
+    is_explicit
+        Whether the steps are explicit.
+    unit
+        What the steps are, for messages.
+    """
 
     triangles: float
     steps: float
     is_explicit: bool = False
-    unit: str = "steps"  # what the steps are, for messages
+    unit: str = "steps"
 
     @property
     def seconds(self) -> float:
@@ -50,65 +61,73 @@ class Workload:
 
     def coarser(self, k: float) -> "Workload":
         """Return the size with k h: explicit steps are k times as long."""
-        steps = self.steps / k if self.is_explicit else self.steps
+        steps = self.steps
+        if self.is_explicit:
+            steps /= k
         return Workload(self.triangles / k**2, steps, self.is_explicit, self.unit)
 
     @classmethod
     def of(cls, scene: Scene) -> "Workload":
         """Predict the size of a scene."""
-        is_explicit = not scene.equilibrium and scene.time.method.type in EXPLICIT
-        unit = ITERATIONS if scene.equilibrium else cls.unit
-        return cls(count_triangles(scene), count_steps(scene), is_explicit, unit)
+        triangles = count_triangles(scene)
+        steps = count_steps(scene)
+        if scene.equilibrium:
+            return cls(triangles, steps, unit=ITERATIONS)
+        return cls(triangles, steps, is_explicit=scene.time.method.type in EXPLICIT)
 
 
 def count_triangles(scene: Scene) -> float:
-    """Estimate the number of triangles from area and h, without the mesh of this h or gradings."""
+    """Estimate the number of triangles from area and h, without gradings or the mesh."""
     cloth = scene.cloth
     if cloth.h is None:
         return len(scene.mesh().triangles)
-    return _area(scene) / cloth.h**2 * TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+    triangles_per_h2 = TRIANGLES.get(getattr(cloth, "pattern", ""), EQUILATERAL)
+    return _estimate_area(scene) / cloth.h**2 * triangles_per_h2
 
 
-def _area(scene: Scene) -> float:
+def _estimate_area(scene: Scene) -> float:
     """Return the area of the cloth [m²]; of a .geo file the area of a coarse mesh."""
     cloth = scene.cloth
     if cloth.shape == "rectangle":
         return cloth.width * cloth.height
     if cloth.shape == "disk":
         return math.pi * cloth.radius**2
-    for factor in COARSE:
+    factor = float(COARSEST)
+    while factor > 1:
         try:
             return cloth.model_copy(update={"h": factor * cloth.h}).cloth().area
         except InputError:  # too coarse for a shape with small parts
-            continue
+            factor /= 2
     return scene.mesh().area  # raises the error with its place in the scene
 
 
 def count_steps(scene: Scene) -> float:
-    """Return the number of steps; `STEPS` if an implicit run chooses them."""
-    # A load step takes as long as several steps in time.
+    """Return the number of steps; a load step takes as long as several steps in time.
+
+    It is a guess, `CHOSEN_STEPS`, if an implicit run chooses its steps.
+    """
     if scene.equilibrium:
         return LOAD_STEP * scene.equilibrium.load_steps
     if scene.time.dt != "auto":
         return math.ceil(_span(scene) / scene.time.dt - 1e-9)
     if scene.time.method.type in EXPLICIT:
-        return _explicit_steps(scene)
-    return STEPS
+        return _count_explicit_steps(scene)
+    return CHOSEN_STEPS
 
 
-def _explicit_steps(scene: Scene) -> float:
+def _count_explicit_steps(scene: Scene) -> float:
     """Return the number of steps at the limit of waves of stretching, h / c."""
+    tables = list((scene.fabrics or {}).values())
     if scene.fabric:
         tables = [scene.fabric]
-    else:
-        tables = list((scene.fabrics or {}).values())
     speed = max(wave_speed(table.make()) for table in tables if table)
     h = scene.cloth.h or math.sqrt(EQUILATERAL * scene.mesh().area / count_triangles(scene))
-    h *= min([1.0, *(table.make().smallest(h) for table in scene.cloth.grading)])
-    return math.ceil(_span(scene) * speed / (STABLE * h))
+    shortest = h * min([1.0, *(table.make().smallest(h) for table in scene.cloth.grading)])
+    return math.ceil(_span(scene) * speed / (STABLE_STEP * shortest))
 
 
 def _span(scene: Scene) -> float:
+    """Return the length of the run [s]."""
     return scene.schedule.t_end - scene.schedule.t_start
 
 
@@ -119,7 +138,11 @@ def check_size(
     where: str,
     remedy: str = ANYWAY,
 ) -> None:
-    """Print the size of a study before it begins: cases, triangles, steps and predicted time."""
+    """Print the size of a study before it begins: cases, triangles, steps and predicted time.
+
+    Raises `InputError`, which names `where` and ends with the `remedy`, if the predicted time is
+    above `most_seconds`.
+    """
     seconds = sum(case.seconds for case in cases) / jobs
     count = amount(len(cases), "case")
     size = (
@@ -135,7 +158,8 @@ def check_size(
 
 def in_words(seconds: float) -> str:
     """Return a time as text with one unit."""
-    for unit, length in (("h", 3600.0), ("min", 60.0)):
-        if seconds >= (1.5 if unit == "min" else 2.0) * length:
-            return f"{seconds / length:,.0f} {unit}"
+    if seconds >= 2 * 3600:
+        return f"{seconds / 3600:,.0f} h"
+    if seconds >= 1.5 * 60:
+        return f"{seconds / 60:,.0f} min"
     return f"{max(seconds, 1):.0f} s"

@@ -15,7 +15,6 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.study.chart_result import (
-    MOST_LINES,
     Chart,
     bound_of,
     describe_chart,
@@ -24,7 +23,7 @@ from fecloth.study.chart_result import (
     split_series,
 )
 from fecloth.study.convergence import Convergence
-from fecloth.study.figures import spread
+from fecloth.study.figures import MOST_GROUPS, spread
 from fecloth.study.result import Table
 
 pytestmark = pytest.mark.usefixtures("counted_work")  # seconds decide
@@ -187,9 +186,9 @@ def test_a_huge_scene_is_refused_before_it_is_meshed(scene, monkeypatch):
 def test_at_most_eight_lines_and_a_letter_for_each_other_series():
     chart = made_up_chart()
     lines, rest = split_series(chart.table)
-    assert (len(lines), len(rest)) == (MOST_LINES, 3)
+    assert (len(lines), len(rest)) == (MOST_GROUPS, 3)
     on_front = {f"{row['method']} P1" for row in chart.front}
-    assert len(on_front) <= MOST_LINES
+    assert len(on_front) <= MOST_GROUPS
     assert on_front <= set(lines)
     letters = grey_letters(chart.table)
     assert set(letters) == set(rest)
@@ -202,7 +201,7 @@ def test_no_labels_of_the_figure_collide_or_are_cut_off():
     ax = drawing.axes[0]
     texts = [*ax.texts, ax.xaxis.label, ax.yaxis.label]
     boxes = [Text.get_window_extent(text) for text in texts if text.get_text()]  # no leaders
-    assert len(boxes) == MOST_LINES + 3  # the lines, the band and the axes
+    assert len(boxes) == MOST_GROUPS + 3  # the lines, the band and the axes
     for box in boxes:
         assert drawing.bbox.x0 <= box.x0
         assert box.x1 <= drawing.bbox.x1

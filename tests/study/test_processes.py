@@ -52,7 +52,7 @@ def test_late_and_dead_processes_are_replaced(tmp_path):
 
 def test_a_process_that_hangs_is_stopped_by_the_clock(tmp_path, monkeypatch):
     monkeypatch.setattr(processes, "LEAST_HANGING", 0.3)
-    monkeypatch.setattr(processes, "HANGING", 1.0)
+    monkeypatch.setattr(processes, "HANGING_OVER_LIMIT", 1.0)
     (row,) = study.run_cases([{"how": "hanging"}], fail_or_return, None, jobs=2, time_limit=0.3)
     assert row["status"] == "time limit"
 

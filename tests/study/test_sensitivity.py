@@ -8,10 +8,10 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError
 from fecloth.study import sensitivities
+from fecloth.study.derived_cases import LARGEST_ERROR
 from fecloth.study.parameters import Parameter
 from fecloth.study.run_problems import Runs
 from fecloth.study.sensitivities import describe_weak_terms
-from fecloth.study.sensitivity_result import DOUBTFUL
 
 SCENE = """
 [cloth]
@@ -226,7 +226,7 @@ def test_folds_that_change_leave_no_derivative_and_the_answer_says_so():
     asked = crumpled, ["stiffness", "squeeze"], "tip.z"
     assert fc.sensitivity(*asked, t_end=0.2, **run).checked < 1e-3
     answer = fc.sensitivity(*asked, t_end=1.0, **run)
-    assert answer.checked > DOUBTFUL
+    assert answer.checked > LARGEST_ERROR
     assert np.isnan(answer.derivative).all()
     assert "no derivative here" in answer.verdict
     assert any("folds that change" in words for words in answer.notes())
@@ -406,4 +406,4 @@ def test_a_narrower_pair_of_twin_runs_is_no_looser(wrong_by, monkeypatch):
     monkeypatch.setattr(sensitivities, "run_tasks", rows)
     answer = fc.sensitivity(strip, ["drawn"], "area", h=0.25)
     assert answer.checked == pytest.approx(wrong_by, rel=1e-3)
-    assert np.isfinite(answer.derivative[0]) == (wrong_by < DOUBTFUL)
+    assert np.isfinite(answer.derivative[0]) == (wrong_by < LARGEST_ERROR)

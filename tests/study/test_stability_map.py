@@ -10,6 +10,7 @@ import fecloth as fc
 from fecloth.cli import main as cli
 from fecloth.errors import InputError
 from fecloth.integrators import studied_by
+from fecloth.study.figures import MOST_GROUPS
 from fecloth.study.opened import open_study
 from fecloth.study.run_problems import Runs
 from fecloth.study.stability_runs import (
@@ -19,7 +20,7 @@ from fecloth.study.stability_runs import (
     offer_less,
     run_all,
 )
-from fecloth.study.stability_words import MOST_PANELS, describe_best, describe_range, range_of
+from fecloth.study.stability_words import describe_best, describe_range, range_of
 
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 1.0, h = 0.25, pattern = "right" }
@@ -192,4 +193,4 @@ def test_the_command(scene, tmp_path, capsys):
     assert len(rows_of(folder / "runs.csv")) == 6
     assert (folder / "figure.png").exists()
     assert "central_difference holds the longest step" in capsys.readouterr().out
-    assert len(studied_by("stability")) == MOST_PANELS
+    assert len(studied_by("stability")) == MOST_GROUPS

@@ -43,6 +43,7 @@ def test_two_terms_are_covered_before_the_asymptotic_range():
     [
         ([1.0, 1.2, 0.9], "oscillating"),
         ([1.0, 1.1, 1.3], "diverging"),
+        ([1.0, 2.0, 3.0], "diverging"),  # of order 0 exactly
         ([1.0, 1.2, 0.9, 1.15], "oscillating"),
         ([1.0, 1.1, 1.3, 1.7], "diverging"),
         ([2.0, 2.0, 2.0], "constant"),
