@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.guess import find_guess
@@ -27,23 +28,6 @@ class Unsolved(FeclothError):
 
     def __str__(self) -> str:
         return f"{self.what}{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
-
-
-class Remedy(NamedTuple):
-    """σ [of the matrix's mass M] to add to the matrix as σ M, and whether to clamp tangents."""
-
-    shift: float
-    definite: bool
-
-
-class Remedies(NamedTuple):
-    """What an iteration may try, in this order; the first is the exact matrix, if it may be."""
-
-    order: tuple[Remedy, ...]
-    # Number of the remedy to go on with where the first one fails for the first time.
-    second: int = 1
-    # Number of the remedy to try between these two, in at most CLAMPED iterations.
-    clamped: int | None = None
 
 
 class Equation(Protocol):
@@ -75,7 +59,7 @@ class Equation(Protocol):
 
     @property
     def explores(self) -> bool:
-        """Whether slow iterations are worth more work; see `_Work.explore` and `refine`."""
+        """Whether slow iterations are worth more work; see `iteration`."""
 
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
         """The largest α for which the terms allow y + α step; see `largest_step`."""

@@ -8,9 +8,9 @@ import numpy as np
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg import select
 from fecloth.nonlinear.along import Along, Sides
-from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
 from fecloth.nonlinear.linearised import Map, correct, inverse
+from fecloth.nonlinear.remedies import Remedy
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import shift

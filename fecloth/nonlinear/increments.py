@@ -14,9 +14,10 @@ from fecloth.errors import amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import admit, has_limits
 from fecloth.nonlinear.error_left import PLACE, ErrorInPlace
-from fecloth.nonlinear.iteration import Progress, iterate
+from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.progress import Progress
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.carried import carry
@@ -332,9 +333,8 @@ def solve_static(
         point = progress.point
         shift = progress.remedy.shift
         is_definite = equation.system.symmetric and not shift
-        relative = point.norm / point.scale if point.scale else 0.0
-        report(Iteration(progress.number, relative, shift, progress.length, equation.load))
-        _check_travel(equation, guess, point, relative)
+        report(Iteration(progress.number, point.relative, shift, progress.length, equation.load))
+        _check_travel(equation, guess, point, point.relative)
 
     if context.options.tolerance == "auto":
         left = ErrorInPlace(start=equation.start.x)

@@ -24,6 +24,13 @@ class Point:
     norm: float
     scale: float
 
+    @property
+    def relative(self) -> float:
+        """‖R‖ over the forces; 0 where there are none."""
+        if self.scale:
+            return float(self.norm / self.scale)
+        return 0.0
+
 
 def find_step(
     sums: NodeSums,

@@ -10,8 +10,6 @@ from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import (
-    Remedies,
-    Remedy,
     Unsolved,
     admit,
     has_limits,
@@ -21,6 +19,7 @@ from fecloth.nonlinear.equation import (
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State

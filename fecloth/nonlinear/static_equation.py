@@ -9,6 +9,7 @@ import numpy as np
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear import equation
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import principal_stretches
@@ -50,13 +51,13 @@ class StaticEquation:
         return float(np.ptp(self.system.cloth.X, axis=0).max())
 
     @cached_property
-    def remedies(self) -> equation.Remedies:
+    def remedies(self) -> Remedies:
         """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
         f, _ = self.forces(self.start)
         mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
         first = 10 * float(mean) / self.longest
-        shifted = (equation.Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
-        return equation.Remedies((equation.Remedy(0.0, False), *shifted), second=LESS + 1)
+        shifted = (Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
+        return Remedies((Remedy(0.0, False), *shifted), second=LESS + 1)
 
     @cached_property
     def potential(self) -> Callable[[np.ndarray], float] | None:
@@ -100,7 +101,7 @@ class StaticEquation:
         change = equation.measure_round_off(lambda state: self.forces(state)[0], self.at(x))
         return self.system.sums.norm(change)
 
-    def assemble(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> None:
+    def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = K + σ M."""
         still = np.zeros_like(x)
         self.system.assemble(J, self.at(x), wa=remedy.shift)
@@ -108,7 +109,7 @@ class StaticEquation:
             term.add_tangent(x, still, t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
 
-    def couple(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> BlockMatrix:
+    def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern; they are no loads."""
         return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
 
@@ -117,7 +118,7 @@ class StaticEquation:
         dense = [(k, part) for k, part in parts if part is not None]
         return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
 
-    def key(self, remedy: equation.Remedy) -> tuple:
+    def key(self, remedy: Remedy) -> tuple:
         """No factor is used again."""
         return self, remedy
 
