@@ -145,10 +145,9 @@ class DistributedSystem(System):
     """
 
     is_whole: ClassVar[bool] = False
-    link: ClassVar[Link]  # of each its own, no field
 
     def __init__(self, *arguments, link: Link, threads="auto", **options):
-        object.__setattr__(self, "link", link)
+        self.link = link
         super().__init__(*arguments, threads=1 if threads == "auto" else threads, **options)
 
     @cached_property

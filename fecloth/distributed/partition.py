@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -172,10 +172,8 @@ class PartDescription:
 class PartSystem(System):
     """A `System` of a part, in whose sums each element of the cloth counts in one part only."""
 
-    part: ClassVar[Part]  # of each its own, no field
-
     def __init__(self, part: Part, cloth, fabric, terms, pins, mass, grain, start):
-        object.__setattr__(self, "part", part)
+        self.part = part
         super().__init__(cloth, fabric, terms, pins, mass, grain, start, threads=1)
 
     @property
