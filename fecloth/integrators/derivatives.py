@@ -11,7 +11,7 @@ from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.context import PRICES, SolverContext
-from fecloth.nonlinear.linearised import FIRST, Map, NoDerivative, correct, inverse
+from fecloth.nonlinear.linearised import ASSUMED_CONTRACTION, Map, NoDerivative, correct, inverse
 from fecloth.system.system import System
 from fecloth.terms.records import shift
 
@@ -57,7 +57,7 @@ class StepTangents:
             self.usual = {**self.usual, **self.known}
             self.known = {}
         both = {"held": lambda: self._held(solution), "exact": lambda: self._exact(solution)}
-        held, exact = (self._solves(self.usual.get(name, FIRST)) for name in both)
+        held, exact = (self._solves(self.usual.get(name, ASSUMED_CONTRACTION)) for name in both)
         price = PRICES.get(self.context.matrix_solver()[0].name, math.inf)
         saves = self.count * (held - exact) > price and self.number % AGAIN
         if self.exact is solution or saves or not has_matrix:

@@ -16,7 +16,7 @@ from fecloth.nonlinear.remedies import Remedy
 # Relative residual of solves whose matrix is not the exact one, with contact, and of refined
 # directions. The error of such a matrix is larger, so that a sharper solve gains nothing.
 ROUGH_RESIDUAL = 0.1
-MOST_REFINEMENTS = 30  # iterations of conjugate gradients; each costs a solve with the old factor
+MOST_REFINEMENTS = 30  # iterations of conjugate gradients; each costs a solve with the factor
 
 
 @dataclass
@@ -69,7 +69,8 @@ class Directions:
         self.costs.seconds["assemble"] += time.perf_counter() - begin
         self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.matrix))
         is_rough = self.equation.takes_short_solves and remedy != self.exact
-        step = self._solve(point, ROUGH_RESIDUAL if is_rough else 0.0, is_new=True)
+        least = ROUGH_RESIDUAL if is_rough else 0.0
+        step = self._solve(point, least, is_new=True)
         self.factor_reuse.record_factor(self.equation.key(remedy), self.linear_solver)
         return step
 

@@ -11,8 +11,8 @@ from typing import NamedTuple, Self
 # tangent lacks what the solution has.
 MOST_CLAMPED_ITERATIONS = 4
 
-# A row for each kind of remedy. An iteration tries what the row of the remedy names that the
-# iteration before it took: these groups, in this order. `RemedySearch.numbers` tells what they are.
+# What is tried after what. A row is the kind of the remedy that the last iteration took. It names
+# the groups of remedies to try next, in this order; `RemedySearch.numbers` has their numbers.
 TRIED_AFTER = {
     "exact": ("first", "clamped", "others"),
     "clamped": ("first", "clamped", "others"),
@@ -101,7 +101,9 @@ class RemedySearch(NamedTuple):
                 return [0]
             case "clamped":
                 clamped = self.remedies.clamped
-                return [] if clamped is None or self.has_clamped_enough else [clamped]
+                if clamped is None or self.has_clamped_enough:
+                    return []
+                return [clamped]
             case "others":
                 return list(range(self.resume, count))
             case _:

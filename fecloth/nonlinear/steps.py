@@ -1,8 +1,8 @@
 """The steps of Newton's iteration.
 
 An iteration finds a direction (`directions`), with the exact matrix or with the first remedy
-that helps (`remedies`), and how far to go along it (`line_search`). What it knows after that is a
-`progress.Progress`.
+that helps (`remedies`), and how far to go along it (`line_search`). What it knows after that
+is a `progress.Progress`.
 """
 
 from collections.abc import Iterator
@@ -80,13 +80,14 @@ class Steps:
         else:
             after = self.step_with_old_factor(before) or self.step_with_remedies(before)
         way = self.way(after.point.y - before.point.y)
+        is_slow = self.is_slow(before, after)
         after = replace(
             after,
             number=before.number + 1,
             least_norm=min(before.least_norm, after.point.norm),
             way=way,
             stands=self.stands(before.point, after.point, way),
-            slow_steps=before.slow_steps + 1 if self.is_slow(before, after) else 0,
+            slow_steps=before.slow_steps + 1 if is_slow else 0,
         )
         self.record_error(before, after)
         return after
@@ -104,7 +105,7 @@ class Steps:
         return bool(may_refine and is_whole_with_mass and left_much)
 
     def record_error(self, before: Progress, after: Progress) -> None:
-        """Tell the estimate of the error left about a step, and whether it is Newton's as it is."""
+        """Record a step in the estimate of the error left."""
         held_back = bool(after.remedy.shift or after.cut_short)
         if self.equation.takes_short_solves:  # with clamped tangents too, which may be many
             held_back = held_back or after.search.last > 0
@@ -131,7 +132,9 @@ class Steps:
             to_go=self.to_go(point, end),
             linear=self.directions.linear_solver,
         )
-        most = point.norm * (0.5 if self.equation.potential else 1.0)  # else Φ might rise
+        most = point.norm
+        if self.equation.potential:  # which might rise while the residual falls
+            most = 0.5 * point.norm
         if not end.norm < most:
             return None
         return replace(before, point=end, length=1.0, search=search, cut_short=False)
@@ -160,9 +163,7 @@ class Steps:
                 continue
             point, length = improvement
             after = replace(before, point=point, length=length, search=search, cut_short=cut_short)
-            if number == 0:
-                return self.explore(before, step, after)
-            return after
+            return self.explore(before, step, after) if number == 0 else after
         return replace(before, length=0.0, reason=reason)
 
     def find_direction(self, before: Progress, remedy: Remedy) -> tuple[np.ndarray, bool]:
@@ -186,7 +187,9 @@ class Steps:
 
     def shorten(self, step: np.ndarray, before: Progress) -> np.ndarray:
         """The step, or the part of it that moves no node much farther than the last step did."""
-        longest = before.way * (LONGER_WAY if before.length >= 1.0 else 1.0)
+        longest = before.way
+        if before.length >= 1.0:
+            longest *= LONGER_WAY
         way = self.way(step)
         if longest and way:
             return step * min(1.0, longest / way)
