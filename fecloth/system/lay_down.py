@@ -8,8 +8,8 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-PASSES = 60  # of the way down: each one leaves at most a fifth of the distance
-TURNS = 4  # how often the direction of the push is taken anew
+MOST_PASSES = 60  # of the way down: each leaves at most a fifth of the distance to the contact
+MOST_TURNS = 4  # how often the direction of the push is taken anew; on a plane it stays
 
 
 def lay_down(system: System, state: State) -> State:
@@ -70,20 +70,21 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
         return total
 
     def part(x: np.ndarray, way: np.ndarray) -> float:
+        """The part of a way that the contacts allow; 1 for all of it."""
         return min((term.limit(x, way, t) for term in contacts), default=1.0)
 
     way = np.zeros_like(x)
     way[nodes] = 10 * system.cloth.extent * f / np.linalg.norm(f)
-    for _ in range(PASSES):
+    for _ in range(MOST_PASSES):
         if push(x).any():
             break
-        if (alpha := part(x, way)) == 1.0:
+        alpha = part(x, way)
+        if alpha == 1.0:
             remedy = "Start above an obstacle, or move it below the cloth."
             what = "nothing within ten extents of the cloth in the direction of its load"
             raise InputError(what, "must be there to carry it", "lay_down", remedy)
         x = x + alpha * way
-    brentq = scipy.optimize.brentq
-    for _ in range(TURNS):
+    for _ in range(MOST_TURNS):
         p = push(x)
         n = p / np.linalg.norm(p)
         along = np.zeros_like(x)
@@ -93,7 +94,9 @@ def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
         low *= part(x, low * along)
         while n @ (push(x + high * along) + f) > 0:
             high *= 2
-        root = brentq(lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15)
+        root = scipy.optimize.brentq(
+            lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15
+        )
         x = x + root * along
         if not push(x).any() or abs(root) < 1e-12 * system.cloth.extent:
             break

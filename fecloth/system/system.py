@@ -93,8 +93,10 @@ class System:
     ((9, 3), (27, 27))
     """
 
-    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
-    is_whole: ClassVar[bool] = True  # whether this process has the matrix of the whole cloth
+    # All sums over nodes go through it.
+    sums: ClassVar[NodeSums] = NodeSums()
+    # Whether this process has the matrix of the whole cloth.
+    is_whole: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -163,7 +165,10 @@ class System:
         return self._arguments.threads
 
     def replace(self, **changes: Any) -> Self:
-        """A system with other arguments, as ``system.replace(pins=["left"])``; the rest stays."""
+        """A system with other arguments, as ``system.replace(pins=["left"])``.
+
+        All other arguments stay. Raises what `System` raises.
+        """
         return type(self)(**{**vars(self._arguments), **changes})
 
     # --- what is bound, once ------------------------------------------------------------------
@@ -268,6 +273,7 @@ class System:
 
     @cached_property
     def constraints(self) -> Constraints:
+        """The pins and slides on the cloth."""
         return Constraints.bind(self.pins, self.cloth)
 
     @cached_property
@@ -320,7 +326,7 @@ class System:
             bound.append(term)
         return self._with_changed(bound)
 
-    # --- the history of terms -------------------------------------------------------------------
+    # --- the history of terms -----------------------------------------------------------------
 
     def start_history(self, state: State) -> History | None:
         """The records that terms keep, in their order, before the first step; None without any.
@@ -396,7 +402,7 @@ class System:
         return f
 
     def force_size(self, f: np.ndarray) -> float:
-        """‖f‖ [N] with the reactions of the pins, but without the forces among what they hold."""
+        """‖f‖ [N] with the reactions of the pins, without forces among what they hold."""
         return float(self.sums.norm(self.reaction_limits.apply(f)))
 
     def energies(self, state: State) -> dict[str, float]:
@@ -428,28 +434,29 @@ class System:
         return J
 
     def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
-        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
+        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, outside the matrix."""
         parts = [term.dense(state.x, state.t) for term in self.bound]
         return [part for part in parts if part is not None]
 
     def coupling(self, state: State, wx=0.0, wv=0.0, definite=False) -> sparse.spmatrix | None:
-        """(3n, 3n) part of wv D + wx K that couples nodes outside the pattern; None without any."""
-        x, v, t = state.x, state.v, state.t
-        coupled = [term.coupling(x, v, t, wx, wv, definite) for term in self.bound]
+        """(3n, 3n) part of wv D + wx K outside the pattern; None without any."""
+        coupled = [
+            term.coupling(state.x, state.v, state.t, wx, wv, definite) for term in self.bound
+        ]
         parts = [part for part in coupled if part is not None]
         if parts:
             return sum(parts[1:], start=parts[0])
         return None
 
     def couple(self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, definite=False) -> BlockMatrix:
-        """J, projected before, plus `coupling`, projected too; J itself if nothing is coupled."""
+        """J plus the projected `coupling`; J itself if there is none. J was projected before."""
         part = self.coupling(state, wx, wv, definite)
         if part is None:
             return J
         return J.plus(self.constraints.project_matrix(part))
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
-        """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
+        """P J P + (I − P) s, in place: the block of a pinned node becomes a multiple of I."""
         self._projection.apply(J)
         return J
 
@@ -503,10 +510,12 @@ class System:
 
     def __repr__(self) -> str:
         terms = ", ".join(self.names) or "no terms"
-        return f"<System of {len(self.cloth.X)} nodes, {len(self.constraints.nodes)} held: {terms}>"
+        held = len(self.constraints.nodes)
+        return f"<System of {len(self.cloth.X)} nodes, {held} held: {terms}>"
 
 
 def _check_elements(terms, element: str) -> None:
+    """Raise `InputError` for a term that does not know the cloth's element."""
     for term in terms:
         known = traits_of(term).elements
         if element not in known:
@@ -518,6 +527,7 @@ def _check_elements(terms, element: str) -> None:
 
 
 def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
+    """The values of an argument `name` that is a list; raise `InputError` for any other."""
     where = f"System({name}=...)"
     allowed = f"must be a list, as in [{example}]"
     if isinstance(values, str) or not isinstance(values, Iterable):
@@ -525,6 +535,8 @@ def _several(values, name: str, example: str, is_one: Callable[[object], bool]) 
     values = tuple(values)
     for value in values:
         if isinstance(value, type) or not is_one(value):
-            needs = " with a method `bind`" if name == "terms" else ""
-            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}{needs}", where)
+            allowed = f"must be such as {example}"
+            if name == "terms":
+                allowed += " with a method `bind`"
+            raise InputError(f"{name[:-1]} {value!r}", allowed, where)
     return values

@@ -14,6 +14,7 @@ import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
 from fecloth.nonlinear import increments as statics
+from fecloth.nonlinear import static_equation
 from fecloth.nonlinear.context import FactorReuse, SolverContext
 from fecloth.nonlinear.equation import largest_step
 from fecloth.nonlinear.error_left import ErrorLeft
@@ -21,6 +22,7 @@ from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.newton import MULTIPLES, REMEDIES
 from fecloth.nonlinear.remedies import Remedies, Remedy, RemedySearch
+from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.nonlinear.statistics import Counts
 
 SUMS = SimpleNamespace(norm=np.linalg.norm, dot=np.vdot, rms=lambda mass, s: np.linalg.norm(s))
@@ -355,3 +357,15 @@ def test_where_small_loads_have_no_solution_all_are_tried_at_once(monkeypatch):
 
 def test_without_an_estimate_auto_ends_at_a_residual_of_1e_6():
     assert fc.Newton().residual == 1e-6
+
+
+@pytest.mark.parametrize(("slack", "is_told"), [(8, False), (12, True)])
+def test_with_contact_a_tenth_of_the_triangles_may_be_slack(slack, is_told, monkeypatch):
+    stretches = np.where(np.arange(100) < slack, 0.9, 1.1)[:, None] * np.ones(2)
+    monkeypatch.setattr(static_equation, "principal_stretches", lambda cloth, x: stretches)
+    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
+    plane = fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1)), 1e-3)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), plane])
+    start = system.rest()
+    failure = StaticEquation(system, start).failure("why", Point(start.x, start.x, 1.0, 1.0), 1.0)
+    assert ("triangles are slack" in str(failure)) == is_told
