@@ -165,9 +165,9 @@ def make_part(cloth: Cloth, owner: np.ndarray, rank: int, rings: int) -> Part:
         element=cloth.element,
     )
     if cloth.element == "P2":
-        there = part.cloth()
-        numbers = np.empty(len(there.X), np.int64)
-        numbers[there.stencil] = cloth.stencil[chosen]
+        part_cloth = part.cloth()
+        numbers = np.empty(len(part_cloth.X), np.int64)
+        numbers[part_cloth.stencil] = cloth.stencil[chosen]
     return replace(part, nodes=numbers, is_own=owner[numbers] == rank)
 
 

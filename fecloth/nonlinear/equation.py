@@ -143,4 +143,4 @@ def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
     if not ways_of_contact:
         return x
     project = system.constraints.project
-    return find_guess(ways_of_contact, x, lambda there: x + project(there - x))
+    return find_guess(ways_of_contact, x, lambda guess: x + project(guess - x))

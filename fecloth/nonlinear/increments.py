@@ -288,15 +288,9 @@ def increase_loads(
         load = reached + size
         if load >= end - 1e-9:  # what would be left is round-off
             load = end
-        increment = LoadIncrement(
-            system=system,
-            start=State(start.t, x, np.zeros_like(x)),
-            load=load,
-            size=load - reached,
-            begin=reached if at is None else at,
-            end=load if at is None else at,
-            history=history,
-        )
+        begin, stop = (reached, load) if at is None else (at, at)
+        here = State(start.t, x, np.zeros_like(x))
+        increment = LoadIncrement(system, here, load, load - reached, begin, stop, history)
         try:
             solved, over = solve_increment(increment, rate, context, report)
         except EquilibriumFailed as failure:

@@ -86,36 +86,64 @@ def correct(
     for name, prepare in solvers.items():
         try:
             solve = prepare()
-            last = math.inf
-            fastest = SLOWEST_CONTRACTION
-            for _ in range(MOST_CORRECTIONS):
-                step = solve(residual(y))
-                y = y - step
-                size = float(np.linalg.norm(step))
-                is_measured = math.isfinite(last)
-                if is_measured:
-                    contraction = size / last
-                else:
-                    contraction = known.get(name, ASSUMED_CONTRACTION)
-                if is_measured and contraction < 1:
-                    contractions.setdefault(name, contraction)
-                error_left = math.inf
-                if contraction < 1:
-                    error_left = size * contraction / (1 - contraction)
-                if size <= floor or error_left <= tolerance * size_of(y):
-                    return Corrected(y, contractions)
-                if is_measured and contraction > SLOWEST_CONTRACTION:
-                    break
-                last = size
-                fastest = min(fastest, contraction)
-            is_close = size <= ROUND_OFF_OF_UNKNOWN * size_of(y)
-            if fastest < GOOD_CONTRACTION or is_close:  # what is left is round-off
-                return Corrected(y, contractions)
         except SolveFailed:
             continue
+        expected = known.get(name, ASSUMED_CONTRACTION)
+        attempt = _correct_with(solve, residual, y, expected, size_of, tolerance, floor)
+        y = attempt.y
+        if attempt.contraction is not None:
+            contractions[name] = attempt.contraction
+        if attempt.is_solved:
+            return Corrected(y, contractions)
     if solve is None:
         raise NoDerivative("the tangent has no factor: it is singular")
     return Corrected(_by_gmres(residual, y, solve, size_of, tolerance), contractions)
+
+
+class _Attempt(NamedTuple):
+    """What corrections with one matrix gave: y, whether it is solved, and their contraction.
+
+    The contraction is the first one that was measured and is below 1; None without any.
+    """
+
+    y: np.ndarray
+    is_solved: bool
+    contraction: float | None
+
+
+def _correct_with(
+    solve: Map,
+    residual: Map,
+    y: np.ndarray,
+    expected: float,
+    size_of: Callable[[np.ndarray], float],
+    tolerance: float,
+    floor: float,
+) -> _Attempt:
+    """Correct y with one matrix, whose contraction is `expected` until it is measured."""
+    last = math.inf
+    fastest = SLOWEST_CONTRACTION
+    first = None
+    for _ in range(MOST_CORRECTIONS):
+        try:
+            step = solve(residual(y))
+        except SolveFailed:
+            return _Attempt(y, False, first)
+        y = y - step
+        size = float(np.linalg.norm(step))
+        is_measured = math.isfinite(last)
+        contraction = size / last if is_measured else expected
+        if is_measured and contraction < 1 and first is None:
+            first = contraction
+        error_left = size * contraction / (1 - contraction) if contraction < 1 else math.inf
+        if size <= floor or error_left <= tolerance * size_of(y):
+            return _Attempt(y, True, first)
+        if is_measured and contraction > SLOWEST_CONTRACTION:
+            break
+        last = size
+        fastest = min(fastest, contraction)
+    is_round_off = fastest < GOOD_CONTRACTION or size <= ROUND_OFF_OF_UNKNOWN * size_of(y)
+    return _Attempt(y, is_round_off, first)
 
 
 def _by_gmres(

@@ -106,8 +106,7 @@ class RemedySearch(NamedTuple):
                 return [clamped]
             case "others":
                 return list(range(self.resume, count))
-            case _:
-                return list(range(self.last - 1, count))
+        return list(range(self.last - 1, count))  # one weaker and all stronger
 
     def take(self, number: int) -> Self:
         """The search after an iteration that took a remedy.

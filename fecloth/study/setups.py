@@ -89,7 +89,7 @@ def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
     holds = any(traits_of(term).holds_normals for term in new)
     free = (replace(p, clamp=False) if getattr(p, "clamp", False) else p for p in old.pins)
     pins = old.pins if holds else tuple(free)
-    return replace(setup, system=replace(old, terms=new, pins=pins))
+    return replace(setup, system=old.replace(terms=new, pins=pins))
 
 
 def _make_term(term: Mapping, own: Sequence) -> Any:
