@@ -1,6 +1,5 @@
 """Arguments of public classes and functions: what does not fit, and texts with units."""
 
-import dataclasses
 import inspect
 import warnings
 
@@ -169,7 +168,7 @@ def test_a_warning_of_a_run_stands_at_its_call():
         warnings.simplefilter("always")
         fc.run(system, fc.BackwardEuler(), system.rest(), dt=0.2, t_end=0.4)
         pressed = system.rest().x * (0.9, 1, 1)  # a flat cloth, compressed: unstable
-        plane = dataclasses.replace(system, terms=[fc.StVK()], pins=["left", "right"])
+        plane = system.replace(terms=[fc.StVK()], pins=["left", "right"])
         fc.equilibrium(plane, plane.state(pressed, 0 * pressed))
     assert any("unstable" in str(each.message) for each in caught)
     assert {each.filename for each in caught} == {__file__}

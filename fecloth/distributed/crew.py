@@ -1,4 +1,4 @@
-"""The processes that hold the parts of one cloth, and its terms, as the first of them sees them."""
+"""The processes that hold the parts of one cloth, as the first of them sees them."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -31,20 +31,33 @@ class Link(Protocol):
 
 @dataclass(eq=False)
 class Crew:
-    """The workers of a cloth."""
+    """The workers of a cloth.
 
-    # How they are called, and the part of each.
+    Attributes
+    ----------
+    link
+        How they are called.
+    parts
+        The part of each.
+    here
+        The worker of this process.
+    placed
+        The positions and velocities that they have, by the names "x" and "v".
+    forgotten
+        Keys of terms that they still keep and that nothing needs.
+    """
+
     link: Link
     parts: Sequence[Part]
-    here: Worker  # the worker of this process
+    here: Worker
     placed: dict[str, np.ndarray] = field(default_factory=dict)
     forgotten: list = field(default_factory=list)
 
     @classmethod
     def begin(cls, link: Link, descriptions: Sequence[PartDescription]) -> Self:
-        return cls(
-            link, [description.part for description in descriptions], link.begin(descriptions)
-        )
+        """Make a worker of each description."""
+        parts = [description.part for description in descriptions]
+        return cls(link, parts, here=link.begin(descriptions))
 
     def call(self, name: str, *arguments: Any) -> list:
         """What the function `name` of each worker returns for the same arguments."""
@@ -86,7 +99,7 @@ def cut(value: Any, nodes: np.ndarray) -> Any:
     if isinstance(value, np.ndarray):
         return value[nodes]
     if isinstance(value, tuple | list):
-        return tuple(cut(each, nodes) for each in value)
+        return tuple(cut(part, nodes) for part in value)
     if isinstance(value, StepDifference):
         return replace(value, start=cut(value.start, nodes), past=cut(value.past, nodes))
     return value
@@ -98,15 +111,19 @@ _new_keys = count()
 
 
 class RemoteTerm(BoundTerm):
-    """A bound term of the whole cloth, `key` on the processes; each has its part, here `local`."""
+    """A bound term of the whole cloth.
+
+    The processes know it by its `key`; each has its part, this one has `local`.
+    """
 
     def __init__(self, crew: Crew, key: Any, local: BoundTerm):
         self.crew = crew
         self.key = key
         self.local = local
-        own = (name for name, each in vars(BoundTerm).items() if isinstance(each, FunctionType))
-        for name in own:
-            if name not in OFFERED | NOT_NEEDED and has_own(local, name):
+        for name, value in vars(BoundTerm).items():
+            if not isinstance(value, FunctionType) or name in OFFERED | NOT_NEEDED:
+                continue
+            if has_own(local, name):
                 allowed = "is not offered by several processes"
                 raise InputError(f"{name} of {local.name}", allowed, "mpiexec", "Run on one.")
 
@@ -114,15 +131,17 @@ class RemoteTerm(BoundTerm):
         """The record of the whole cloth; raises `InputError` if it has no rows of triangles."""
         record = self.local.start_history(x[self.crew.parts[0].nodes], t)
         triangles = len(self.crew.parts[0].cells)
-        if record and any(np.shape(each)[:1] != (triangles,) for each in vars(record).values()):
+        if record and any(np.shape(array)[:1] != (triangles,) for array in vars(record).values()):
             allowed = "must have arrays with a row for each triangle, on several processes"
             raise InputError(f"the history of {self.name}", allowed, "mpiexec", "Run on one.")
         return record and self.crew.ask(self.key, "start_history", x, t)
 
     def add_stress(self, x, out) -> None:
+        """Add the stress of all triangles."""
         out += self.crew.ask(self.key, "add_stress", x)
 
     def add_force(self, x, v, t, f) -> None:
+        """Add the forces of all processes."""
         self.crew.place(x, v)
         self.crew.gather(self.crew.call("force", (self.key,), t), f)
 
@@ -155,6 +174,7 @@ class RemoteTerm(BoundTerm):
         return term
 
     def here(self) -> BoundTerm:
+        """The part of this process."""
         return self.local
 
 
@@ -163,7 +183,7 @@ def _on_all(name: str) -> Any:
     return lambda self, *arguments: self.crew.ask(self.key, name, *arguments)
 
 
-_PROPERTIES = (name for name, each in vars(BoundTerm).items() if isinstance(each, property))
+_PROPERTIES = (name for name, value in vars(BoundTerm).items() if isinstance(value, property))
 for _name in (*BoundTerm.__annotations__, *_PROPERTIES):  # what the term says of itself here
     setattr(RemoteTerm, _name, property(attrgetter(f"local.{_name}")))
 for _name in ABILITIES.keys() - vars(RemoteTerm).keys():

@@ -20,12 +20,15 @@ from fecloth.system.reaction_limits import ReactionLimits
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms import protocol
+from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.springs.springs import KnownSprings
 from fecloth.terms.traits import TermTraits, parameters_of, traits_of
 
 KINDS = {"auto": "block Jacobi", "pcg": "block Jacobi", "multigrid": "GAMG", "direct": "MUMPS"}
-MOST = 150  # iterations with block Jacobi after which "auto" takes GAMG, whose setup costs as much
-WORSE = 2.0  # times the iterations of a new hierarchy: then another one is made
+# Iterations with block Jacobi after which "auto" takes GAMG, whose setup costs as much.
+MOST_JACOBI_ITERATIONS = 150
+# Times the iterations of a new hierarchy of GAMG: then another one is made.
+WORN_HIERARCHY = 2.0
 
 
 class DistributedSolver:
@@ -34,6 +37,13 @@ class DistributedSolver:
     "auto" begins with block Jacobi, which is best for short steps, and takes GAMG from the first
     solve on that needs more than 150 iterations. The hierarchy of GAMG is kept, while the matrix
     changes, until the iterations double. After a failure the solver is made anew.
+
+    Attributes
+    ----------
+    first, last
+        Iterations of the first solve with the present preconditioner, and of the last solve.
+    spoiled
+        Whether the preconditioner was of a matrix that failed.
     """
 
     def __init__(self, crew: Crew, nodes: int, choice: str, symmetric: bool):
@@ -57,10 +67,14 @@ class DistributedSolver:
         self._create()
 
     def _create(self) -> None:
+        """Make a solver of the present kind on all processes."""
         crew = self.crew
-        owned = [int(part.is_own.sum()) for part in self.crew.parts]
-        arguments = self.kind, self.symmetric, owned
-        crew.each("create_solver", lambda part: (*arguments, self.numbers[part.nodes]))
+        owned = [int(part.is_own.sum()) for part in crew.parts]
+
+        def arguments(part: partition.Part) -> tuple:
+            return self.kind, self.symmetric, owned, self.numbers[part.nodes]
+
+        crew.each("create_solver", arguments)
         self.first = 0
         self.spoiled = False
 
@@ -81,12 +95,14 @@ class DistributedSolver:
 
     def prepare(self, A: BlockMatrix) -> None:
         """Take the matrix that the processes hold; A is what one process knows of it."""
-        if self.choice == "auto" and self.kind != "GAMG" and self.last > MOST:
+        if self.choice == "auto" and self.kind != "GAMG" and self.last > MOST_JACOBI_ITERATIONS:
             self._change()
-        self._prepare(anew=self.first == 0 or self.last > WORSE * self.first)
+        is_worn = self.last > WORN_HIERARCHY * self.first
+        self._prepare(anew=self.first == 0 or is_worn)
         self.prepared += 1
 
     def _prepare(self, anew: bool) -> None:
+        """Take the present matrix, with a new preconditioner or the old one."""
         begin = time.perf_counter()
         if self.spoiled:  # it would keep what it has found out about an indefinite matrix
             self._create()
@@ -95,28 +111,30 @@ class DistributedSolver:
         self.seconds_factor = time.perf_counter() - begin
 
     def _change(self) -> None:
+        """Take GAMG from now on."""
         self.kind = "GAMG"
         self._create()
 
     def solve(
         self, b: np.ndarray, rtol: float = 1e-10, guess: np.ndarray | None = None
     ) -> tuple[np.ndarray, SolveInfo]:
+        """The solution of A x = b (n, 3) to the relative residual `rtol`."""
         b = np.ascontiguousarray(b, dtype=float)
         if not b.any():
             return np.zeros_like(b), SolveInfo(self.name, 0, 0.0, self.seconds_factor, 0.0)
         begin = time.perf_counter()
-        kept = self.first > 0
+        is_kept = self.first > 0
         try:
             shares = self._solve(b, rtol, guess)
         except SolveFailed as failure:
-            if kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
+            if is_kept and type(failure) is IndefiniteMatrix:  # found by a sound preconditioner
                 raise
             self.first = 0
             self.spoiled = True
             slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
             if slow and self.choice == "auto":
                 self._change()
-            elif not (kept and self.kind == "GAMG"):
+            elif not (is_kept and self.kind == "GAMG"):
                 raise
             self._prepare(anew=True)
             shares = self._solve(b, rtol, guess)
@@ -130,10 +148,11 @@ class DistributedSolver:
         return x, SolveInfo(self.name, self.last, residual[0], self.seconds_factor, seconds)
 
     def _solve(self, b: np.ndarray, rtol: float, guess: np.ndarray | None) -> list:
-        def own(part) -> tuple:
-            return b[part.own_nodes], rtol, None if guess is None else guess[part.own_nodes]
+        def arguments(part: partition.Part) -> tuple:
+            own_guess = None if guess is None else guess[part.own_nodes]
+            return b[part.own_nodes], rtol, own_guess
 
-        return self.crew.each("solve", own)
+        return self.crew.each("solve", arguments)
 
 
 class DistributedSystem(System):
@@ -145,14 +164,14 @@ class DistributedSystem(System):
     """
 
     is_whole: ClassVar[bool] = False
-    link: ClassVar[Link]  # of each its own, no field
 
     def __init__(self, *arguments, link: Link, threads="auto", **options):
-        object.__setattr__(self, "link", link)
+        self.link = link
         super().__init__(*arguments, threads=1 if threads == "auto" else threads, **options)
 
     @cached_property
     def parts(self) -> list[partition.Part]:
+        """The part of each process; terms that cannot be shared are refused."""
         _refuse(self.terms)
         rings = max((traits_of(term).reach for term in self.terms), default=TermTraits.reach)
         size = self.link.size
@@ -169,41 +188,53 @@ class DistributedSystem(System):
     def layout(self) -> MatrixLayout:
         """Of the terms on single nodes: the diagonal."""
         pairs = zip(self.terms, self._is_shared, strict=True)
-        single = [protocol.stencil(term, self.cloth) for term, is_shared in pairs if not is_shared]
-        return MatrixLayout(len(self.cloth.X), tuple(s for s in single if s is not None))
+        own_terms = [term for term, is_shared in pairs if not is_shared]
+        stencils = [protocol.stencil(term, self.cloth) for term in own_terms]
+        coupled = tuple(stencil for stencil in stencils if stencil is not None)
+        return MatrixLayout(len(self.cloth.X), coupled)
 
     @cached_property
     def crew(self) -> Crew:
+        """The workers, which are made here."""
         start = self.rest() if self.start is None else self.start
         pairs = zip(self.terms, self._is_shared, strict=True)
         shared = [self._known(term) for term, is_shared in pairs if is_shared]
         descriptions = []
         for part in self.parts:
-            there = State(start.t, start.x[part.nodes], start.v[part.nodes])
-            pins = partition.cut_pins(part, self.constraints.groups)
             own_terms = [
                 partition.cut_springs(part, term) if isinstance(term, KnownSprings) else term
                 for term in shared
             ]
-            own = self.fabric, own_terms, pins, self.mass_kind, self.grain, there
-            descriptions.append(partition.PartDescription(part, *own))
+            description = partition.PartDescription(
+                part=part,
+                fabric=self.fabric,
+                terms=own_terms,
+                pins=partition.cut_pins(part, self.constraints.groups),
+                mass=self.mass_kind,
+                grain=self.grain,
+                start=State(start.t, start.x[part.nodes], start.v[part.nodes]),
+            )
+            descriptions.append(description)
         return Crew.begin(self.link, descriptions)
 
     def _known(self, term):
         """The term, or its springs where a part does not know their stiffness."""
-        is_net = isinstance(term, named.Springs) and term.kind == "structural"
-        return term.springs(self.panel) if is_net else term
+        if isinstance(term, named.Springs) and term.kind == "structural":
+            return term.springs(self.panel)
+        return term
 
     @cached_property
     def bound(self) -> tuple:
         """The terms: terms on single nodes are bound here, the others on all processes."""
         shared = iter(self.crew.here.terms.items())
-        return tuple(
-            RemoteTerm(self.crew, *next(shared))
-            if is_shared
-            else protocol.bound(term, self.panel, self.layout.slots)
-            for term, is_shared in zip(self.terms, self._is_shared, strict=True)
-        )
+        bound: list[BoundTerm] = []
+        for term, is_shared in zip(self.terms, self._is_shared, strict=True):
+            if is_shared:
+                key, local = next(shared)
+                bound.append(RemoteTerm(self.crew, key, local))
+            else:
+                bound.append(protocol.bound(term, self.panel, self.layout.slots))
+        return tuple(bound)
 
     @cached_property
     def reaction_limits(self) -> ReactionLimits:
@@ -255,12 +286,15 @@ class DistributedSystem(System):
         return solver, BlockMatrix.zeros(self.layout.pattern), why
 
     def usage(self) -> dict[str, object]:
+        """What summary.json says of the processes."""
         return {"processes": self.crew.call("usage")}
 
     def stiffness(self, state: State) -> sparse.csr_matrix:
+        """Refused: it is in parts."""
         raise _in_parts("the matrix K")
 
     def damping(self, state: State) -> sparse.csr_matrix:
+        """Refused: it is in parts."""
         raise _in_parts("the matrix D")
 
 
@@ -270,12 +304,13 @@ def _in_parts(what: str) -> InputError:
 
 
 def _refuse(terms: Sequence) -> None:
+    """Raise `InputError` for a term that cannot be shared among processes."""
     for term in terms:
         name = type(term).__name__
         traits = traits_of(term)
         if not traits.shared:
             allowed = "cannot be shared among processes yet"
-            names = [other for other, each in named.TRAITS.items() if each.shared]
+            names = [other for other, its_traits in named.TRAITS.items() if its_traits.shared]
             remedy = f"Run on one process, or use only {', '.join(names)}."
             raise InputError(name, allowed, "mpiexec", remedy)
         if traits.kind == "bending" and isinstance(parameters_of(term).get("rest"), tuple):

@@ -15,6 +15,9 @@ def count_processes() -> int:
 
 
 def use_one_thread() -> None:
-    """Let BLAS start no threads, as each process has its core; call it before NumPy is loaded."""
+    """Let BLAS start no threads, as each process has its core.
+
+    Call it before NumPy is loaded.
+    """
     for name in THREADS:
         os.environ.setdefault(name, "1")

@@ -12,19 +12,22 @@ from typing import Any
 from fecloth.distributed.distributed_system import DistributedSystem
 from fecloth.distributed.partition import PartDescription
 from fecloth.distributed.worker import Worker
-from fecloth.errors import FeclothError, InputError
+from fecloth.errors import FAILED, FeclothError, InputError
 
 MakeSystem = Callable[..., DistributedSystem]
-FAILED = 3  # exit status of a run whose processes cannot go on
 LONGEST_NAP = 1e-3  # [s] between two looks for a call: a process that waits leaves its core
 
 
 def run_on_all(run: Callable[[MakeSystem], int]) -> int:
-    """Return the exit status of run(make_system) on the first process, and 0 on the others."""
-    # What is no error of fecloth ends all processes with status 3.
+    """Call run(make_system) on the first process, and let the others work for it.
+
+    Return its exit status on the first process, and 0 on the others. An error that is none of
+    fecloth ends all processes with status 3.
+    """
     comm = load()
     if comm.rank:
-        for number in (signal.SIGINT, signal.SIGTERM):  # the first process ends between two steps
+        # The first process alone hears the signals: it ends between two steps.
+        for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
         work(comm)
         return 0
@@ -75,18 +78,19 @@ class MpiLink:
         """What the function `name` of each worker returns for its own arguments."""
         for rank in range(1, self.size):
             self.comm.send((name, arguments[rank]), dest=rank)
-        self.here, here = _perform(self.comm, self.here, name, arguments[0])
-        replies = [here, *(self.comm.recv(source=rank) for rank in range(1, self.size))]
+        self.here, own_reply = _perform(self.comm, self.here, name, arguments[0])
+        replies = [own_reply, *(self.comm.recv(source=rank) for rank in range(1, self.size))]
         error = next((reply for reply in replies if isinstance(reply, FeclothError)), None)
         if error is None:
             return replies
-        del replies, here  # its traceback has this frame, and would keep it and all arrays
+        del replies, own_reply  # the traceback of the error has this frame, and would keep them
         try:
             raise error
         finally:
             del error
 
     def end(self) -> None:
+        """Let the other processes end."""
         for rank in range(1, self.size):
             self.comm.send(("end", ()), dest=rank)
 
@@ -95,11 +99,10 @@ def work(comm: Any) -> None:
     """Do what the first process asks, until it says "end"."""
     worker: Worker | None = None
     while True:
-        # Sleep longer the longer there is no call.
         nap = 1e-6
         while not comm.iprobe(source=0):
             time.sleep(nap)
-            nap = min(2 * nap, LONGEST_NAP)
+            nap = min(2 * nap, LONGEST_NAP)  # the longer there is no call, the longer it sleeps
         name, arguments = comm.recv(source=0)
         if name == "end":
             return
@@ -108,8 +111,10 @@ def work(comm: Any) -> None:
 
 
 def _perform(comm: Any, worker: Worker | None, name: str, arguments: tuple) -> tuple:
-    """The worker, new for the name "", and its reply: a value, or an error of fecloth."""
-    # Any other error ends all processes, as they would wait for this one for ever.
+    """The worker, new for the name "", and its reply: a value, or an error of fecloth.
+
+    Any other error ends all processes, as they would wait for this one for ever.
+    """
     try:
         if not name:
             if worker:

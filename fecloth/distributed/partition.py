@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -18,7 +18,8 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.springs.springs import KnownSprings
 
-DRIVING = 0.08  # of the work of a step, as measured: vectors, sums and calls of the first process
+# Part of the work of a step that only the first process has: vectors, sums and calls. Measured.
+FIRST_PROCESS_WORK = 0.08
 MOST_RANGES = 8  # processes; with more, ranges of nodes are long and thin
 
 
@@ -28,28 +29,48 @@ class Part:
 
     The forces and the tangent at the nodes that it owns are the same as of the whole cloth. At
     the others, its ghosts, they are not, as triangles are missing there.
+
+    Attributes
+    ----------
+    corners
+        (k, 2) coordinates of its corners [m].
+    triangles
+        (m, 3) their corners, as numbers of the part.
+    nodes
+        Numbers of its nodes in the whole cloth; those of its corners ascend.
+    cells
+        Numbers of its triangles in the whole cloth.
+    is_own
+        Whether it owns each of its nodes.
+    regions
+        Named triangles of the part.
+    element
+        "P1" or "P2".
     """
 
-    # (k, 2) coordinates [m], and (m, 3) corners as numbers of the part.
     corners: np.ndarray
     triangles: np.ndarray
-    # Numbers of its nodes and triangles in the whole cloth; the numbers of its corners ascend.
     nodes: np.ndarray
     cells: np.ndarray
-    is_own: np.ndarray  # whether it owns each of its nodes
-    regions: dict[str, np.ndarray]  # named triangles of the part
-    element: str  # "P1" or "P2"
+    is_own: np.ndarray
+    regions: dict[str, np.ndarray]
+    element: str
 
     def cloth(self) -> Cloth:
-        """The part as a cloth, with regions but without named nodes."""
-        # Its triangles were checked as part of a larger mesh.
+        """The part as a cloth, with regions but without named nodes.
+
+        Its triangles were checked as part of a larger mesh.
+        """
         mesh = FlatMesh(self.corners, self.triangles, {}, {}, self.regions)
-        mesh = add_midpoints(mesh) if self.element == "P2" else mesh
+        if self.element == "P2":
+            mesh = add_midpoints(mesh)
         return Cloth(mesh.X, mesh.triangles, element=self.element, triangle_sets=mesh.triangle_sets)
 
     def counted(self, nodes: np.ndarray) -> np.ndarray:
-        """Whether elements with nodes (m, k) of the part count here: it owns their least node."""
-        # The least is by its number in the whole cloth; −1 is no node.
+        """Whether elements with nodes (m, k) of the part count here: it owns the least node.
+
+        The least node is by its number in the whole cloth; −1 is no node.
+        """
         numbers = np.where(nodes < 0, np.iinfo(np.int64).max, self.nodes[nodes])
         least = np.take_along_axis(nodes, numbers.argmin(axis=1)[:, None], axis=1)[:, 0]
         counted: np.ndarray = self.is_own[least]
@@ -68,7 +89,8 @@ class Part:
     def restrict(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of these nodes of the whole cloth are in the part: their places, and numbers."""
         order = np.argsort(self.nodes)
-        places = order[np.minimum(np.searchsorted(self.nodes, nodes, sorter=order), len(order) - 1)]
+        ranks = np.searchsorted(self.nodes, nodes, sorter=order)
+        places = order[np.minimum(ranks, len(order) - 1)]
         inside = np.flatnonzero(self.nodes[places] == nodes)
         return inside, places[inside]
 
@@ -87,7 +109,7 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
         raise InputError(what, allowed, "mpiexec", "Ask for fewer by -n.")
     owner = np.empty(len(cloth.X), np.int64)
     # where the ranges end, from 0 to 1; the first process has more to do, and a shorter range
-    first = max((1 + DRIVING) / count - DRIVING, 0.2 / count)
+    first = max((1 + FIRST_PROCESS_WORK) / count - FIRST_PROCESS_WORK, 0.2 / count)
     ends = first + (1 - first) * np.arange(count) / max(count - 1, 1)
     ranges = np.searchsorted(ends, np.arange(corners) / corners, side="right")
     if count <= MOST_RANGES:
@@ -101,13 +123,16 @@ def find_owners(cloth: Cloth, count: int) -> np.ndarray:
 
 
 def _by_metis(cloth: Cloth, corners: int, count: int) -> np.ndarray:
+    """(corners,) process of each corner, by METIS; raise `InputError` where it is missing."""
     try:
         import pymetis
     except ImportError as error:
         what = f"{count} processes"
         allowed = f"above {MOST_RANGES} need pymetis"
-        raise InputError(what, allowed, "mpiexec", "Run: pip install 'pymetis>=2025.2'") from error
-    a, b = cloth.triangles.ravel(), np.roll(cloth.triangles, -1, axis=1).ravel()
+        remedy = "Run: pip install 'pymetis>=2025.2'"
+        raise InputError(what, allowed, "mpiexec", remedy) from error
+    a = cloth.triangles.ravel()
+    b = np.roll(cloth.triangles, -1, axis=1).ravel()
     ones = np.ones(2 * len(a), np.int8)
     pairs = np.append(a, b), np.append(b, a)
     graph = sparse.coo_array((ones, pairs), shape=(corners, corners)).tocsr()
@@ -130,24 +155,27 @@ def make_part(cloth: Cloth, owner: np.ndarray, rank: int, rings: int) -> Part:
     triangle[chosen] = np.arange(len(chosen))
     regions = {name: triangle[which] for name, which in cloth.triangle_sets.items()}
     regions = {name: which[which >= 0] for name, which in regions.items() if (which >= 0).any()}
-    mesh = cloth.X[numbers], place[cloth.triangles[chosen]]
-    part = Part(*mesh, numbers, chosen, inside, regions, cloth.element)
+    part = Part(
+        corners=cloth.X[numbers],
+        triangles=place[cloth.triangles[chosen]],
+        nodes=numbers,
+        cells=chosen,
+        is_own=inside,
+        regions=regions,
+        element=cloth.element,
+    )
     if cloth.element == "P2":
-        there = part.cloth()
-        numbers = np.empty(len(there.X), np.int64)
-        numbers[there.stencil] = cloth.stencil[chosen]
+        part_cloth = part.cloth()
+        numbers = np.empty(len(part_cloth.X), np.int64)
+        numbers[part_cloth.stencil] = cloth.stencil[chosen]
     return replace(part, nodes=numbers, is_own=owner[numbers] == rank)
 
 
 def _as_slice(numbers: np.ndarray) -> slice | np.ndarray:
     """A slice in place of numbers in a row, which saves copies."""
-    if (
-        len(numbers)
-        and numbers[-1] - numbers[0] == len(numbers) - 1
-        and (np.diff(numbers) == 1).all()
-    ):
-        return slice(int(numbers[0]), int(numbers[-1]) + 1)
-    return numbers
+    if not len(numbers) or (np.diff(numbers) != 1).any():
+        return numbers
+    return slice(int(numbers[0]), int(numbers[-1]) + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,20 +191,26 @@ class PartDescription:
     start: State
 
     def make(self) -> System:
+        """The system of the part."""
         cloth = self.part.cloth()
-        fabric, grain = (_regions_of(cloth, value) for value in (self.fabric, self.grain))
-        pins = [_pin_of(pin, at, cloth, self.start) for pin, at in self.pins]
-        return PartSystem(self.part, cloth, fabric, self.terms, pins, self.mass, grain, self.start)
+        return PartSystem(
+            self.part,
+            cloth=cloth,
+            fabric=_regions_of(cloth, self.fabric),
+            terms=self.terms,
+            pins=[_pin_of(pin, nodes, cloth, self.start) for pin, nodes in self.pins],
+            mass=self.mass,
+            grain=_regions_of(cloth, self.grain),
+            start=self.start,
+        )
 
 
 class PartSystem(System):
     """A `System` of a part, in whose sums each element of the cloth counts in one part only."""
 
-    part: ClassVar[Part]  # of each its own, no field
-
-    def __init__(self, part: Part, cloth, fabric, terms, pins, mass, grain, start):
-        object.__setattr__(self, "part", part)
-        super().__init__(cloth, fabric, terms, pins, mass, grain, start, threads=1)
+    def __init__(self, part: Part, **arguments: Any):
+        self.part = part
+        super().__init__(**arguments, threads=1)
 
     @property
     def counted(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -184,8 +218,10 @@ class PartSystem(System):
 
 
 def cut_pins(part: Part, groups: Mapping[str, tuple[Pin, np.ndarray]]) -> list:
-    """(pin, nodes) of the pins that hold nodes of the part."""
-    # Positions come from the first process; a motion is left only where a clamp needs it.
+    """(pin, nodes) of the pins that hold nodes of the part.
+
+    Positions come from the first process; a motion is left only where a clamp needs it.
+    """
     cut = []
     for pin, nodes in groups.values():
         places, local = part.restrict(nodes)

@@ -39,9 +39,11 @@ OPTIONS: dict[str, dict[str, object]] = {
         "ksp_max_it": 10,
     },
 }
-OLD = (3, 20)
-ROWS = 20_000  # of nodes whose blocks are copied at once
-LOST = 2.0  # times rtol: what the true residual may be above the residual of the recurrence
+OLD_PETSC = (3, 20)  # older versions need the options `OF_OLD`
+ROWS_AT_ONCE = 20_000  # of nodes whose blocks are copied together, which saves memory
+# Times rtol: what the true residual may be. Round-off takes it above the residual of the
+# recurrence, at which the iteration ends.
+LARGEST_RESIDUAL = 2.0
 
 
 class TooManyIterations(SolveFailed):
@@ -72,7 +74,8 @@ class PetscSolver:
     def __init__(self, part: Part, matrix: BlockMatrix, owned: Sequence[int], numbers: np.ndarray):
         self.petsc = load()
         self.matrix = matrix
-        self.own, self.size = int(part.is_own.sum()), 3 * sum(owned)
+        self.own = int(part.is_own.sum())
+        self.size = 3 * sum(owned)
         self.blocks = _blocks_of(part, matrix)
         pattern = matrix.pattern
         integer = self.petsc.IntType
@@ -103,9 +106,9 @@ class PetscSolver:
 
     def destroy(self) -> None:
         """Free the memory: on several processes petsc4py keeps what Python only drops."""
-        for each in (self.ksp, self.A, self.b, self.x, self.r):
-            if each:
-                each.destroy()
+        for petsc_object in (self.ksp, self.A, self.b, self.x, self.r):
+            if petsc_object:
+                petsc_object.destroy()
 
     def _make_matrix(self, half: bool) -> Any:
         """The matrix (3n, 3n), rows of own nodes here, with space for its pattern."""
@@ -117,11 +120,11 @@ class PetscSolver:
         A.setType("mpisbaij" if half else PETSc.Mat.Type.AIJ)
         rows = np.repeat(np.arange(self.own), np.diff(self.starts))
         here = (columns >= first) & (columns < first + self.own)
-        if half:
-            stored = columns - first >= rows
-        else:
-            stored = np.ones(len(columns), bool)
-        counts = [np.bincount(rows[k], minlength=self.own) for k in (here & stored, ~here & stored)]
+        stored = columns - first >= rows if half else np.ones(len(columns), bool)
+        counts = [
+            np.bincount(rows[here & stored], minlength=self.own),
+            np.bincount(rows[~here & stored], minlength=self.own),
+        ]
         if not half:
             counts = [3 * np.repeat(count, 3) for count in counts]
         A.setPreallocationNNZ(tuple(count.astype(PETSc.IntType) for count in counts))
@@ -135,26 +138,29 @@ class PetscSolver:
         values = self.matrix.values[self.blocks]
         starts = self.starts
         A = self.A
-        for row in range(0, self.own, ROWS):
-            end = min(row + ROWS, self.own)
+        for row in range(0, self.own, ROWS_AT_ONCE):
+            end = min(row + ROWS_AT_ONCE, self.own)
             part = slice(starts[row], starts[end])
             rows = np.arange(self.first + row, self.first + end, dtype=starts.dtype)
             by_column = np.ascontiguousarray(values[part].transpose(0, 2, 1))
-            own = starts[row : end + 1] - starts[row], self.columns[part], by_column
-            A.setValuesBlockedIJV(*own, rowmap=rows)
+            own_starts = starts[row : end + 1] - starts[row]
+            A.setValuesBlockedIJV(own_starts, self.columns[part], by_column, rowmap=rows)
         A.assemble()
 
     def _make_ksp(self, symmetric: bool) -> Any:
+        """The solver of the present kind, with its options."""
         PETSc = self.petsc
         is_direct = self.kind == "MUMPS"
         ksp = PETSc.KSP().create(comm=PETSc.COMM_WORLD)
         ksp.setOptionsPrefix(f"fecloth_{self.kind.lower().replace(' ', '_')}_")
         ksp.setOperators(self.A)
-        ksp.setType("richardson" if is_direct else "cg" if symmetric else "bcgs")
         if is_direct:
+            ksp.setType("richardson")
             ksp.getPC().setType("cholesky" if symmetric else "lu")
+        else:
+            ksp.setType("cg" if symmetric else "bcgs")
         options = {"ksp_norm_type": "unpreconditioned"} | OPTIONS[self.kind]
-        if self.kind == "GAMG" and PETSc.Sys.getVersion() < OLD:
+        if self.kind == "GAMG" and PETSc.Sys.getVersion() < OLD_PETSC:
             options |= {f"mg_levels_{name}": value for name, value in OF_OLD.items()}
         table = PETSc.Options(ksp.getOptionsPrefix())
         for name, value in options.items():
@@ -183,6 +189,7 @@ class PetscSolver:
         return time.perf_counter() - begin
 
     def _set_rigid_motions(self, shape: np.ndarray) -> None:
+        """Give GAMG the rigid motions of positions (own, 3)."""
         PETSc = self.petsc
         place = PETSc.Vec().createMPI((3 * self.own, self.size), bsize=3, comm=PETSc.COMM_WORLD)
         place.array[:] = shape.ravel()
@@ -204,11 +211,12 @@ class PetscSolver:
         self.A.mult(self.x, self.r)
         self.r.aypx(-1.0, self.b)
         residual = self.r.norm() / self.b.norm()
-        if not residual <= LOST * rtol:
+        if not residual <= LARGEST_RESIDUAL * rtol:
             raise SolveFailed(f"PETSc {self.kind}: residual {residual:.1e}, not {rtol:.1e}")
         return self.x.array.reshape(-1, 3).copy(), self.ksp.getIterationNumber(), residual
 
     def _check(self, reason: int) -> None:
+        """Raise `SolveFailed`, or a kind of it, if the solve ended for a reason of failure."""
         reasons = self.petsc.KSP.ConvergedReason
         if reason >= 0:
             return

@@ -17,6 +17,7 @@ Rows = np.ndarray
 
 
 def total(parts: Sequence[Part], shares: Sequence[float]) -> float:
+    """The sum over the parts."""
     return float(sum(shares))
 
 
@@ -36,11 +37,14 @@ def cells(parts: Sequence[Part], shares: Sequence[Any]) -> Any:
 
 
 def rows(value: Any, which: np.ndarray) -> Any:
-    """The rows `which` of an array with a row for each triangle; of all in a mapping or record."""
+    """The rows `which` of an array with a row for each triangle.
+
+    Of a mapping or a record, these rows of all its arrays.
+    """
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return {name: rows(each, which) for name, each in value.items()}
+        return {name: rows(array, which) for name, array in value.items()}
     if isinstance(value, np.ndarray):
         return value[which]
     return replace(value, **rows(vars(value), which))
@@ -48,12 +52,21 @@ def rows(value: Any, which: np.ndarray) -> Any:
 
 @dataclass(frozen=True)
 class Ability:
-    """How an ability of a bound term is asked of all processes."""
+    """How an ability of a bound term is asked of all processes.
 
-    gather: Callable[[Sequence[Part], Sequence], Any]  # makes the whole of what the parts return
-    # Number of its first arguments, x and v, that each process has: `Worker.place`.
+    Attributes
+    ----------
+    gather
+        Makes the whole of what the parts return.
+    placed
+        Number of its first arguments, x and v, that each process has by `Worker.place`.
+    width
+        Columns of the array of triangles to which it adds, its last argument; 0 if it returns
+        its result.
+    """
+
+    gather: Callable[[Sequence[Part], Sequence], Any]
     placed: int = 1
-    # Columns of the array of triangles to which it adds, its last argument; 0: it returns.
     width: int = 0
 
 
@@ -80,7 +93,8 @@ class Worker:
     """
 
     def __init__(self, description: PartDescription):
-        self.part, self.system = description.part, description.make()
+        self.part = description.part
+        self.system = description.make()
         self.terms: dict[Any, Any] = dict(enumerate(self.system.bound))
         self.x = self.v = np.zeros((len(self.part.nodes), 3))
         self.solver: Any = None  # a `PetscSolver` from `create_solver` on
@@ -99,6 +113,7 @@ class Worker:
         setattr(self, name, y)
 
     def names(self) -> list[str]:
+        """The names of the part's terms."""
         return [term.name for term in self.system.bound]
 
     def force(self, keys: Sequence, t: float) -> Rows:
@@ -137,16 +152,20 @@ class Worker:
         self.terms[new] = self.terms[key].with_history(record)
 
     def forget(self, keys: Sequence) -> None:
+        """Forget terms over a step, or with a record."""
         for key in keys:
             self.terms.pop(key, None)
 
     def clear(self) -> None:
+        """Set the part's matrix to zero."""
         self.matrix.values.fill(0.0)
 
     def add_mass(self, wa: float) -> None:
+        """Add wa M to the part's matrix."""
         self.system.add_tangents(self.matrix, self.system.rest(), wa=wa)
 
     def add_tangent(self, key, t: float, wx: float, wv: float, definite: bool) -> None:
+        """Add the tangent of a term to the part's matrix."""
         self.terms[key].add_tangent(self.x, self.v, t, wx, wv, self.matrix, definite)
 
     def project(self, diagonal: np.ndarray | None) -> None:
@@ -173,10 +192,12 @@ class Worker:
         return seconds
 
     def solve(self, b: np.ndarray, rtol: float, guess: np.ndarray | None) -> tuple:
-        found: tuple = self.solver.solve(b, rtol, guess)
-        return found
+        """The solver's share of the solution; see `PetscSolver.solve`."""
+        solution: tuple = self.solver.solve(b, rtol, guess)
+        return solution
 
     def usage(self) -> dict[str, float | int | None]:
+        """What summary.json says of the process."""
         return {
             "nodes": int(self.part.is_own.sum()),
             "ghosts": int((~self.part.is_own).sum()),

@@ -12,7 +12,7 @@ from fecloth.integrators.linearly_implicit_euler import LinearOpening
 from fecloth.integrators.step import Solution, Step
 from fecloth.nonlinear.along import Along, Sides
 from fecloth.nonlinear.context import PRICES, SolverContext
-from fecloth.nonlinear.linearised import FIRST, Map, NoDerivative, correct, inverse
+from fecloth.nonlinear.linearised import ASSUMED_CONTRACTION, Map, NoDerivative, correct, inverse
 from fecloth.system.system import System
 from fecloth.terms.records import shift
 
@@ -109,7 +109,7 @@ class StepTangents:
 
     def _solves_with(self, name: str) -> float:
         """Number of solves for a parameter, as its corrections have shrunk before."""
-        contraction = self.usual.get(name, FIRST)
+        contraction = self.usual.get(name, ASSUMED_CONTRACTION)
         return max(1.0, math.log(self.tolerance) / math.log(contraction))
 
     def _hold_factor(self, solution: Solution) -> Map:

@@ -1,6 +1,5 @@
 """Many steps of central differences in one call, without any record."""
 
-from dataclasses import replace
 from functools import lru_cache
 from threading import Lock
 from typing import Annotated, Any
@@ -90,7 +89,7 @@ def _take_all(fused: FusedSteps, start: State, dt: float, steps: int) -> State |
 def _bound(system: System, threads: int | str) -> tuple[FusedSteps, Lock]:
     """The fused steps of a system, and who may use them."""
     if threads not in (1, system.threads):
-        system = replace(system, threads=threads)
+        system = system.replace(threads=threads)
     team = ALONE if threads == 1 else None
     fused = FusedSteps.bind(system, ledger=False, team=team)
     if fused is None:

@@ -16,8 +16,8 @@ from fecloth.errors import InputError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear import newton
 from fecloth.nonlinear.context import SolverContext
-from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.newton import StageEquation
+from fecloth.nonlinear.remedies import Remedy
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State

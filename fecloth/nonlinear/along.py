@@ -14,11 +14,22 @@ from fecloth.terms import records
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """Derivatives by p, which is a parameter over its width, so that x is in m and v in m/s."""
+    """Derivatives by p, which is a parameter over its width, so that x is in m and v in m/s.
 
-    x: np.ndarray  # (n, 3) ∂x/∂p [m]
-    v: np.ndarray  # (n, 3) ∂v/∂p [m/s]
-    # As `records.slope` has them: of the memory of the method, and of the records of the terms.
+    Attributes
+    ----------
+    x
+        (n, 3) ∂x/∂p [m].
+    v
+        (n, 3) ∂v/∂p [m/s].
+    memory
+        Derivative of the memory of the method, as `records.slope` has it.
+    history
+        Derivative of the records of the terms, as `records.slope` has it.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
     memory: Any = None
     history: Any = None
 
@@ -38,7 +49,7 @@ class Along:
         return State(state.t, state.x + size * self.x, state.v + size * self.v)
 
     def longest(self, dt: float = 0.0) -> float:
-        """The largest displacement of a node for a change of p by 1, also within a step dt [m]."""
+        """The longest way of a node for a change of p by 1, also within a step dt [m]."""
         return max(longest(self.x), dt * longest(self.v))
 
 

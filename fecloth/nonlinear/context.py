@@ -17,29 +17,44 @@ from fecloth.linalg.protocol import LinearSolver
 from fecloth.nonlinear.error_left import StepError
 from fecloth.nonlinear.options import Newton
 
-# A tangent and its factor in solves and residuals with it, one thread. (PCG has no factor to
-# keep.)
+# By solver: what a tangent and its factor cost, in solves and residuals with it, on one thread.
+# PCG has no factor to keep.
 PRICES = {"pardiso": 5.0, "superlu": 20.0}
+# After failures in a row reuse is tried again after so many new factors at the latest. It may pay
+# again later in a run, and a failed attempt costs less than a factor.
 LONGEST_WAIT = 64
 
 
 @dataclass
 class FactorReuse:
-    """The record of a factor for reuse; the linear solver holds the factor itself."""
+    """The record of a factor for reuse; the linear solver holds the factor itself.
 
-    # The system, the weights and the definiteness of the factor's matrix; None without a factor.
+    Attributes
+    ----------
+    key
+        The system, the weights and the definiteness of its matrix; None without a factor.
+    number
+        The count `prepared` of the linear solver when it made the factor. A later factor
+        replaces it, and then the count is another one.
+    steps
+        Steps since then.
+    solves
+        Iterations in these steps.
+    failures
+        Failures of reuse in a row.
+    wait
+        Number of new factors before the next attempt.
+    """
+
     key: tuple | None = None
-    # `prepared` of the linear solver when it made the factor; a later one replaces it.
     number: int = 0
-    # Steps since then, and iterations in them.
     steps: int = 0
     solves: int = 0
-    # Consecutive failures of reuse, and the number of new factors before the next attempt.
     failures: int = 0
     wait: int = 0
 
     def is_usable(self, key: tuple, linear) -> bool:
-        """Return whether the linear solver's factor has this key and reuse is not suspended."""
+        """Whether the factor of the linear solver has this key, and reuse is not suspended."""
         if self.wait or self.key is None or self.number != linear.prepared:
             return False
         return self.key[0] is key[0] and self.key[1:] == key[1:]
@@ -52,28 +67,30 @@ class FactorReuse:
         self.wait = max(0, self.wait - 1)
 
     def record_iteration(self, contraction: float, to_go: float, linear) -> None:
-        """Record an iteration, and drop the factor if the remaining ones cost more than a new one.
+        """Record an iteration; drop the factor if the next ones cost more than a new factor.
 
         `contraction` is the new residual over the old one, and `to_go` the goal over the new
         residual: ln(to_go)/ln(contraction) iterations remain. After each consecutive failure
         reuse is suspended for 1, 2, 4, … new factors.
         """
         self.solves += 1
-        cheap = contraction == 0.0 or to_go >= 1.0
-        if not cheap and contraction < 1.0:
-            cheap = math.log(to_go) / math.log(contraction) < PRICES[linear.name]
-        if cheap:
+        pays = contraction == 0.0 or to_go >= 1.0
+        if not pays and contraction < 1.0:
+            iterations_left = math.log(to_go) / math.log(contraction)
+            pays = iterations_left < PRICES[linear.name]
+        if pays:
             self.failures = 0
-        else:
-            self.failures += 1
-            self.key, self.wait = None, min(2 ** (self.failures - 1), LONGEST_WAIT)
+            return
+        self.failures += 1
+        self.key = None
+        self.wait = min(2 ** (self.failures - 1), LONGEST_WAIT)
 
     def end_step(self, solves: int, linear) -> None:
-        """Record the solves of a step; drop the factor if they exceed its average cost per step."""
+        """Record the solves of a step; drop the factor if they are more than its mean cost."""
         if self.key is None:
             return
-        average = (PRICES[linear.name] + self.solves - solves) / max(self.steps, 1)
-        if self.steps and solves > average:
+        cost_before = PRICES[linear.name] + self.solves - solves
+        if self.steps and solves > cost_before / max(self.steps, 1):
             self.key = None
         self.steps += 1
 
@@ -85,25 +102,40 @@ class FactorReuse:
 
 @dataclass(eq=False)
 class SolverContext:
-    """The solvers that steps share; every step changes their state."""
+    """The solvers that steps share; every step changes their state.
 
-    # The linear solver, and the matrix that each iteration fills; None for explicit methods.
+    Attributes
+    ----------
+    linear
+        The linear solver; None for explicit methods.
+    matrix
+        The matrix that each iteration fills; None for explicit methods.
+    options
+        How Newton's iteration solves a step.
+    factor_reuse
+        The record of the factor that the linear solver holds from an earlier iteration.
+    step_error
+        The error in time of the next step, for the tolerance "auto"; None where it is not known.
+    """
+
     linear: LinearSolver | None
     matrix: BlockMatrix | None
-    options: Newton  # newton's
-    # The record of the factor that the linear solver holds from an earlier iteration.
+    options: Newton
     factor_reuse: FactorReuse = field(default_factory=FactorReuse)
-    # The error in time of the next step, for the tolerance "auto"; None where it is not known.
     step_error: StepError | None = None
 
     def begin(self, wx: float, wa: float, x: np.ndarray) -> None:
-        """Begin a step near x with these weights of K and M; "auto" may change its solver here."""
+        """Begin a step near x (n, 3) with these weights of K and M.
+
+        Here the linear solver "auto" may change its method.
+        """
         self.matrix_solver()[0].begin(wx, wa, x)
 
     def matrix_solver(self) -> tuple[LinearSolver, BlockMatrix]:
         """The linear solver and its matrix; raise `InputError` if there is none."""
         if self.linear is None or self.matrix is None:
-            raise InputError("SolverContext.linear = None", "serves explicit methods only", "step")
+            allowed = "serves explicit methods only"
+            raise InputError("SolverContext.linear = None", allowed, "step")
         return self.linear, self.matrix
 
     @property
@@ -114,6 +146,7 @@ class SolverContext:
         return self.linear.keeps_state or (self.linear.name in PRICES and self.options.reuse)
 
     def drop(self) -> None:
+        """Forget the work of earlier steps, so that later ones do not depend on it."""
         self.factor_reuse.drop()
         if self.linear is not None:
             self.linear.drop()

@@ -15,24 +15,37 @@ from fecloth.linalg.low_rank_update import LowRankUpdate
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-FIRST = 1e-8  # of the mean of K over the mean of M: the first shift
-GROWTH, MOST = 10.0, 18  # factor between two shifts, and their number
-ROUND_OFF = 1e-11  # of the mean of K over the mean of M: eigenvalues below are 0
-ANOTHER = 1e-8  # relative to its distance from the shift: an eigenvalue less than the last found
-RTOL = 1e-10  # of each linear solve
-TOLERANCE, RESTARTS = 1e-11, 100  # of ARPACK: relative residual, and the most restarts
+SHIFTS = tuple(10.0**n for n in range(-8, 10))  # of the mean of K over the mean of M
+# Of the mean of K over the mean of M: eigenvalues below may be round-off, and count as 0.
+ZERO_EIGENVALUE = 1e-11
+# An eigenvalue is less than the last one if its distance from the shift is less by this part.
+# A smaller difference is the error of the iteration.
+LESS_EIGENVALUE = 1e-8
+LINEAR_RESIDUAL = 1e-10  # relative, of each linear solve
+ARPACK_TOLERANCE = 1e-11  # relative residual of an eigenpair; no linear solve is much sharper
+ARPACK_RESTARTS = 100  # at the most; what was found by then is taken
 
 
 @dataclass(frozen=True, eq=False)
 class Eigenpairs:
-    """Solutions of K u = λ M u, the least λ first."""
+    """Solutions of K u = λ M u, the least λ first.
 
-    values: np.ndarray  # (count,) λ, ascending
-    # (count, n, 3) u with u · M u = 1; zero in the held directions. The largest component is
-    # positive.
+    Attributes
+    ----------
+    values
+        (count,) λ, ascending.
+    vectors
+        (count, n, 3) u with u · M u = 1; zero in the held directions. The largest component is
+        positive.
+    zero
+        A |λ| that is not larger than this may be round-off.
+    asymmetry
+        ‖K − Kᵀ‖ / ‖K + Kᵀ‖ on the free directions. The solutions are those of ½ (K + Kᵀ).
+    """
+
+    values: np.ndarray
     vectors: np.ndarray
-    zero: float  # |λ| that is not larger may be round-off
-    # ‖K − Kᵀ‖ / ‖K + Kᵀ‖ of the free directions: these are the solutions for ½ (K + Kᵀ).
+    zero: float
     asymmetry: float
 
 
@@ -42,10 +55,10 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
     K is the sum of all terms' exact tangents, also tangents of low rank, and u is in the
     directions that pins and slides allow. The iteration is on (K + s M)⁻¹ M with s > 0, whose
     largest eigenvalues 1/(λ + s) belong to the least λ. s is the first of 1e-8, 1e-7, … times
-    the ratio of K to M in the mean for which K + s M has a Cholesky factor: then −s lies below
-    every λ, and a free body or an unstable state has a factor too. Of an eigenvalue with
-    several vectors the iteration may find one only; so it is repeated without the vectors
-    found, until it finds no eigenvalue that is less than the last of them.
+    the ratio of K to M in the mean for which K + s M has a Cholesky factor. Then −s lies below
+    every λ, and a free body or an unstable state has a factor, too. Of an eigenvalue with
+    several vectors the iteration may find one only. So it is repeated without the vectors that
+    were found, until it finds no eigenvalue that is less than the last of them.
 
     With `unit_mass` M is the identity, and λ are the eigenvalues of K [N/m], else ω² [1/s²].
     `count` must be less than the number of free degrees of freedom.
@@ -62,25 +75,44 @@ def least_eigenpairs(system: System, state: State, count: int, unit_mass=False) 
     whole = (Z @ vectors).T
     largest = np.take_along_axis(whole, abs(whole).argmax(axis=1)[:, None], axis=1)
     shapes = (whole * np.sign(largest)).reshape(count, -1, 3)
-    return Eigenpairs(values, shapes, ROUND_OFF * pencil.scale, pencil.asymmetry)
+    zero = ZERO_EIGENVALUE * pencil.scale
+    return Eigenpairs(values, shapes, zero, pencil.asymmetry)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pencil:
-    """K and M at a state."""
+    """K and M at a state.
+
+    Attributes
+    ----------
+    system
+        The cloth and its terms.
+    stiffness
+        The symmetric part of K without its parts of low rank, of all nodes.
+    updates
+        (c, u) of these parts, in the free directions.
+    nodal
+        (n, n) M of one component.
+    mass
+        (f, f) M of the free directions.
+    scale
+        The mean of |K| over the mean of M, by their diagonals.
+    asymmetry
+        As for `Eigenpairs`.
+    """
 
     system: System
-    stiffness: BlockMatrix  # the symmetric part of K without its parts of low rank, all nodes
-    updates: list[tuple[float, np.ndarray]]  # (c, u) of these parts, in the free directions
+    stiffness: BlockMatrix
+    updates: list[tuple[float, np.ndarray]]
     nodal: sparse.csr_matrix
-    mass: sparse.csr_matrix  # (f, f) M of the free directions
-    scale: float  # the mean of |K| over the mean of M, by their diagonals
-    asymmetry: float  # as for `Eigenpairs`
+    mass: sparse.csr_matrix
+    scale: float
+    asymmetry: float
 
     @classmethod
     def at(cls, system: System, state: State, unit_mass: bool) -> Self:
         K = system.assemble(BlockMatrix.zeros(system.pattern, system.team), state, wx=1.0)
-        asymmetry = 0.0 if system.symmetric else _symmetrise(system, K)
+        asymmetry = 0.0 if system.symmetric else symmetrise(system, K)
         project = system.constraints.project
         Z = system.admissible
         updates = [(c, project(u)) for c, u in system.dense(state)]
@@ -97,9 +129,9 @@ class _Pencil:
         return cls(system, K, updates, nodal, mass, scale, asymmetry)
 
     def invert(self) -> tuple[LinearOperator, float]:
-        """Return (K + s M)⁻¹ of the free directions, and s."""
-        for power in range(MOST):
-            shift = FIRST * self.scale * GROWTH**power
+        """(K + s M)⁻¹ of the free directions, and s; raise `SolveFailed` without any."""
+        for part in SHIFTS:
+            shift = part * self.scale
             try:
                 return self._inverse(shift), shift
             except SolveFailed as failure:  # not positive definite, or singular within round-off
@@ -115,39 +147,44 @@ class _Pencil:
         J.values[slots] += mass.data[:, None, None] * np.eye(3)
         solver = select.direct()
         solver.prepare(self.system.project(J))
+        update = None
         if self.updates:
-            update = LowRankUpdate.prepare(solver, self.updates, RTOL)
-        else:
-            update = None
-        if update:
+            update = LowRankUpdate.prepare(solver, self.updates, LINEAR_RESIDUAL)
             update.require_definite(self.updates)
 
         def apply(b: np.ndarray) -> np.ndarray:
-            y, _ = solver.solve((Z @ b.ravel()).reshape(-1, 3), RTOL)
-            return Z.T @ (update.apply(y) if update else y).ravel()
+            y, _ = solver.solve((Z @ b.ravel()).reshape(-1, 3), LINEAR_RESIDUAL)
+            if update:
+                y = update.apply(y)
+            return Z.T @ y.ravel()
 
         size = Z.shape[1]
         apply(np.ones(size))  # fails here where J is singular within round-off
         return LinearOperator((size, size), apply, dtype=float)
 
 
-def _symmetrise(system: System, K: BlockMatrix) -> float:
-    """Replace K by its symmetric part; return the asymmetry on the free directions."""
+def symmetrise(system: System, K: BlockMatrix) -> float:
+    """Replace K by its symmetric part; return ‖K − Kᵀ‖ / ‖K + Kᵀ‖ on the free directions."""
     pattern = system.pattern
     pairs = np.column_stack([pattern.rows, pattern.indices])
-    transposed = pattern.slots(pairs)[:, 1, 0]
-    free = BlockMatrix(pattern, K.values.copy())
-    system.project(free)
-    other = free.values[transposed].transpose(0, 2, 1)
-    asymmetry = np.linalg.norm(free.values - other) / np.linalg.norm(free.values + other)
-    K.values[:] = 0.5 * (K.values + K.values[transposed].transpose(0, 2, 1))
+    mirrored = pattern.slots(pairs)[:, 1, 0]  # where the block (j, i) is, for each block (i, j)
+
+    def transpose(values: np.ndarray) -> np.ndarray:
+        return values[mirrored].transpose(0, 2, 1)
+
+    free = system.project(BlockMatrix(pattern, K.values.copy())).values
+    K.values[:] = 0.5 * (K.values + transpose(K.values))
+    size = np.linalg.norm(free + transpose(free))
+    if not size:
+        return 0.0
+    asymmetry = np.linalg.norm(free - transpose(free)) / size
     return float(np.nan_to_num(asymmetry))
 
 
 def find_all(
     inverse: LinearOperator, M: sparse.csr_matrix, shift: float, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least eigenvalues and their vectors (f, count), with all of equal eigenvalues."""
+    """The least eigenvalues and their vectors (f, count), with all of equal eigenvalues."""
     random = np.random.default_rng(0)  # the same numbers in every run
     size = M.shape[0]
     values = np.zeros(0)
@@ -161,8 +198,10 @@ def find_all(
         operator = LinearOperator(inverse.shape, deflated, dtype=float)
         wanted = max(count - len(values), 1)
         more, others = _iterate(operator, M, shift, wanted, random.standard_normal(size))
-        if len(values) == count and more[0] + shift >= (1 - ANOTHER) * (values[-1] + shift):
-            return values, vectors
+        if len(values) == count:
+            least_distance = (1 - LESS_EIGENVALUE) * (values[-1] + shift)
+            if more[0] + shift >= least_distance:
+                return values, vectors
         values = np.append(values, more)
         vectors = np.column_stack([vectors, others])
         order = np.argsort(values)[:count]
@@ -171,21 +210,32 @@ def find_all(
 
 
 def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
-    """Return the eigenvalues and vectors that Lanczos' iteration finds, at least one."""
-    most = len(start)
-    size = min(len(start), 2 * wanted + 20)
-    try:  # with `OPinv` the first argument gives the size only
-        search = {"v0": start, "ncv": size, "maxiter": RESTARTS, "tol": TOLERANCE}
-        return eigsh(operator, min(wanted, most - 1), M, -shift, OPinv=operator, **search)
+    """The eigenvalues and vectors that Lanczos' iteration finds, at least one."""
+    size = len(start)
+    try:
+        return eigsh(
+            operator,  # with `OPinv` it gives the size only
+            k=min(wanted, size - 1),
+            M=M,
+            sigma=-shift,
+            OPinv=operator,
+            v0=start,
+            ncv=min(size, 2 * wanted + 20),
+            maxiter=ARPACK_RESTARTS,
+            tol=ARPACK_TOLERANCE,
+        )
     except ArpackNoConvergence as failure:  # such as for many vectors of one eigenvalue
         if not len(failure.eigenvalues):
-            raise SolveFailed(f"no mode was found in {RESTARTS} restarts of ARPACK") from failure
+            reason = f"no mode was found in {ARPACK_RESTARTS} restarts of ARPACK"
+            raise SolveFailed(reason) from failure
         return failure.eigenvalues, failure.eigenvectors
 
 
 def least_stiffness(system: System, state: State) -> tuple[float, float]:
-    """Return the least eigenvalue of K on the free directions, and what round-off may be [N/m]."""
-    # It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
+    """The least eigenvalue of K on the free directions, and what may be round-off [N/m].
+
+    It is NaN for a cloth that is held whole, and for a stiffness that is not finite.
+    """
     if not system.is_whole or system.admissible.shape[1] < 2:
         return math.nan, 0.0
     try:
@@ -196,7 +246,7 @@ def least_stiffness(system: System, state: State) -> tuple[float, float]:
 
 
 def describe_instability(least: float, zero: float) -> str:
-    """Return a sentence if the least eigenvalue is below round-off, or else ""."""
+    """A sentence if the least eigenvalue is negative, and not by round-off; or else ""."""
     if not least < -zero:
         return ""
     return (

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.contact.guess import find_guess
@@ -29,25 +30,8 @@ class Unsolved(FeclothError):
         return f"{self.what}{self.reason} (relative residual {self.residual:.2e}). {self.remedy}"
 
 
-class Remedy(NamedTuple):
-    """σ [of the matrix's mass M] to add to the matrix as σ M, and whether to clamp tangents."""
-
-    shift: float
-    definite: bool
-
-
-class Remedies(NamedTuple):
-    """What an iteration may try, in this order; the first is the exact matrix, if it may be."""
-
-    order: tuple[Remedy, ...]
-    # Number of the remedy to go on with where the first one fails for the first time.
-    second: int = 1
-    # Number of the remedy to try between these two, in at most CLAMPED iterations.
-    clamped: int | None = None
-
-
 class Equation(Protocol):
-    """R(y) = 0 for an unknown y (n, 3), as `iterate` solves it."""
+    """R(y) = 0 for an unknown y (n, 3), as `iteration.iterate` solves it."""
 
     @property
     def system(self) -> System:
@@ -75,10 +59,10 @@ class Equation(Protocol):
 
     @property
     def explores(self) -> bool:
-        """Whether slow iterations are worth more work; see `_Work.explore` and `refine`."""
+        """Whether slow iterations are worth more work; see `Steps.explore`, `find_direction`."""
 
     def largest_step(self, y: np.ndarray, step: np.ndarray) -> float:
-        """The largest α for which the terms allow y + α step; see `largest_step`."""
+        """The largest α for which the terms allow y + α step; see the function below."""
 
     def residual(self, y: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """R (n, 3) of the free directions and the sum of the norms of all forces, reactions too.
@@ -99,7 +83,7 @@ class Equation(Protocol):
         """(c, u) of each part c u uᵀ of ∂R/∂y that J leaves out."""
 
     def key(self, remedy: Remedy) -> tuple:
-        """The quantities that identify J, for the reuse of its factor."""
+        """The quantities that J depends on beside y, for the reuse of its factor."""
 
     def failure(self, reason: str, point: Point, residual: float) -> Exception:
         """The error to raise where the iteration ended; `residual` is relative."""
@@ -108,43 +92,55 @@ class Equation(Protocol):
 def measure_round_off(force: Callable[[State], np.ndarray], state: State) -> np.ndarray:
     """Change of the force (n, 3) [N] when x and v change in their last digits, at random.
 
-    The random numbers are the same in every call. This holds for all terms; a bound from the
-    stiffness holds only for forces that are differences of positions.
+    The random numbers are the same in every call. This measure is right for all terms. A bound
+    from the stiffness would hold only for forces that are differences of positions.
     """
     random = np.random.default_rng(0)
     eps = float(np.finfo(float).eps)
-    x, v = (y * (1 + eps * random.uniform(-1, 1, y.shape)) for y in (state.x, state.v))
+
+    def shake(y: np.ndarray) -> np.ndarray:
+        return y * (1 + eps * random.uniform(-1, 1, y.shape))
+
+    x = shake(state.x)
+    v = shake(state.v)
     return force(State(state.t, x, v)) - force(state)
 
 
-REACH = 16.0  # times the whole direction: how far a longer step is looked at
+# Times the whole direction: so far obstacles are looked for, as a line search may double a step.
+LONGEST_DIRECTION = 16.0
 
 
 def largest_step(system: System, x: np.ndarray, s: np.ndarray, t: float) -> float:
-    """The largest α for which all terms allow x + α s, both (n, 3) [m]; infinite without contact.
+    """The largest α for which all terms allow x + α s at the time t; infinite without contact.
 
-    Terms limit a direction by their `limit`. An α above 1 is right for a step that is doubled;
-    it is not looked for with terms that couple nodes, whose `limit` is expensive.
+    x and s are (n, 3) [m]. Terms limit a direction by their `limit`. A line search that doubles
+    a step needs to know an α above 1, too. With terms that couple nodes it is not looked for,
+    as their `limit` is expensive: there α is at most 1.
     """
     limits = [term.limit for term in system.bound if term.limits_direction]
     if not limits:
         return math.inf
     if any(term.couples_nodes for term in system.bound):
         return min(limit(x, s, t) for limit in limits)
-    far = REACH * min(limit(x, REACH * s, t) for limit in limits)
+    far = LONGEST_DIRECTION * min(limit(x, LONGEST_DIRECTION * s, t) for limit in limits)
     if far >= 1.0:
         return far
     return min(limit(x, s, t) for limit in limits)
 
 
 def has_limits(system: System) -> bool:
+    """Whether a term of the system, such as a contact, limits directions."""
     return any(term.limits_direction for term in system.bound)
 
 
 def admit(system: System, x: np.ndarray, t: float) -> np.ndarray | None:
-    """Positions near x (n, 3) at the end of a step that all contacts allow; None without any."""
-    ways = [way for term in system.bound if (way := term.way(t)) is not None]
+    """Positions near x (n, 3) at the end of a step that all contacts allow.
+
+    They are x itself without contact, and None if none were found.
+    """
+    ways = [term.way(t) for term in system.bound]
+    ways_of_contact = [way for way in ways if way is not None]
+    if not ways_of_contact:
+        return x
     project = system.constraints.project
-    if ways:
-        return find_guess(ways, x, lambda there: x + project(there - x))
-    return x
+    return find_guess(ways_of_contact, x, lambda guess: x + project(guess - x))

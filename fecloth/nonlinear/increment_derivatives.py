@@ -1,22 +1,23 @@
 """Derivatives of an equilibrium by a parameter, by the implicit function theorem."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg import select
 from fecloth.nonlinear.along import Along, Sides
-from fecloth.nonlinear.equation import Remedy
 from fecloth.nonlinear.increments import LoadIncrement, SolvedIncrement
 from fecloth.nonlinear.linearised import Map, correct, inverse
+from fecloth.nonlinear.remedies import Remedy
+from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.system.state import State
-from fecloth.system.system import System
+from fecloth.system.system import History, System
 from fecloth.terms.records import shift
 
-EXACT = Remedy(0.0, False)
-ROUND_OFF = 1e-15  # of positions
+EXACT = Remedy(0.0, definite=False)
+ROUND_OFF_OF_POSITIONS = 1e-15  # relative: a few units of the last digit
 
 
 class DerivedIncrement(NamedTuple):
@@ -29,10 +30,18 @@ class DerivedIncrement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StaticTangent:
-    """K at an equilibrium, with its factor."""
+    """K at an equilibrium, with its factor.
+
+    Attributes
+    ----------
+    solve
+        b ↦ K⁻¹ b.
+    known
+        By what factor corrections shrink, see `linearised.correct`.
+    """
 
     solve: Map
-    known: dict[str, float] = field(default_factory=dict)  # contractions, see `correct`
+    known: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def at(cls, solved: SolvedIncrement) -> Self:
@@ -59,19 +68,18 @@ def derive_increment(
     tangent: StaticTangent,
     tolerance: float = 1e-6,
 ) -> DerivedIncrement:
-    """The derivatives at the end of an increment of the loads, from the derivatives at its begin.
+    """The derivatives at the end of an increment of the loads, from those at its begin.
 
     With f(x; p) the forces, the derivative δx of the free directions satisfies
 
         [f(x + ε δx; p + ε) − f(x − ε δx; p − ε)]/(2ε) = 0,
 
     where held directions are where the pins have them at p ± ε. Corrections by K⁻¹ solve it.
-    The normal forces of friction are those at x ± ε δx. It raises `NoDerivative` where K is
-    singular.
+    Friction has the normal forces at x ± ε δx. Raises `NoDerivative` where K is singular.
     """
     increment, x = solved
-    ends = [_Side.of(increment, along, *side) for side in sides.signed]
-    plus, minus = ends
+    plus = _Side.of(increment, along, sides.plus, sides.size)
+    minus = _Side.of(increment, along, sides.minus, -sides.size)
 
     def residual(dx: np.ndarray) -> np.ndarray:
         r = plus.residual(x + sides.size * dx) - minus.residual(x - sides.size * dx)
@@ -80,34 +88,44 @@ def derive_increment(
     def size_of(dx: np.ndarray) -> float:
         return float(np.linalg.norm(dx)) or 1.0
 
-    floor = ROUND_OFF * float(np.linalg.norm(x)) / sides.size
-    solvers = {"exact": lambda: tangent.solve}
-    first = np.zeros_like(x)
-    corrected = correct(residual, first, solvers, tangent.known, size_of, tolerance, floor)
+    floor = ROUND_OFF_OF_POSITIONS * float(np.linalg.norm(x)) / sides.size
+    corrected = correct(
+        residual,
+        y=np.zeros_like(x),
+        solvers={"exact": lambda: tangent.solve},
+        known=tangent.known,
+        size_of=size_of,
+        tolerance=tolerance,
+        floor=floor,
+    )
     dx = corrected.y
     for name, contraction in corrected.contractions.items():
         tangent.known[name] = max(tangent.known.get(name, 0.0), contraction)
-    states = []
-    overs = []
-    histories = []
-    for side, size in zip(ends, (sides.size, -sides.size), strict=True):
-        at = side.place(x + size * dx)
-        over = side.equation(at).system
-        states.append(State(increment.start.t, at, np.zeros_like(at)))
-        overs.append(over)
-        histories.append(over.commit(states[-1], side.increment.history))
-    pairs = (None, None), (histories[0], histories[1])
-    end = Along.between(states[0], states[1], 2 * sides.size, *pairs)
-    return DerivedIncrement(end, (states[0], states[1]), (overs[0], overs[1]))
+    state_plus, over_plus, history_plus = plus.end(x + sides.size * dx)
+    state_minus, over_minus, history_minus = minus.end(x - sides.size * dx)
+    no_memory = (None, None)
+    histories = (history_plus, history_minus)
+    end = Along.between(state_plus, state_minus, 2 * sides.size, no_memory, histories)
+    return DerivedIncrement(end, (state_plus, state_minus), (over_plus, over_minus))
 
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """An increment at p + ε or p − ε, and where its pins are at its end (n, 3) [m]."""
+    """An increment at p + ε or p − ε.
+
+    Attributes
+    ----------
+    increment
+        The increment there.
+    target
+        (n, 3) where its pins are at its end [m].
+    fixed
+        Its equation, where this does not depend on the place; else None.
+    """
 
     increment: LoadIncrement
     target: np.ndarray
-    fixed: Any  # the equation, where it does not depend on the place
+    fixed: StaticEquation | None
 
     @classmethod
     def of(cls, increment: LoadIncrement, along: Along, system: System, size: float) -> Self:
@@ -123,9 +141,19 @@ class _Side:
         """Positions (n, 3) with held directions at the target."""
         return self.increment.system.constraints.hold(x, self.target)
 
-    def equation(self, x: np.ndarray) -> Any:
+    def equation(self, x: np.ndarray) -> StaticEquation:
+        """The equation of the end; friction has the normal forces at x (n, 3)."""
         return self.fixed or self.increment.equation(x)
 
     def residual(self, x: np.ndarray) -> np.ndarray:
+        """The forces that are out of balance (n, 3), with held directions at the target."""
         at = self.place(x)
-        return self.equation(at).residual(at, 0.0)[0]
+        R, _ = self.equation(at).residual(at, 0.0)
+        return R
+
+    def end(self, x: np.ndarray) -> tuple[State, System, History | None]:
+        """The state at x (n, 3), the system over the increment, and what its terms remember."""
+        at = self.place(x)
+        state = State(self.increment.start.t, at, np.zeros_like(at))
+        over = self.equation(at).system
+        return state, over, over.commit(state, self.increment.history)

@@ -13,10 +13,11 @@ import numpy as np
 from fecloth.errors import amount
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import admit, has_limits
-from fecloth.nonlinear.error_left import PLACE, ErrorInPlace
-from fecloth.nonlinear.iteration import Progress, iterate
+from fecloth.nonlinear.error_left import ALLOWED_OF_DISPLACEMENT, ErrorInPlace
+from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
 from fecloth.nonlinear.options import Newton
+from fecloth.nonlinear.progress import Progress
 from fecloth.nonlinear.static_equation import EquilibriumFailed, StaticEquation
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.carried import carry
@@ -25,26 +26,47 @@ from fecloth.system.system import History, System
 from fecloth.terms.step_difference import Increment, StepDifference
 from fecloth.terms.traits import traits_of
 
-FAR = 10.0  # extents of the cloth: a mean displacement beyond this means that no pin holds it
-QUICK = 8  # iterations after which a load increment may grow again
-SMALLEST = 1 / 64  # of the first load increment
+# Extents of the cloth: after a larger mean displacement nothing holds it. A cloth that is held
+# goes about one extent at most.
+FARTHEST_TRAVEL = 10.0
+# An increment of the loads grows again after a solution in so many iterations.
+QUICK_ITERATIONS = 8
+SMALLEST_INCREMENT = 1 / 64  # of the first one
 NO_MEMBRANE = "No membrane resists a stretch: add StVK, and pin the cloth."
-LAGGED = 1e-6  # of the forces: the error of friction whose normal forces belong to the pass before
-FIRST_PASS = 4  # iterations with the first normal forces; twice as many with each of the next ones
-PASSES = 40  # of an increment: how often the normal forces of friction are taken anew
-SHAKEN = tuple(np.linspace(0.9, 0.0, 10))  # of the friction inside the fabric, when it is shaken
-MANY = 4  # times `max_iterations`: the most iterations of all passes of an increment
+# Iterations with the first normal forces of friction, which may be far off. Each of the next
+# passes may take twice as many.
+FIRST_PASS_ITERATIONS = 4
+# How often the normal forces of friction are taken anew in an increment, …
+MOST_PASSES = 40
+# … and the most iterations of all these passes, times the option `max_iterations`.
+PASSES_OVER_ONE = 4
+# The part of the friction inside the fabric that is left after each increment of `shake`.
+FRICTION_LEFT = tuple(np.linspace(0.9, 0.0, 10))
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """Figures of one Newton iteration."""
+    """Figures of one Newton iteration.
 
-    number: int  # counted from 1
-    residual: float  # ‖f‖ of the free directions after it, relative to Σ ‖f_term‖ of all directions
-    shift: float  # σ of its tangent K + σ M [1/s²]; 0 is the exact tangent
-    length: float  # fraction of Newton's step; more than 1 where the potential is concave along it
-    load: float = 1.0  # factor on the loads
+    Attributes
+    ----------
+    number
+        Counted from 1.
+    residual
+        ‖f‖ of the free directions after it, relative to Σ ‖f_term‖ of all directions.
+    shift
+        σ of its tangent K + σ M [1/s²]; 0 is the exact tangent.
+    length
+        Fraction of Newton's step; more than 1 where the potential is concave along it.
+    load
+        Factor on the loads.
+    """
+
+    number: int
+    residual: float
+    shift: float
+    length: float
+    load: float = 1.0
 
 
 Report = Callable[[Iteration], None]
@@ -53,9 +75,9 @@ Report = Callable[[Iteration], None]
 def static_context(
     system: System, tolerance: float | Literal["auto"], max_iterations: int, solver: str
 ) -> SolverContext:
-    """Return the direct solver with its matrix, and Newton's options, for `solve_static`."""
+    """The direct solver with its matrix, and Newton's options, for `solve_static`."""
     options = Newton(tolerance, max_iterations, forcing=1e-8, reuse=False)
-    over = resist_disturbances(system, system.rest(), 1.0)
+    over = resist_disturbances(system, system.rest(), size=1.0)
     linear, matrix, _ = system.linear_solver(solver, over.symmetric)
     return SolverContext(linear, matrix, options)
 
@@ -68,48 +90,79 @@ class SolvedIncrement(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Positions (n, 3) [m] in equilibrium, and how they were found."""
+    """Positions in equilibrium, and how they were found.
+
+    Attributes
+    ----------
+    x
+        (n, 3) positions [m].
+    counts
+        What the iterations took.
+    error
+        The error left in x [m]; NaN where it is not estimated.
+    moved
+        The largest displacement [m] since the start.
+    is_definite
+        Whether K was found to be positive definite in the last iteration.
+    cause
+        What causes an error that is larger than it should be.
+    """
 
     x: np.ndarray
     counts: Counts
-    error: float = math.nan  # left in x [m]; NaN where it is not estimated
-    moved: float = math.nan  # the largest displacement [m] since the start
-    is_definite: bool = False  # whether K was found to be positive definite in the last iteration
-    cause: str = "round-off of the forces"  # of an error that is larger than it should be
+    error: float = math.nan
+    moved: float = math.nan
+    is_definite: bool = False
+    cause: str = "round-off of the forces"
 
     def reason(self, tolerance: float | str) -> str:
         """A sentence: why the iteration ended."""
         residual = self.counts.residual
         if not residual:
             return "no force exceeds its round-off"
+        start = f"its residual, {residual:.1e} of the forces, is"
         if tolerance != "auto":
-            met = f"is below the tolerance {tolerance:g}"
-            return f"its residual, {residual:.1e} of the forces, {met}"
+            return f"{start} below the tolerance {tolerance:g}"
         if math.isnan(self.error):
-            unknown = (
-                "the error of its positions is not known, as the tangent is not definite there"
-            )
-            return f"its residual, {residual:.1e} of the forces, is small; {unknown}"
+            unknown = "the error of its positions is not known"
+            return f"{start} small; {unknown}, as the tangent is not definite there"
         part = f"{self.error / self.moved:.1e} of the largest displacement"
         error = f"about {self.error:.1e} m, {part}"
-        if self.error <= PLACE * self.moved:
+        if self.error <= ALLOWED_OF_DISPLACEMENT * self.moved:
             return f"the error left in its positions is {error}"
         return f"{self.cause} leaves an error of {error}"
 
 
 @dataclass(frozen=True, eq=False)
 class LoadIncrement:
-    """An increment of the loads from the equilibrium `start`; its t is the time of the loads."""
+    """An increment of the loads.
+
+    Attributes
+    ----------
+    system
+        The cloth and its terms.
+    start
+        The equilibrium at its begin; its t is the time of the loads.
+    load
+        Factor on the loads at its end.
+    size
+        Its part of the loads.
+    begin, end
+        Times of what moves, at its begin and at its end [s].
+    history
+        What the terms remember at its begin.
+    friction
+        The part that is left of the friction inside the fabric.
+    """
 
     system: System
     start: State
-    load: float  # factor on the loads at its end
-    size: float  # its part of the loads
-    # Times of what moves, at its begin and its end.
+    load: float
+    size: float
     begin: float
     end: float
-    history: History | None = None  # what the terms remember at its begin
-    friction: float = 1.0  # part that is left of the friction inside the fabric
+    history: History | None = None
+    friction: float = 1.0
 
     @cached_property
     def carried(self) -> np.ndarray:
@@ -135,31 +188,51 @@ def over_increment(increment: LoadIncrement, place: np.ndarray | None = None) ->
 
 
 def resist_disturbances(system: System, state: State, size: float) -> System:
-    """The system about an equilibrium: friction resists each disturbance, as a next increment."""
-    return over_increment(LoadIncrement(system, state, 1.0, size, state.t, state.t))
+    """The system about an equilibrium: friction resists a disturbance as a next increment."""
+    increment = LoadIncrement(
+        system=system,
+        start=state,
+        load=1.0,
+        size=size,
+        begin=state.t,
+        end=state.t,
+    )
+    return over_increment(increment)
 
 
 def describe_path(system: System, load_steps: int | None) -> str:
     """A sentence on what the equilibrium depends on, with friction; else ""."""
     if not any(term.needs_path for term in system.bound):
         return ""
-    what = f"and on the number of load steps, here {load_steps}"
+    sentence = "friction: the place of rest depends on the way there"
     if load_steps in (None, 1):
-        follow = "more load_steps follow the way more closely"
-        what = f"which was one increment from the start; {follow}"
-    return f"friction: the place of rest depends on the way there, {what}"
+        more = "more load_steps follow the way more closely"
+        return f"{sentence}, which was one increment from the start; {more}"
+    return f"{sentence}, and on the number of load steps, here {load_steps}"
 
 
 class Increase(NamedTuple):
-    """What `increase_loads` found."""
+    """What `increase_loads` found.
 
-    solved: Solved  # the last one, with the counts of all increments
-    # ∂x/∂(factor on the loads) (n, 3) [m], beyond where the pins carry the cloth
+    Attributes
+    ----------
+    solved
+        The equilibrium at the end, with the counts of all increments.
+    rate
+        ∂x/∂(factor on the loads) (n, 3) [m], beyond where the pins carry the cloth.
+    over
+        The system over the last increment.
+    history
+        What its terms remember after that.
+    path
+        The increments, each from the end of the one before.
+    """
+
+    solved: Solved
     rate: np.ndarray | float
-    # The system over the last increment, and what its terms remember after that.
     over: System
     history: History | None
-    path: tuple[SolvedIncrement, ...]  # the increments, each from the end of the one before
+    path: tuple[SolvedIncrement, ...]
 
 
 def increase_loads(
@@ -175,54 +248,84 @@ def increase_loads(
 ) -> Increase:
     """Increase the factor on the loads from the first to the second of `loads`.
 
-    The factor is also the time of what moves, unless all stands still `at` a time. `start` is
-    the state at the first factor: in equilibrium, or the start of all where the factor is 0.
-    No increment of the factor is larger than `largest`, but where none of these is solved and
-    the path does not count: a small load may hold a cloth less than the whole. `rate` is
-    ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as it is known,
-    and `history` what the terms remember there. They remember each increment that is solved;
-    an increment that is repeated in smaller ones begins with what they remembered before it.
+    The factor is also the time of what moves, unless all stands still `at` a time. An increment
+    that is not solved is repeated in smaller ones. If no small one is solved at the begin, all
+    loads are tried at once, where the path does not count: a small load may hold a cloth less
+    than the whole. Raises `EquilibriumFailed` where the increments become too small.
+
+    Parameters
+    ----------
+    system
+        The cloth and its terms.
+    start
+        The state at the first factor: in equilibrium, or the start of all where the factor is 0.
+    context
+        The solvers.
+    largest
+        The largest increment of the factor.
+    loads
+        The first factor and the last one.
+    rate
+        ∂x/∂(factor) at the start [m] beyond where the pins carry the cloth, as far as known.
+    history
+        What the terms remember at the start. They remember each increment that is solved. One
+        that is repeated in smaller ones begins with what they remembered before it.
+    report
+        Called after each iteration.
+    at
+        The time at which all stands still [s]; None where pins or obstacles move.
     """
-    x, (reached, end), size, total = start.x, loads, largest, Counts()
+    first, end = loads
+    reached = first
+    x = start.x
+    size = largest
+    total = Counts()
     over = system
     path = list[SolvedIncrement]()
     tries_all = False
-    may_try_all = largest < end - reached and not any(term.needs_path for term in system.bound)
+    may_try_all = largest < end - first and not any(term.needs_path for term in system.bound)
     while reached < end:
-        to = reached + size
-        load = to if to < end - 1e-9 else end
+        load = reached + size
+        if load >= end - 1e-9:  # what would be left is round-off
+            load = end
+        begin, stop = (reached, load) if at is None else (at, at)
         here = State(start.t, x, np.zeros_like(x))
-        times = (reached, load) if at is None else (at, at)
-        increment = LoadIncrement(system, here, load, load - reached, *times, history)
+        increment = LoadIncrement(system, here, load, load - reached, begin, stop, history)
         try:
             solved, over = solve_increment(increment, rate, context, report)
         except EquilibriumFailed as failure:
             size /= 2
-            if size < SMALLEST * largest or tries_all:
-                if may_try_all and reached == loads[0] and not tries_all:
-                    tries_all = True
-                    size = end - reached
-                    continue
-                reason = f"load stepping ended at {reached:.4g} of the loads: {failure.reason}"
-                args = failure.residual, here, failure.remedy, reached
-                raise EquilibriumFailed(reason, *args) from failure
-            continue
+            if size >= SMALLEST_INCREMENT * largest and not tries_all:
+                continue
+            if may_try_all and reached == first and not tries_all:
+                tries_all = True
+                size = end - reached
+                continue
+            raise EquilibriumFailed(
+                f"load stepping ended at {reached:.4g} of the loads: {failure.reason}",
+                failure.residual,
+                increment.start,
+                failure.remedy,
+                load=reached,
+            ) from failure
         rate = (solved.x - increment.carried) / increment.size
         path.append(SolvedIncrement(increment, solved.x))
         x = solved.x
         reached = load
         total = total.plus(solved.counts)
         history = over.commit(State(start.t, x, np.zeros_like(x)), history)
-        if solved.counts.newton <= QUICK:
+        if solved.counts.newton <= QUICK_ITERATIONS:
             size = min(2 * size, largest)
     return Increase(solved._replace(counts=total), rate, over, history, tuple(path))
 
 
-def shake(increase: Increase, context: SolverContext, report: Report = lambda iteration: None):
+def shake(
+    increase: Increase, context: SolverContext, report: Report = lambda iteration: None
+) -> Increase:
     """Let the friction inside the fabric sink to zero in ten increments, under the whole loads.
 
-    What is left is an equilibrium without it, the one beside the way there. Returns the
-    `Increase` with these increments.
+    The end is an equilibrium without this friction, near the place that the way there led to.
+    Returns the `Increase` with these increments.
     """
     before = increase.path[-1].increment
     path = list(increase.path)
@@ -230,10 +333,16 @@ def shake(increase: Increase, context: SolverContext, report: Report = lambda it
     over = increase.over
     history = increase.history
     x = increase.solved.x
-    for left in SHAKEN:
+    for left in FRICTION_LEFT:
         here = replace(before.start, x=x)
-        increment = replace(before, start=here, size=1 / len(SHAKEN), begin=before.end)
-        increment = replace(increment, history=history, friction=left)
+        increment = replace(
+            before,
+            start=here,
+            size=1 / len(FRICTION_LEFT),
+            begin=before.end,
+            history=history,
+            friction=left,
+        )
         solved, over = solve_increment(increment, 0.0, context, report)
         x = solved.x
         total = total.plus(solved.counts)
@@ -251,60 +360,87 @@ def solve_increment(
 ) -> tuple[Solved, System]:
     """Solve an increment, from where `rate`, ∂x/∂(factor on the loads) [m], leads.
 
-    Also return the system over the increment. Friction has a potential while its normal forces
-    stay as they are. So the increment is solved with the normal forces at its begin, then with
-    those at this solution, and so on, until the forces with those at the solution itself balance
-    to LAGGED, or to the tolerance that was given. The first normal forces may be far off, as
-    where nothing touches at the begin, so the first passes are short.
+    Also return the system over the increment. Raises `EquilibriumFailed`.
     """
     equation = increment.equation()
     x = _first_guess(increment, equation, rate)
-    if not any(term.lags for term in equation.system.bound):
-        return solve_static(equation, x, context, report), equation.system
+    if any(term.lags for term in equation.system.bound):
+        return _solve_in_passes(increment, x, context, report)
+    return solve_static(equation, x, context, report), equation.system
+
+
+def _solve_in_passes(
+    increment: LoadIncrement, x: np.ndarray, context: SolverContext, report: Report
+) -> tuple[Solved, System]:
+    """Solve an increment with friction, from positions x (n, 3).
+
+    Friction has a potential while its normal forces stay as they are. So the increment is
+    solved with the normal forces at its begin, then with those at this solution, and so on. It
+    ends when the forces with the normal forces at the solution itself balance, to the tolerance
+    for the residual. The first normal forces may be far off, as where nothing touches at the
+    begin, so the first passes are short.
+    """
     options = context.options
+    equation = increment.equation()
     total = Counts()
-    solved = None
     residual = math.inf
-    allowed = LAGGED if options.tolerance == "auto" else options.tolerance
-    for number in range(PASSES):
-        most = min(FIRST_PASS * 2**number, options.max_iterations)
+    for number in range(MOST_PASSES):
+        most = min(FIRST_PASS_ITERATIONS * 2**number, options.max_iterations)
         short = replace(context, options=replace(options, max_iterations=most))
-        taken: list[Iteration] = []
-        try:
-            solved = solve_static(equation, before := x, short, taken.append)
-            x = solved.x
-            counts = solved.counts
-        except EquilibriumFailed as failure:
-            if len(taken) < most:
-                raise
-            x = failure.state.x
-            solved = None
-            counts = Counts(newton=len(taken))
-        for each in taken:
-            report(replace(each, number=each.number + total.newton))
+        before = x
+        solved, x, counts = _solve_pass(equation, x, short, report, total.newton)
         total = total.plus(counts)
         equation = increment.equation(x)
         R, scale = equation.residual(x, 0.0)
-        earlier = residual
+        residual_before = residual
         residual = equation.system.sums.norm(R) / scale if scale else 0.0
-        if solved and residual <= allowed:
-            part = residual / earlier if residual < 0.5 * earlier else 1.0  # of the last change
+        if solved and residual <= options.residual:
+            solved = solved._replace(counts=replace(total, residual=residual))
+            # The change that is left, as a part of the last change, if the passes converge.
+            converges = residual < 0.5 * residual_before
+            part = residual / residual_before if converges else 1.0
             change = part * float(np.linalg.norm(x - before, axis=1).max())
-            counts = replace(total, residual=residual)
             if not change <= solved.error:
-                solved = solved._replace(error=change, cause="friction, which lags by one pass,")
-            return solved._replace(counts=counts), equation.system
-        if total.newton >= MANY * options.max_iterations:
+                cause = "friction, which lags by one pass,"
+                solved = solved._replace(error=change, cause=cause)
+            return solved, equation.system
+        if total.newton >= PASSES_OVER_ONE * options.max_iterations:
             break
     what = f"friction and its normal forces did not agree in {number + 1} passes"
     reason = f"{what} of {amount(total.newton, 'iteration')}"
     raise equation.failure(reason, Point(x, R, 0.0, scale), residual)
 
 
+def _solve_pass(
+    equation: StaticEquation, x: np.ndarray, context: SolverContext, report: Report, number: int
+) -> tuple[Solved | None, np.ndarray, Counts]:
+    """The solution with the normal forces of a pass, or None; where it led (n, 3); its counts.
+
+    A pass that reaches its last iteration is no failure: it led nearer. `number` are the
+    iterations of the passes before.
+    """
+    taken: list[Iteration] = []
+    solved: Solved | None
+    try:
+        solved = solve_static(equation, x, context, taken.append)
+    except EquilibriumFailed as failure:
+        if len(taken) < context.options.max_iterations:
+            raise
+        solved = None
+        end = failure.state.x
+        counts = Counts(newton=len(taken))
+    else:
+        end = solved.x
+        counts = solved.counts
+    for iteration in taken:
+        report(replace(iteration, number=iteration.number + number))
+    return solved, end, counts
+
+
 def _first_guess(
     increment: LoadIncrement, equation: StaticEquation, rate: np.ndarray | float
 ) -> np.ndarray:
-    """Positions (n, 3): the nodes go along with the pins, and on at their rate."""
+    """Positions (n, 3) [m]: the nodes go along with the pins, and on at the `rate`."""
     x = increment.carried
     project = increment.system.constraints.project
     way = project(np.broadcast_to(increment.size * rate, x.shape).copy())
@@ -323,23 +459,23 @@ def solve_static(
     context: SolverContext,
     report: Report = lambda iteration: None,
 ) -> Solved:
-    """Return x in equilibrium with the loads of the equation, the counts and the error left."""
+    """Solve for positions in equilibrium with the loads of the equation, from x (n, 3) [m].
+
+    Raises `EquilibriumFailed`, also for a cloth that nothing holds.
+    """
     is_definite = False
     guess = x
 
-    def tell(progress: Progress):
+    def tell(progress: Progress) -> None:
         nonlocal is_definite
         point = progress.point
         shift = progress.remedy.shift
         is_definite = equation.system.symmetric and not shift
-        relative = point.norm / point.scale if point.scale else 0.0
-        report(Iteration(progress.number, relative, shift, progress.length, equation.load))
-        _check_travel(equation, guess, point, relative)
+        report(Iteration(progress.number, point.relative, shift, progress.length, equation.load))
+        _check_travel(equation, guess, point, point.relative)
 
-    if context.options.tolerance == "auto":
-        left = ErrorInPlace(start=equation.start.x)
-    else:
-        left = None
+    estimates = context.options.tolerance == "auto"
+    left = ErrorInPlace(start=equation.start.x) if estimates else None
     x, counts = iterate(equation, context, x, report=tell, left=left)
     is_definite = is_definite and not equation.updates(x)
     if left:
@@ -358,20 +494,16 @@ def solve_static(
 def _check_travel(
     equation: StaticEquation, guess: np.ndarray, point: Point, residual: float
 ) -> None:
-    """Raise `EquilibriumFailed` for a cloth that goes away from the guess, as nothing holds it."""
+    """Raise `EquilibriumFailed` for a cloth that goes far from the guess, as nothing holds it."""
     way = (point.y - guess).mean(axis=0)
     distance = float(np.linalg.norm(way))
-    if distance > FAR * equation.longest:
-        towards = ", ".join(f"{c:.2g}" for c in way / distance)
-        has_friction = any(term.lags for term in equation.system.bound)
-        if has_friction:
-            what = "neither pins nor friction hold"
-        else:
-            what = "nothing holds"
-        reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
-        kinds = {traits_of(term).kind for term in equation.system.terms}
-        if kinds & {"membrane", ""}:
-            remedy = "Pin it, or take the load away."
-        else:
-            remedy = NO_MEMBRANE
-        raise equation.failure(reason, point, residual, remedy)
+    if distance <= FARTHEST_TRAVEL * equation.longest:
+        return
+    towards = ", ".join(f"{c:.2g}" for c in way / distance)
+    has_friction = any(term.lags for term in equation.system.bound)
+    what = "neither pins nor friction hold" if has_friction else "nothing holds"
+    reason = f"{what} the cloth: it went {distance:.3g} m along ({towards})"
+    kinds = {traits_of(term).kind for term in equation.system.terms}
+    may_have_membrane = bool(kinds & {"membrane", ""})
+    remedy = "Pin it, or take the load away." if may_have_membrane else NO_MEMBRANE
+    raise equation.failure(reason, point, residual, remedy)

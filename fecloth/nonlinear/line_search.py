@@ -8,21 +8,45 @@ import numpy as np
 
 from fecloth.linalg.reductions import NodeSums
 
-HALVINGS = 12
-DOUBLINGS = 12
-SUFFICIENT = 1e-4  # part of the fall that the slope promises
-SHORT = 100.0  # times `tiny`
-PUSH = 0.8  # part of the slope: what may point back at the end of a step
+# Lengths that are tried, each half of the one before, and then doublings: the length of Newton's
+# step is wrong by a factor of a few thousand at most, or the direction is wrong.
+MOST_LENGTHS = 12
+# The potential must fall by this part of what the slope promises (Nocedal and Wright 2006).
+SUFFICIENT_FALL = 1e-4
+# At the end of a step too short for that, this part of the slope may point back: 1 − 2 δ with
+# δ = 0.1 as in Hager and Zhang (2005).
+LARGEST_PUSH_BACK = 0.8
+# Times `tiny`: up to here a step is doubled without a potential, which would tell it is too long.
+LONGEST_DOUBLED = 100.0
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """An unknown y (n, 3), its residual R (n, 3), ‖R‖, and the sum of the norms of all forces."""
+    """An unknown and its residual.
+
+    Attributes
+    ----------
+    y
+        The unknown (n, 3).
+    R
+        Its residual (n, 3).
+    norm
+        ‖R‖.
+    scale
+        The sum of the norms of all forces, with which ‖R‖ is compared.
+    """
 
     y: np.ndarray
     R: np.ndarray
     norm: float
     scale: float
+
+    @property
+    def relative(self) -> float:
+        """‖R‖ over the forces; 0 where there are none."""
+        if self.scale:
+            return float(self.norm / self.scale)
+        return 0.0
 
 
 def find_step(
@@ -44,41 +68,61 @@ def find_step(
     every α (Matthies and Strang 1979 ask for half), and any fall of ‖R‖ is an improvement.
 
     If R·s is steeper at the end of the whole step than at its start, the potential is concave
-    along s, and α is doubled for as long as that lasts. Otherwise an iteration would leave a
+    along s. Then α is doubled for as long as that lasts. Otherwise an iteration would leave a
     point of unstable balance by a few per cent of its distance at a time. Without a potential
     nothing tells whether a long step is too long, and α is doubled only up to 100 `tiny`.
-    `longest` limits all α. Returns None without an improvement, or if s leads uphill, as by an
-    indefinite matrix.
+
+    Parameters
+    ----------
+    sums
+        The dot product of arrays (n, 3).
+    at
+        The point at an unknown (n, 3).
+    start, step
+        y and its residual R₀, and the direction s (n, 3).
+    enough
+        ‖R‖ that is an improvement in any case.
+    potential
+        The function of y whose gradient R is, or None.
+    longest
+        The largest α.
+    tiny
+        α up to which round-off hides the change of the potential.
+
+    Returns
+    -------
+    tuple of Point and float, or None
+        None without an improvement, or if s leads uphill, as by an indefinite matrix.
     """
     slope = sums.dot(start.R, step)
     if not (slope < 0 or start.norm == 0):
         return None
     energy = cache(lambda: potential(start.y) if potential else 0.0)
 
-    def falls(alpha: float, there: Point) -> bool:
+    def falls(alpha: float, end: Point) -> bool:
         if potential is None or alpha <= tiny:
-            return bool(sums.dot(there.R, step) <= -PUSH * slope)
-        return bool(potential(there.y) <= energy() + SUFFICIENT * alpha * slope)
+            return bool(sums.dot(end.R, step) <= -LARGEST_PUSH_BACK * slope)
+        return bool(potential(end.y) <= energy() + SUFFICIENT_FALL * alpha * slope)
 
-    for alpha in min(1.0, longest) * 0.5 ** np.arange(HALVINGS):
-        there = at(start.y + alpha * step)
-        if potential is None:
-            any_fall = (1 - SUFFICIENT * alpha) * start.norm
-        else:
-            any_fall = 0.0
-        if there.norm <= max(enough, any_fall):
-            return there, float(alpha)
-        if np.isfinite(there.norm) and falls(alpha, there):
+    for alpha in min(1.0, longest) * 0.5 ** np.arange(MOST_LENGTHS):
+        end = at(start.y + alpha * step)
+        low = enough
+        if potential is None:  # any fall of ‖R‖ is an improvement
+            low = max(enough, (1 - SUFFICIENT_FALL * alpha) * start.norm)
+        if end.norm <= low:
+            return end, float(alpha)
+        if np.isfinite(end.norm) and falls(alpha, end):
             break
     else:
         return None
-    limit = longest if potential else min(longest, SHORT * tiny)
-    for _ in range(DOUBLINGS):
-        if 2 * alpha > limit or not sums.dot(there.R, step) < slope:
+    limit = longest if potential else min(longest, LONGEST_DOUBLED * tiny)
+    for _ in range(MOST_LENGTHS):
+        is_concave = sums.dot(end.R, step) < slope
+        if 2 * alpha > limit or not is_concave:
             break
-        further = at(start.y + 2 * alpha * step)
-        if not (np.isfinite(further.norm) and falls(2 * alpha, further)):
+        farther = at(start.y + 2 * alpha * step)
+        if not (np.isfinite(farther.norm) and falls(2 * alpha, farther)):
             break
         alpha = 2 * alpha
-        there = further
-    return there, float(alpha)
+        end = farther
+    return end, float(alpha)

@@ -9,14 +9,20 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from fecloth.errors import FeclothError, SolveFailed
 from fecloth.linalg.low_rank_update import LowRankUpdate
+from fecloth.nonlinear.error_left import SLOWEST_CONTRACTION
+from fecloth.nonlinear.options import Newton
 
-SWEEPS = 12  # corrections with a matrix
-SLOW = 0.5  # contraction of the corrections above which it is
-FAST = 0.2  # after a contraction below it, slow corrections are the round-off of the residual
-INNER = 1e-2  # relative residual of each linear solve
-CLOSE = 1e-6  # of the unknown: corrections below it that do not shrink are round-off
-FIRST = 0.3  # contraction that is assumed where none is known
-VECTORS, RESTARTS = 60, 5  # of GMRES
+MOST_CORRECTIONS = 12  # with one matrix; at SLOWEST_CONTRACTION they gain a factor of 4,000
+# Corrections that no longer shrink are the round-off of the residual if one before shrank by this
+# factor, as with a good matrix, …
+GOOD_CONTRACTION = 0.2
+# … or if they are below this part of the unknown.
+ROUND_OFF_OF_UNKNOWN = 1e-6
+ASSUMED_CONTRACTION = 0.3  # of the first correction with a matrix of which none is known
+# Vectors between two restarts of GMRES, and its most restarts. It follows where no matrix is good,
+# and is slow there.
+GMRES_VECTORS = 60
+GMRES_RESTARTS = 5
 
 Map = Callable[[np.ndarray], np.ndarray]
 
@@ -29,17 +35,18 @@ class NoDerivative(FeclothError):
 
 
 def inverse(linear: Any, updates: list[tuple[float, np.ndarray]]) -> Map:
-    """b ↦ (J + Σ c u uᵀ)⁻¹ b, by a linear solver that has the factor of J; `updates` are (c, u)."""
+    """b ↦ (J + Σ c u uᵀ)⁻¹ b for `updates` (c, u), by a linear solver with the factor of J."""
+    rtol = Newton.forcing  # as in Newton's iteration: the next correction makes up for the rest
     if not updates:
-        return lambda b: linear.solve(b, INNER)[0]
-    update = LowRankUpdate.prepare(linear, updates, INNER)
-    return lambda b: update.apply(linear.solve(b, INNER)[0])
+        return lambda b: linear.solve(b, rtol)[0]
+    update = LowRankUpdate.prepare(linear, updates, rtol)
+    return lambda b: update.apply(linear.solve(b, rtol)[0])
 
 
 class Corrected(NamedTuple):
-    """The unknown, and the contraction of the corrections by each solver that was used."""
+    """The unknown (n, 3), and the contraction by each solver that was used."""
 
-    y: np.ndarray  # (n, 3)
+    y: np.ndarray
     contractions: dict[str, float]
 
 
@@ -54,47 +61,89 @@ def correct(
 ) -> Corrected:
     """Solve residual(y) = 0, which is linear in y (n, 3), by y ← y − J⁻¹ residual(y).
 
-    `solvers` return b ↦ J⁻¹ b for approximate J, the cheapest first; the next one is taken
-    where corrections do not shrink by half, and after all GMRES with the last. `known` is by
-    what factor corrections of each shrink, as far as it is known. The error is relative to
-    `size_of(y)`, and round-off makes corrections of the size `floor`. Raises `NoDerivative` if
-    no matrix has a factor, or GMRES does not end.
+    Raises `NoDerivative` if no matrix has a factor, or GMRES does not end.
+
+    Parameters
+    ----------
+    residual
+        A function of y that is linear up to a constant.
+    y
+        (n, 3) where to begin.
+    solvers
+        By name: what makes b ↦ J⁻¹ b for an approximate J, the cheapest first. The next one is
+        taken where corrections do not shrink by half, and after all GMRES with the last one.
+    known
+        By name: the factor by which corrections shrink, as far as it is known.
+    size_of
+        The size of y, to which the error is relative.
+    tolerance
+        The relative error of y at which the corrections end.
+    floor
+        The size of corrections that are round-off.
     """
     solve = None
     contractions = dict[str, float]()
     for name, prepare in solvers.items():
         try:
             solve = prepare()
-            last = math.inf
-            fastest = SLOW
-            for _ in range(SWEEPS):
-                step = solve(residual(y))
-                y = y - step
-                size = float(np.linalg.norm(step))
-                measured = math.isfinite(last)
-                if measured:
-                    contraction = size / last
-                else:
-                    contraction = known.get(name, FIRST)
-                if measured and contraction < 1:
-                    contractions.setdefault(name, contraction)
-                if contraction < 1:
-                    left = size * contraction / (1 - contraction)
-                else:
-                    left = math.inf
-                if size <= floor or left <= tolerance * size_of(y):
-                    return Corrected(y, contractions)
-                if contraction > SLOW and measured:
-                    break
-                last = size
-                fastest = min(fastest, contraction)
-            if fastest < FAST or size <= CLOSE * size_of(y):  # what is left is round-off
-                return Corrected(y, contractions)
         except SolveFailed:
             continue
+        expected = known.get(name, ASSUMED_CONTRACTION)
+        attempt = _correct_with(solve, residual, y, expected, size_of, tolerance, floor)
+        y = attempt.y
+        if attempt.contraction is not None:
+            contractions[name] = attempt.contraction
+        if attempt.is_solved:
+            return Corrected(y, contractions)
     if solve is None:
         raise NoDerivative("the tangent has no factor: it is singular")
     return Corrected(_by_gmres(residual, y, solve, size_of, tolerance), contractions)
+
+
+class _Attempt(NamedTuple):
+    """What corrections with one matrix gave: y, whether it is solved, and their contraction.
+
+    The contraction is the first one that was measured and is below 1; None without any.
+    """
+
+    y: np.ndarray
+    is_solved: bool
+    contraction: float | None
+
+
+def _correct_with(
+    solve: Map,
+    residual: Map,
+    y: np.ndarray,
+    expected: float,
+    size_of: Callable[[np.ndarray], float],
+    tolerance: float,
+    floor: float,
+) -> _Attempt:
+    """Correct y with one matrix, whose contraction is `expected` until it is measured."""
+    last = math.inf
+    fastest = SLOWEST_CONTRACTION
+    first = None
+    for _ in range(MOST_CORRECTIONS):
+        try:
+            step = solve(residual(y))
+        except SolveFailed:
+            return _Attempt(y, False, first)
+        y = y - step
+        size = float(np.linalg.norm(step))
+        is_measured = math.isfinite(last)
+        contraction = size / last if is_measured else expected
+        if is_measured and contraction < 1 and first is None:
+            first = contraction
+        error_left = size * contraction / (1 - contraction) if contraction < 1 else math.inf
+        if size <= floor or error_left <= tolerance * size_of(y):
+            return _Attempt(y, True, first)
+        if is_measured and contraction > SLOWEST_CONTRACTION:
+            break
+        last = size
+        fastest = min(fastest, contraction)
+    is_round_off = fastest < GOOD_CONTRACTION or size <= ROUND_OFF_OF_UNKNOWN * size_of(y)
+    return _Attempt(y, is_round_off, first)
 
 
 def _by_gmres(
@@ -115,8 +164,15 @@ def _by_gmres(
     def precondition(b: np.ndarray) -> np.ndarray:
         return solve(b.reshape(y.shape)).ravel()
 
-    A, M = (LinearOperator((y.size, y.size), f, dtype=float) for f in (product, precondition))
-    step, info = gmres(A, r.ravel(), M=M, rtol=tolerance, restart=VECTORS, maxiter=RESTARTS)
+    shape = (y.size, y.size)
+    step, info = gmres(
+        LinearOperator(shape, product, dtype=float),
+        r.ravel(),
+        M=LinearOperator(shape, precondition, dtype=float),
+        rtol=tolerance,
+        restart=GMRES_VECTORS,
+        maxiter=GMRES_RESTARTS,
+    )
     if info:
         raise NoDerivative("the equation of the derivative is singular, as where a fold changes")
     return y - step.reshape(y.shape)

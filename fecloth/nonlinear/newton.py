@@ -10,8 +10,6 @@ from fecloth.errors import FeclothError
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear.context import SolverContext
 from fecloth.nonlinear.equation import (
-    Remedies,
-    Remedy,
     Unsolved,
     admit,
     has_limits,
@@ -21,6 +19,7 @@ from fecloth.nonlinear.equation import (
 from fecloth.nonlinear.error_left import ErrorLeft
 from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.nonlinear.stage import Stage
 from fecloth.nonlinear.statistics import Counts
 from fecloth.system.state import State
@@ -28,14 +27,17 @@ from fecloth.system.system import System
 
 MULTIPLES = (0.0, *(4.0**n for n in range(-1, 8)))  # of wa M, added to the matrix
 REMEDIES = {
-    "none": (Remedy(0.0, False),),
-    "clamp": (Remedy(0.0, True),),
-    "on_failure": tuple(Remedy(each, definite) for definite in (False, True) for each in MULTIPLES),
+    "none": (Remedy(0.0, definite=False),),
+    "clamp": (Remedy(0.0, definite=True),),
+    "on_failure": (
+        *(Remedy(multiple, definite=False) for multiple in MULTIPLES),
+        *(Remedy(multiple, definite=True) for multiple in MULTIPLES),
+    ),
 }
 
 
 class NewtonFailed(Unsolved):
-    """The stage equation was not solved; `residual` is what was reached."""
+    """The stage equation was not solved; `residual` is the relative one that was reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,10 @@ class StageEquation:
         With a potential, tangents are clamped before mass is added. Without one nothing would
         keep the iteration from a valley in which it then creeps.
         """
-        clamps = self.definiteness == "on_failure" and self.potential
-        return Remedies(REMEDIES[self.definiteness], clamped=len(MULTIPLES) if clamps else None)
+        clamped = None
+        if self.definiteness == "on_failure" and self.potential:
+            clamped = len(MULTIPLES)  # number of the first remedy that clamps: without mass
+        return Remedies(REMEDIES[self.definiteness], clamped=clamped)
 
     @property
     def takes_short_solves(self) -> bool:
@@ -70,31 +74,36 @@ class StageEquation:
 
     @property
     def potential(self) -> Callable[[np.ndarray], float] | None:
-        """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, where each force has a U or is −C v."""
-        terms = [term for term in self.system.bound if not term.damps_linearly]
-        has_one = all(term.has_energy and not term.velocity_dependent for term in terms)
-        if has_one:
+        """`incremental_potential`, where each force has an energy U or is −C v; else None."""
+        others = [term for term in self.system.bound if not term.damps_linearly]
+        if all(term.has_energy and not term.velocity_dependent for term in others):
             return self.incremental_potential
         return None
 
     def incremental_potential(self, q: np.ndarray) -> float:
-        stage, (x, v, _), terms = self.stage, self.stage.at(q), self.system.bound
+        """Φ(q) = ½ wa q·M q + q·M ã + U(x)/wx + ½ v·C v/wv, whose gradient R is."""
+        stage = self.stage
+        terms = self.system.bound
+        x, v, _ = stage.at(q)
         inertia = self.system.scalar_mass @ (0.5 * stage.wa * q + stage.a)
-        energy = sum(b.energy(x, stage.t) for b in terms if b.has_energy)
-        power = sum(b.power(x, v, stage.t) for b in terms if b.damps_linearly)
+        energy = sum(term.energy(x, stage.t) for term in terms if term.has_energy)
+        power = sum(term.power(x, v, stage.t) for term in terms if term.damps_linearly)
         potential = energy / stage.wx + (0.5 * power / stage.wv if power else 0.0)
         return self.system.sums.dot(q, inertia) + potential
 
     def state(self, q: np.ndarray) -> State:
+        """The state in which the forces balance, for an unknown q."""
         x, v, _ = self.stage.at(q)
         return State(self.stage.t, x, v)
 
     def largest_step(self, q: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which all contacts allow q + α step."""
         return largest_step(self.system, self.stage.at(q)[0], self.wx * step, self.stage.t)
 
     def residual(self, q: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
         """M a − f of the free directions, and ‖M a‖ + Σ ‖f_term‖ at the first iterate."""
-        (x, v, a), system = self.stage.at(q), self.system
+        x, v, a = self.stage.at(q)
+        system = self.system
         inertia = system.scalar_mass @ a
         if scale:
             R = inertia - system.force(State(self.stage.t, x, v))
@@ -109,15 +118,16 @@ class StageEquation:
         return system.constraints.project(R), scale
 
     def push(self, q: np.ndarray) -> float:
-        """‖f‖ of the forces of contact, or ‖M a‖ if that is more; 0 where nothing touches [N]."""
-        (x, v, a), system, f = self.stage.at(q), self.system, np.zeros_like(q)
-        for term in system.bound:
+        """‖f‖ of the contacts, or ‖M a‖ if that is more; 0 where nothing touches [N]."""
+        x, v, a = self.stage.at(q)
+        f = np.zeros_like(q)
+        for term in self.system.bound:
             if term.limits_direction:
                 term.add_force(x, v, self.stage.t, f)
-        forces = f, system.scalar_mass @ a
-        if f.any():
-            return max(map(system.sums.norm, forces))
-        return 0.0
+        if not f.any():
+            return 0.0
+        norm = self.system.sums.norm
+        return max(norm(f), norm(self.system.scalar_mass @ a))
 
     def round_off(self, q: np.ndarray) -> float:
         """The round-off of the forces; the inertia, linear in q, has little."""
@@ -130,6 +140,7 @@ class StageEquation:
         self.system.project(self.system.assemble(J, self.state(q), wx, wv, wa, definite))
 
     def couple(self, q: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
+        """J plus what terms couple outside its pattern."""
         _, wx, wv, _, definite = self.key(remedy)
         return self.system.couple(J, self.state(q), wx, wv, definite)
 
@@ -141,8 +152,9 @@ class StageEquation:
 
     def key(self, remedy: Remedy) -> tuple:
         """The system, the weights of K, D and M, and whether K and D are definite."""
-        stage, system = self.stage, self.system.constraints  # which the system over a step shares
-        return system, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
+        stage = self.stage
+        same = self.system.constraints  # which a system shares with itself over a step
+        return same, stage.wx, stage.wv, (1 + remedy.shift) * stage.wa, remedy.definite
 
     def failure(self, reason: str, point: Point, residual: float) -> NewtonFailed:
         """The error, with what may help."""
@@ -159,22 +171,26 @@ def solve(
     guess: np.ndarray | None = None,
     dt: float | None = None,
 ) -> tuple[np.ndarray, Counts]:
-    """Return the unknown q (n, 3) of a stage, and the `Counts`.
+    """Solve for the unknown q (n, 3) of a stage; return it and the `Counts`.
 
-    It starts from the `guess`, or from zero where the potential is less there, without a guess,
-    or where the forces there are not finite. With contact both begin where `find_guess` leads.
-    With `dt`, the size of the step [s], the tolerance "auto" ends the iteration by the error in
-    time of the step; without it, by the residual. If the solver holds a factor for the same
-    weights, its direction is tried first. The full step is taken if the residual falls, with a
-    potential if it halves; otherwise a new factor is computed. `iteration.iterate` says how the
-    length of a step is chosen, and what happens where the matrix is not definite. The residual
-    alone would not do for that: good steps that turn a cloth stretch it, and so increase it.
+    The iteration starts from the `guess`. It starts from zero without a guess, where the
+    potential is less there, or where the forces at the guess are not finite. With contact both
+    begin where `find_guess` leads. With `dt`, the size of the step [s], the tolerance "auto"
+    ends the iteration by the error in time of the step; without it, by the residual.
+
+    If the solver holds a factor for the same weights, its direction is tried first. The full
+    step is taken if the residual falls, with a potential if it halves; otherwise a new factor
+    is computed. `iteration.iterate` says how the length of a step is chosen, and what happens
+    where the matrix is not definite. The residual alone could not decide that: good steps that
+    turn a cloth stretch it, and so increase the residual.
+
+    Raises `NewtonFailed` where the iteration fails, or no start was found that contacts allow.
     """
     equation = StageEquation(system, stage, solver.options.definiteness)
     zero = np.zeros_like(stage.x)
     q = zero if guess is None else system.constraints.project(guess.copy())
     if has_limits(system):
-        q, zero = _admit_both(system, stage, q, zero)
+        q, zero = _admit_starts(system, stage, [q, zero])
     if (potential := equation.potential) and potential(zero) < potential(q):
         q = zero
     left = None
@@ -189,15 +205,22 @@ def solve(
         raise
 
 
-def _admit_both(system: System, stage: Stage, q: np.ndarray, zero: np.ndarray):
-    """The unknowns near q and zero that all contacts allow, or one twice; else `NewtonFailed`."""
+def _admit_starts(
+    system: System, stage: Stage, starts: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The unknowns near two starts that all contacts allow, or one of them twice.
+
+    Raises `NewtonFailed` if there is none.
+    """
     guesses = []
-    for each in (q, zero):
-        x = stage.at(each)[0]
-        if (there := admit(system, x, stage.t)) is not None:
-            if there is not x:
-                each = each + system.constraints.project((there - x) / stage.wx)
-            guesses.append(each)
+    for q in starts:
+        x, _, _ = stage.at(q)
+        allowed = admit(system, x, stage.t)
+        if allowed is None:
+            continue
+        if allowed is not x:
+            q = q + system.constraints.project((allowed - x) / stage.wx)
+        guesses.append(q)
     if not guesses:
         reason = "no positions were found for the start of its iteration that all contacts allow"
         raise NewtonFailed(reason, math.nan, "Take a smaller dt.")

@@ -7,7 +7,8 @@ from fecloth import validation
 from fecloth.errors import InputError, flag, is_number
 from fecloth.quantities.arguments import checks_arguments
 
-RESIDUAL = 1e-6  # where the tolerance is "auto" and there is no estimate
+# Of the forces: the residual of "auto" where the error is not estimated.
+RESIDUAL_OF_AUTO = 1e-6
 DEFINITENESS = ("none", "clamp", "on_failure")
 
 
@@ -82,5 +83,5 @@ class Newton:
     def residual(self) -> float:
         """The relative residual at which the iteration ends in any case."""
         if self.tolerance == "auto":
-            return RESIDUAL
+            return RESIDUAL_OF_AUTO
         return self.tolerance

@@ -84,12 +84,14 @@ def prescribed(system: System, stage: Stage, state: State, dt: float, end: State
     for name in ("x", "v", "a", "x_end"):
         shape = np.shape(getattr(stage, name, 0.0))
         if shape != state.x.shape:
-            raise InputError(f"stage.{name} of shape {shape}", f"must be {state.x.shape}", "step")
+            what = f"stage.{name} of shape {shape}"
+            raise InputError(what, f"must be {state.x.shape}", "step")
     held = system.constraints.held_part
     at = system.constraints.nodes
     if not len(at):
         return stage
-    q, a = np.zeros((2, *stage.x.shape))
+    q = np.zeros_like(stage.x)
+    a = np.zeros_like(stage.x)
     q[at] = held((end.x - stage.x_end) / stage.w_end)
     a[at] = held((end.v - state.v) / dt - stage.a)
     return replace(

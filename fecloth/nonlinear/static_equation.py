@@ -9,12 +9,15 @@ import numpy as np
 from fecloth.linalg.block_matrix import BlockMatrix
 from fecloth.nonlinear import equation
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedies, Remedy
 from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.kinematics import principal_stretches
 
-FEW = 0.1  # of the triangles: with contact, as many are slack without being the cause
-LESS, MORE = 10, 30  # factors of 4 that the first shift may shrink and grow by
+# With contact this part of the triangles may be slack without being the cause of a failure.
+HARMLESS_SLACK = 0.1
+# The shifts of the remedies are the first one times 4ⁿ for these n: enough for any stiffness.
+SHIFT_POWERS = range(-10, 30)
 
 
 class EquilibriumFailed(equation.Unsolved):
@@ -34,12 +37,24 @@ class EquilibriumFailed(equation.Unsolved):
 
 @dataclass(frozen=True, eq=False)
 class StaticEquation:
-    """R = −f at positions x, with the loads times `load`; J = K + σ M."""
+    """R = −f at positions x, with the loads times `load`; J = K + σ M.
+
+    Attributes
+    ----------
+    system
+        The cloth and its terms.
+    start
+        The state from which the solution is sought; its v is 0, its t the time of the loads.
+    load
+        Factor on the loads.
+    t
+        Time of all terms that are no loads: it says where clamps and obstacles are.
+    """
 
     system: System
-    start: State  # the state from which the solution is sought; its v is 0, its t that of the loads
+    start: State
     load: float = 1.0
-    t: float = 0.0  # time of all terms that are no loads: where clamps and obstacles are
+    t: float = 0.0
 
     wx = 1.0
     takes_short_solves = False
@@ -47,23 +62,30 @@ class StaticEquation:
 
     @cached_property
     def longest(self) -> float:
+        """The extent of the cloth [m]."""
         return float(np.ptp(self.system.cloth.X, axis=0).max())
 
     @cached_property
-    def remedies(self) -> equation.Remedies:
+    def remedies(self) -> Remedies:
         """K, and definite K with σ M; the first σ moves the cloth by a tenth of its extent."""
         f, _ = self.forces(self.start)
         mean = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()
         first = 10 * float(mean) / self.longest
-        shifted = (equation.Remedy(first * 4.0**n, True) for n in range(-LESS, MORE))
-        return equation.Remedies((equation.Remedy(0.0, False), *shifted), second=LESS + 1)
+        shifted = (Remedy(first * 4.0**n, definite=True) for n in SHIFT_POWERS)
+        return Remedies(
+            order=(Remedy(0.0, definite=False), *shifted),
+            second=1 + SHIFT_POWERS.index(0),
+        )
 
     @cached_property
     def potential(self) -> Callable[[np.ndarray], float] | None:
         """Σ of the energies. At v = 0 a purely dissipative term has no force and needs none."""
-        bound = self.system.bound
-        has_one = all(b.has_energy or (b.dissipative and not b.supplies) for b in bound)
-        return self.energy if has_one else None
+        if all(
+            term.has_energy or (term.dissipative and not term.supplies)
+            for term in self.system.bound
+        ):
+            return self.energy
+        return None
 
     def energy(self, x: np.ndarray) -> float:
         """Energy [J] of the terms that have one."""
@@ -72,13 +94,17 @@ class StaticEquation:
     def terms(self) -> Iterator[tuple]:
         """Each term, its factor and its time."""
         for term in self.system.bound:
-            yield (term, self.load, self.start.t) if term.load else (term, 1.0, self.t)
+            if term.load:
+                yield term, self.load, self.start.t
+            else:
+                yield term, 1.0, self.t
 
     def at(self, x: np.ndarray) -> State:
+        """The state at rest at x (n, 3)."""
         return State(self.t, x, np.zeros_like(x))
 
     def forces(self, state: State) -> tuple[np.ndarray, float]:
-        """f of the free directions (n, 3), and Σ ‖f_term‖ of all directions, as the pins hold."""
+        """f of the free directions (n, 3), and Σ ‖f_term‖ with what the pins hold."""
         total = np.zeros_like(state.x)
         scale = 0.0
         for term, factor, t in self.terms():
@@ -89,6 +115,7 @@ class StaticEquation:
         return self.system.constraints.project(total), scale
 
     def largest_step(self, x: np.ndarray, step: np.ndarray) -> float:
+        """The largest α for which all contacts allow x + α step."""
         return equation.largest_step(self.system, x, step, self.t)
 
     def residual(self, x: np.ndarray, scale: float) -> tuple[np.ndarray, float]:
@@ -97,10 +124,11 @@ class StaticEquation:
         return -f, scale
 
     def round_off(self, x: np.ndarray) -> float:
+        """The round-off of the forces."""
         change = equation.measure_round_off(lambda state: self.forces(state)[0], self.at(x))
         return self.system.sums.norm(change)
 
-    def assemble(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> None:
+    def assemble(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> None:
         """J = K + σ M."""
         still = np.zeros_like(x)
         self.system.assemble(J, self.at(x), wa=remedy.shift)
@@ -108,16 +136,21 @@ class StaticEquation:
             term.add_tangent(x, still, t, factor, 0.0, J, remedy.definite)
         self.system.project(J)
 
-    def couple(self, x: np.ndarray, remedy: equation.Remedy, J: BlockMatrix) -> BlockMatrix:
+    def couple(self, x: np.ndarray, remedy: Remedy, J: BlockMatrix) -> BlockMatrix:
         """J plus what terms couple outside its pattern; they are no loads."""
         return self.system.couple(J, self.at(x), 1.0, definite=remedy.definite)
 
     def updates(self, x: np.ndarray) -> list[tuple[float, np.ndarray]]:
-        parts = [(k, term.dense(x, t)) for term, k, t in self.terms()]
-        dense = [(k, part) for k, part in parts if part is not None]
-        return [(k * c, self.system.constraints.project(u)) for k, (c, u) in dense]
+        """(c, u) of the dense parts of K."""
+        updates = []
+        for term, factor, t in self.terms():
+            part = term.dense(x, t)
+            if part is not None:
+                c, u = part
+                updates.append((factor * c, self.system.constraints.project(u)))
+        return updates
 
-    def key(self, remedy: equation.Remedy) -> tuple:
+    def key(self, remedy: Remedy) -> tuple:
         """No factor is used again."""
         return self, remedy
 
@@ -127,17 +160,18 @@ class StaticEquation:
         """The error; it says how many triangles are slack, which is the usual cause."""
         stretches = principal_stretches(self.system.cloth, point.y)
         slack = int((stretches.max(axis=1) < 1 - 1e-9).sum())
-        if slack > (FEW * len(stretches) if equation.has_limits(self.system) else 0):
+        has_contact = equation.has_limits(self.system)
+        if slack > (HARMLESS_SLACK * len(stretches) if has_contact else 0):
             reason += f"; {slack} of {len(stretches)} triangles are slack in every direction"
         if not remedy and any(term.needs_path for term in self.system.bound):
             remedy = (
-                "Take more load_steps, hold the cloth by a pin or by more friction, or march with "
-                "damping."
+                "Take more load_steps, hold the cloth by a pin or by more friction, or march "
+                "with damping."
             )
-        if not remedy and equation.has_limits(self.system):
+        if not remedy and has_contact:
             remedy = (
-                "On an obstacle without friction the cloth may slide and turn: hold what is free "
-                "by a Slide, start nearer to the equilibrium, or march with damping."
+                "On an obstacle without friction the cloth may slide and turn: hold what is "
+                "free by a Slide, start nearer to the equilibrium, or march with damping."
             )
         remedy = remedy or (
             "Give the cloth bending stiffness, let the loads grow in more load_steps, start "

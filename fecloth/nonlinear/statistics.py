@@ -4,39 +4,72 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 SUMMED = (
-    *("newton", "linear", "modified", "factorisations", "rejected", "limited"),
-    *("estimated", "newton_error", "step_error"),
+    "newton",
+    "linear",
+    "modified",
+    "factorisations",
+    "rejected",
+    "limited",
+    "estimated",
+    "newton_error",
+    "step_error",
 )
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Counts and times of one solve."""
+    """Counts and times of one solve, or of many.
 
-    newton: int = 0  # iterations
-    linear: int = 0  # iterations
-    modified: int = 0  # tangents that were clamped or had mass added
-    residual: float = 0.0  # relative to the forces of the step
-    seconds: dict = field(default_factory=dict)  # of assembly, factorisation and solution
-    factorisations: int = 0  # or preconditioners; fewer than `newton` where a factor was reused
-    rejected: int = 0  # steps rejected before because they were too long
-    # steps whose residual stayed above Newton's tolerance because it was round-off
+    Attributes
+    ----------
+    newton
+        Newton iterations.
+    linear
+        Iterations of the linear solver.
+    modified
+        Tangents that were clamped or had mass added.
+    residual
+        The residual, relative to the forces of the step.
+    seconds
+        Times of assembly, factorisation and solution [s].
+    factorisations
+        New factors or preconditioners; fewer than `newton` where a factor was reused.
+    rejected
+        Steps rejected before because they were too long.
+    limited
+        Steps whose residual stayed above Newton's tolerance because it was round-off.
+    estimated
+        Steps that ended because Newton's error was small against their error in time.
+    newton_error
+        Sum over these steps: estimate of the error that Newton's iteration left [m].
+    step_error
+        Sum over these steps: estimate of the error in time [m].
+    """
+
+    newton: int = 0
+    linear: int = 0
+    modified: int = 0
+    residual: float = 0.0
+    seconds: dict = field(default_factory=dict)
+    factorisations: int = 0
+    rejected: int = 0
     limited: int = 0
-    # steps that ended because Newton's error was small against their error in time
     estimated: int = 0
-    newton_error: float = 0.0  # of these steps: estimate of what Newton's iteration left [m]
-    step_error: float = 0.0  # of these steps: estimate of the error in time [m]
+    newton_error: float = 0.0
+    step_error: float = 0.0
 
     def plus(self, other: Self) -> Self:
-        """Return the sums, with the residual of `other`."""
+        """The sums, with the residual of `other`."""
         sums = {name: getattr(self, name) + getattr(other, name) for name in SUMMED}
-        keys = {**self.seconds, **other.seconds}
-        seconds = {k: self.seconds.get(k, 0.0) + other.seconds.get(k, 0.0) for k in keys}
+        seconds = {
+            name: self.seconds.get(name, 0.0) + other.seconds.get(name, 0.0)
+            for name in {**self.seconds, **other.seconds}
+        }
         return replace(self, **sums, residual=other.residual, seconds=seconds)
 
 
 def warn_of_round_off(steps: int) -> str:
-    """Return a sentence about this number of steps that round-off limited; "" for none."""
+    """A sentence about this number of steps that round-off limited; "" for none."""
     if not steps:
         return ""
     many = f"{steps} steps were" if steps > 1 else "1 step was"
@@ -49,7 +82,7 @@ def warn_of_round_off(steps: int) -> str:
 def describe_newton_error(
     steps: int, estimated: int, newton_error: float, step_error: float
 ) -> str:
-    """Return a sentence about steps that ended by `ErrorLeft`, from sums of errors; "" for none."""
+    """A sentence about steps that ended by `ErrorLeft`, from sums of errors; "" for none."""
     if not estimated:
         return ""
     percent = f"{100 * newton_error / step_error:.2g} %"

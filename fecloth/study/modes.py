@@ -12,7 +12,7 @@ from fecloth import validation
 from fecloth.errors import FeclothWarning, InputError, amount
 from fecloth.mesh.cloth import Cloth
 from fecloth.nonlinear.eigenpairs import Eigenpairs, least_eigenpairs
-from fecloth.nonlinear.iteration import ROUND_OFF
+from fecloth.nonlinear.iteration import ROUND_OFF_FACTOR
 from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.output.atomic_files import writing
 from fecloth.output.frames import Frames
@@ -225,7 +225,7 @@ def _unbalanced(system: System, state: State) -> float:
     equation = StaticEquation(system, state)
     f, scale = equation.forces(equation.at(state.x))
     size = system.sums.norm(f)
-    if size > ROUND_OFF * equation.round_off(state.x):
+    if size > ROUND_OFF_FACTOR * equation.round_off(state.x):
         return size / scale
     return 0.0
 

@@ -111,7 +111,7 @@ def with_terms(setup: Setup, terms: Sequence[Mapping]) -> Setup:
     pins = system.pins
     if not any(traits_of(term).holds_normals for term in new_terms):
         pins = tuple(_without_clamp(pin) for pin in pins)
-    return replace(setup, system=replace(system, terms=new_terms, pins=pins))
+    return replace(setup, system=system.replace(terms=new_terms, pins=pins))
 
 
 def _without_clamp(pin: Any) -> Any:

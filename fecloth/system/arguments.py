@@ -8,8 +8,10 @@ from fecloth.system.system import System
 
 
 def check_system(system: object, state: object, where: str, starts: bool = True) -> None:
-    """Raise `InputError` for what is no system, or no state of it; `where` names the function."""
-    # A state that `starts` a motion must be outside of obstacles, too.
+    """Raise `InputError` for what is no system, or no state of it.
+
+    `where` names the function. A state that `starts` a motion must be outside of obstacles, too.
+    """
     if not isinstance(system, System):
         remedy = "The state comes second." if isinstance(system, State) else ""
         allowed = "must be a System(cloth, fabric, terms, pins)"
@@ -20,20 +22,22 @@ def check_system(system: object, state: object, where: str, starts: bool = True)
     if not is_number(state.t):
         raise InputError(f"state.t = {state.t!r}", "must be a finite number [s]", where)
     for name in ("x", "v"):
-        _array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
-    for term in system.bound if starts else ():
-        term.check_start(state.x, state.t, where)
+        _check_array(f"state.{name}", getattr(state, name), len(system.cloth.X), where)
+    if starts:
+        for term in system.bound:
+            term.check_start(state.x, state.t, where)
 
 
-def _array(name, value, nodes, where):
-    """Raise `InputError` for anything but (nodes, 3) finite numbers."""
+def _check_array(name: str, value: object, nodes: int, where: str) -> None:
+    """Raise `InputError` for anything but an array of (nodes, 3) finite numbers."""
     if not isinstance(value, np.ndarray) or value.dtype != float:
         remedy = "system.state(x, v) makes arrays of lists."
         allowed = "must be an array of floating-point numbers"
         raise InputError(f"{name} = {brief(value)}", allowed, where, remedy)
     if value.shape != (nodes, 3):
         remedy = "Is it the state of another cloth?"
-        raise InputError(f"{name} of shape {value.shape}", f"must be ({nodes}, 3)", where, remedy)
+        allowed = f"must be ({nodes}, 3)"
+        raise InputError(f"{name} of shape {value.shape}", allowed, where, remedy)
     if not np.isfinite(value).all():
         node = int(np.argwhere(~np.isfinite(value))[0, 0])
         raise InputError(f"{name}[{node}] = {value[node]}", "must be finite", where)

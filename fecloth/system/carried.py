@@ -7,46 +7,54 @@ from fecloth.linalg.reductions import longest
 from fecloth.system.pieces import Piece, fit_motion, turns
 from fecloth.system.system import System
 
-PASSES, SMALL = 20, 1e-12  # of the rigid motion, and the angle [rad] at which they end
-RANK = 1e-6  # relative size of a singular value below which a direction is not known
-FARTHEST = 4.0  # times the longest way of a held node: the longest of any other one
+# Rotations in a row that fit the rigid motion, and the angle [rad] of the last one: round-off.
+MOST_ROTATIONS = 20
+SMALLEST_ROTATION = 1e-12
+# Relative size of a singular value below which the held nodes do not tell a motion. Nodes on a
+# line do not tell the rotation about it.
+UNKNOWN_MOTION = 1e-6
+# Times the longest way of a held node: the longest way of any other node. A longer one was not
+# meant, as where a short edge turns.
+LONGEST_CARRIED = 4.0
 
 
 def carry(system: System, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Positions (n, 3) [m] with held nodes at the `target` (n, 3), and the others carried along.
 
-    In each piece they follow the rigid motion that fits the held nodes best, and then the
-    affine motion that fits what is left: pins that are drawn apart stretch a cloth alike, pins
-    that move alike take it along. Where that leads far, as with a short edge that turns, the
-    mean counts.
+    In each piece the others follow the rigid motion that fits the held nodes best, and then
+    the affine motion that fits what is left. So pins that are drawn apart stretch a cloth
+    evenly, and pins that move alike take it along. Where that leads far, as with a short edge
+    that turns, the others move by the mean way of the held nodes.
     """
     y = x.copy()
     for piece in system.movable_pieces:
         if len(piece.held):
-            y[piece.nodes] = _along(piece, x, target)
+            y[piece.nodes] = carry_piece(piece, x, target)
     return system.constraints.hold(y, target)
 
 
-def _along(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+def carry_piece(piece: Piece, x: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Positions (k, 3) [m] of the nodes of a piece that is carried from x to the `target`."""
     outside = piece.outside
     start = x[piece.nodes]
-    there = x[piece.held]
-    goal = there + np.einsum("hij,hj->hi", outside, target[piece.held] - there)
-    way = goal - there
+    held = x[piece.held]
+    goal = held + np.einsum("hij,hj->hi", outside, target[piece.held] - held)
+    way = goal - held
     if not way.any():
         return start
-    here = start
-    for _ in range(PASSES):  # finite rotations, by the least one that fits
-        centre = there.mean(axis=0)
-        u, omega = fit_motion(outside, turns(there - centre), goal - there, RANK)
+    nodes = start
+    for _ in range(MOST_ROTATIONS):  # each is the least rotation that fits best
+        centre = held.mean(axis=0)
+        u, omega = fit_motion(outside, turns(held - centre), goal - held, UNKNOWN_MOTION)
         R = Rotation.from_rotvec(omega).as_matrix()
-        there, here = (centre + u + (points - centre) @ R.T for points in (there, here))
-        if np.linalg.norm(omega) < SMALL:
+        held = centre + u + (held - centre) @ R.T
+        nodes = centre + u + (nodes - centre) @ R.T
+        if np.linalg.norm(omega) < SMALLEST_ROTATION:
             break
-    centre = there.mean(axis=0)
-    stretched = np.einsum("ij,hk->hijk", np.eye(3), there - centre).reshape(len(there), 3, 9)
-    u, G = fit_motion(outside, stretched, goal - there, RANK)
-    here = here + u + (here - centre) @ G.reshape(3, 3).T
-    if longest(here - start) > FARTHEST * longest(way):
-        here = start + way.mean(axis=0)
-    return here
+    centre = held.mean(axis=0)
+    stretches = np.einsum("ij,hk->hijk", np.eye(3), held - centre).reshape(len(held), 3, 9)
+    u, G = fit_motion(outside, stretches, goal - held, UNKNOWN_MOTION)
+    nodes = nodes + u + (nodes - centre) @ G.reshape(3, 3).T
+    if longest(nodes - start) > LONGEST_CARRIED * longest(way):
+        return start + way.mean(axis=0)
+    return nodes

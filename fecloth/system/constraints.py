@@ -13,8 +13,10 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.pins import Motion, Pin
 
-AT_ONCE = 64  # times at which formulas are evaluated together
-QUIET = np.errstate(over="ignore", invalid="ignore")  # who solves looks at what is not finite
+# Times at which the formulas of a motion are evaluated together, which saves calls.
+TIMES_AT_ONCE = 64
+# Products of what is not finite give no warnings here: the solvers look for it.
+QUIET = np.errstate(over="ignore", invalid="ignore")
 
 
 class _MovedGroup:
@@ -29,9 +31,10 @@ class _MovedGroup:
 
     def displacement(self, t: float) -> np.ndarray:
         """(3,) or (k, 3) [m], evaluated once for several calls with the same t."""
-        last = self._last
-        if last and last[0] == t:
-            return last[1]
+        if self._last:
+            time, displacement = self._last
+            if time == t:
+                return displacement
         return self.pin.displacement(t)
 
     def end(self, t: float, since: float) -> tuple[np.ndarray, np.ndarray]:
@@ -43,13 +46,15 @@ class _MovedGroup:
 
     def rows(self, begins: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements over steps [m] and speeds at their ends [m/s], (s, 1 or k, 3)."""
-        if (values := self.pin.at_once(ends)) is not None:
+        values = self.pin.at_once(ends)
+        if values is not None:
             assert isinstance(self.pin.motion, Motion)
             after, speeds = values
             return after - self.pin.motion(begins).reshape(after.shape), speeds
         pairs = []
         for t, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            before, (after, speed) = self.displacement(t), self.end(end, since=t)
+            before = self.displacement(t)
+            after, speed = self.end(end, since=t)
             pairs.append(np.broadcast_arrays(after - before, speed))
         both = np.array(pairs).reshape(len(ends), 2, -1, 3)
         return both[:, 0], both[:, 1]
@@ -57,8 +62,11 @@ class _MovedGroup:
     def _look_ahead(self, t: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Evaluate the times that are expected from t on; None if t is none of them."""
         first = int(np.searchsorted(self.expected, t))
-        times = self.expected[first : first + AT_ONCE]
-        if len(times) < 2 or times[0] != t or (values := self.pin.at_once(times)) is None:
+        times = self.expected[first : first + TIMES_AT_ONCE]
+        if len(times) < 2 or times[0] != t:
+            return None
+        values = self.pin.at_once(times)
+        if values is None:
             return None
         self._ahead = dict(zip(times.tolist(), zip(*values, strict=True), strict=True))
         return self._ahead[t]
@@ -66,23 +74,31 @@ class _MovedGroup:
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """All pins and slides of a system on its cloth."""
+    """All pins and slides of a system on its cloth.
 
-    groups: dict[str, tuple[Pin, np.ndarray]]  # name → (pin, its nodes)
-    nodes: np.ndarray  # (c,) constrained nodes, ascending
-    # (c, 3, 3) P onto the free directions of each of them (0: pinned, rank 1 or 2: sliding).
+    Attributes
+    ----------
+    groups
+        By name: the pin and its nodes.
+    nodes
+        (c,) the constrained nodes, ascending.
+    projectors
+        (c, 3, 3) the projector P onto the free directions of each of them. It is 0 for a pinned
+        node, and of rank 1 or 2 for one that slides.
+    """
+
+    groups: dict[str, tuple[Pin, np.ndarray]]
+    nodes: np.ndarray
     projectors: np.ndarray
 
     @classmethod
     def bind(cls, pins, cloth: Cloth) -> Self:
+        """Find the nodes of the pins; raise `InputError` for a node that two pins hold."""
         groups: dict[str, tuple[Pin, np.ndarray]] = {}
         for number, pin in enumerate(pins):
             if isinstance(pin, str):
                 pin = Pin(pin)
-            if isinstance(pin.where, str):
-                default = pin.where
-            else:
-                default = f"pin{number}"
+            default = pin.where if isinstance(pin.where, str) else f"pin{number}"
             name = _free_name(pin.name or default, groups)
             nodes = cloth.nodes(pin.where)
             groups[name] = (pin.at(cloth.X[nodes]), nodes)
@@ -92,12 +108,15 @@ class Constraints:
         held = np.concatenate([nodes for _, nodes in groups.values()] or [np.zeros(0, np.int64)])
         nodes, first, times = np.unique(held, return_index=True, return_counts=True)
         if (times > 1).any():
-            what = f"node {nodes[times > 1][0]} is held by more than one pin"
+            node = int(nodes[times > 1][0])
+            what = f"node {node} is held by more than one pin"
             allowed = "each node may belong to one pin"
-            remedy = _remedy_for_two_pins(int(nodes[times > 1][0]), groups, cloth)
+            remedy = _remedy_for_two_pins(node, groups, cloth)
             raise InputError(what, allowed, "System(pins=...)", remedy)
-        each = [np.tile(pin.projector, (len(nodes), 1, 1)) for pin, nodes in groups.values()]
-        return cls(groups, nodes, np.concatenate([*each, np.zeros((0, 3, 3))])[first])
+        projectors = [np.zeros((0, 3, 3))]
+        for pin, its_nodes in groups.values():
+            projectors.append(np.tile(pin.projector, (len(its_nodes), 1, 1)))
+        return cls(groups, nodes, np.concatenate(projectors)[first])
 
     @QUIET
     def project(self, y: np.ndarray) -> np.ndarray:
@@ -133,8 +152,8 @@ class Constraints:
     @QUIET
     def set_held(self, y: np.ndarray, target: np.ndarray) -> np.ndarray:
         """P y + (I − P) target, in place."""
-        there = target[self.nodes]
-        y[self.nodes] = there + self._free_part(y[self.nodes] - there)
+        held = target[self.nodes]
+        y[self.nodes] = held + self._free_part(y[self.nodes] - held)
         return y
 
     def target(self, t: float, dt: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -147,18 +166,22 @@ class Constraints:
         if self._moved:
             x = x.copy()
         for group in self._moved:
-            before, (after, speed) = group.displacement(t), group.end(t + dt, since=t)
-            if group.pin.rotate is not None:
+            before = group.displacement(t)
+            after, speed = group.end(t + dt, since=t)
+            if group.pin.rotate is None:
+                x[group.nodes] += after - before
+                v[group.nodes] = speed
+            else:
                 here = x[group.nodes]
                 x[group.nodes], v[group.nodes] = turn(group.pin, t, t + dt, here, before, after)
                 v[group.nodes] += speed
-                continue
-            x[group.nodes] += after - before
-            v[group.nodes] = speed
         return x, v
 
     def expect(self, times: np.ndarray) -> None:
-        """Let `target` evaluate formulas at many of these ends of steps at once, to equal bits."""
+        """Let `target` evaluate formulas at many of these times at once, to equal bits.
+
+        The times are the ends of the next steps.
+        """
         for group in self._moved:
             group.expected = times
 
@@ -209,8 +232,8 @@ def _remedy_for_two_pins(node: int, groups: dict, cloth: Cloth) -> str:
     line = free[0] / abs(free[0]).max()
     line = [float(c) for c in np.round(line * np.sign(line[abs(line).argmax()]), 9) + 0.0]
     return (
-        f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = {line}, "
-        "the line that both allow."
+        f"{both} let it, at ({X:.6g}, {Y:.6g}) m, slide by a third Slide with direction = "
+        f"{line}, the line that both allow."
     )
 
 
@@ -227,22 +250,38 @@ def turn(pin: Pin, t: float, later: float, points: np.ndarray, before, after):
 
 
 def _free_name(name: str, taken) -> str:
+    """The name, with a number where it is taken."""
     numbered = (f"{name}.{number}" for number in count(2))
     return next(free for free in chain([name], numbered) if free not in taken)
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixProjection:
-    """P A P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal."""
+    """P A P + (I − P) s on a fixed pattern, in place; s is the mean of the node's diagonal.
 
-    blocks: np.ndarray  # (k,) the blocks that touch a constrained node
-    left: np.ndarray  # (k,) rows of `projectors` to apply from the left and from the right
+    Attributes
+    ----------
+    blocks
+        (k,) the blocks that touch a constrained node.
+    left
+        (k,) the row of `projectors` to apply to each of them from the left.
+    right
+        (k,) the row of `projectors` to apply from the right.
+    projectors
+        (c + 1, 3, 3) P of the constrained nodes, and I for all others.
+    diagonal
+        (c,) the diagonal blocks of the constrained nodes.
+    """
+
+    blocks: np.ndarray
+    left: np.ndarray
     right: np.ndarray
-    projectors: np.ndarray  # (c + 1, 3, 3), the last one is I
-    diagonal: np.ndarray  # (c,) diagonal blocks of the constrained nodes
+    projectors: np.ndarray
+    diagonal: np.ndarray
 
     @classmethod
     def bind(cls, constraints: Constraints, pattern: BlockPattern) -> Self:
+        """Find the blocks of the constrained nodes in a pattern."""
         c = len(constraints.nodes)
         which = np.full(len(pattern), c)
         which[constraints.nodes] = np.arange(c)
@@ -255,6 +294,7 @@ class MatrixProjection:
 
     @QUIET
     def apply(self, A: BlockMatrix) -> None:
+        """Project A in place."""
         scale = np.einsum("cii->c", A.values[self.diagonal]) / 3
         P = self.projectors
         A.values[self.blocks] = P[self.left] @ A.values[self.blocks] @ P[self.right]
@@ -263,15 +303,27 @@ class MatrixProjection:
 
 @dataclass(frozen=True, eq=False)
 class MotionRows:
-    """What `Constraints.target` adds in each of several steps."""
+    """What `Constraints.target` adds in each of several steps.
 
-    # (s + 1,) begin and ends of the steps, (s,) their sizes, and (s,) begin plus size [s], which
-    # may differ from the end by round-off.
+    `path` and `speed` have one row for all steps where no pin moves.
+
+    Attributes
+    ----------
+    times
+        (s + 1,) the begin and the ends of the steps [s].
+    sizes
+        (s,) their sizes [s].
+    reached
+        (s,) begin plus size [s], which may differ from the end by round-off.
+    path
+        (s, c, 3) displacement of the constrained nodes over each step [m].
+    speed
+        (s, c, 3) their velocity at the end of each step [m/s].
+    """
+
     times: np.ndarray
     sizes: np.ndarray
     reached: np.ndarray
-    # (s, c, 3) displacement over each step [m] and velocity at its end [m/s] of the constrained
-    # nodes; one row for all steps where no pin moves.
     path: np.ndarray
     speed: np.ndarray
 
@@ -290,7 +342,7 @@ class MotionRows:
         speed = np.zeros(shape)
         for group in moved:
             at = np.searchsorted(constraints.nodes, group.nodes)
-            for first in range(0, len(sizes), AT_ONCE):
-                steps = slice(first, min(first + AT_ONCE, len(sizes)))
+            for first in range(0, len(sizes), TIMES_AT_ONCE):
+                steps = slice(first, min(first + TIMES_AT_ONCE, len(sizes)))
                 path[steps, at], speed[steps, at] = group.rows(times[steps], reached[steps])
         return cls(times, sizes, reached, path, speed)

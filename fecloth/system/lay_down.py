@@ -1,5 +1,7 @@
 """Lay a cloth on what carries it, so that a run starts at rest there."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 
@@ -8,8 +10,8 @@ from fecloth.system.arguments import check_system
 from fecloth.system.state import State
 from fecloth.system.system import System
 
-PASSES = 60  # of the way down: each one leaves at most a fifth of the distance
-TURNS = 4  # how often the direction of the push is taken anew
+MOST_PASSES = 60  # of the way down: each leaves at most a fifth of the distance to the contact
+MOST_TURNS = 4  # how often the direction of the push is taken anew; on a plane it stays
 
 
 def lay_down(system: System, state: State) -> State:
@@ -52,49 +54,73 @@ def lay_down(system: System, state: State) -> State:
 def _lay_piece(system: System, x: np.ndarray, t: float, nodes) -> np.ndarray:
     """x (n, 3) with one piece laid down."""
     load = np.zeros_like(x)
-    still = np.zeros_like(x)
     for term in system.bound:
         if term.load:
-            term.add_force(x, still, t, load)
+            term.add_force(x, np.zeros_like(x), t, load)
     f = load[nodes].sum(axis=0)
     if not f.any():
         raise InputError("a free piece without a load", "needs one, as Gravity", "lay_down")
     contacts = [term for term in system.bound if term.limits_direction]
-
-    def push(x: np.ndarray) -> np.ndarray:
-        """Σ p (3,) over the piece; friction is none at rest."""
-        p = np.zeros_like(x)
-        for term in contacts:
-            term.add_force(x, still, t, p)
-        total: np.ndarray = p[nodes].sum(axis=0)
-        return total
-
-    def part(x: np.ndarray, way: np.ndarray) -> float:
-        return min((term.limit(x, way, t) for term in contacts), default=1.0)
-
+    contact = _Contact(contacts, nodes, t)
     way = np.zeros_like(x)
     way[nodes] = 10 * system.cloth.extent * f / np.linalg.norm(f)
-    for _ in range(PASSES):
-        if push(x).any():
+    return _balance(contact, _go_down(contact, x, way), f, system.cloth.extent)
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """What a piece touches: the terms of contact, the nodes of the piece, and the time [s]."""
+
+    terms: list
+    nodes: np.ndarray | slice
+    t: float
+
+    def push(self, x: np.ndarray) -> np.ndarray:
+        """Σ p (3,) over the piece; friction is none at rest."""
+        p = np.zeros_like(x)
+        for term in self.terms:
+            term.add_force(x, np.zeros_like(x), self.t, p)
+        total: np.ndarray = p[self.nodes].sum(axis=0)
+        return total
+
+    def part(self, x: np.ndarray, way: np.ndarray) -> float:
+        """The part of a way that the contacts allow; 1 for all of it."""
+        return min((term.limit(x, way, self.t) for term in self.terms), default=1.0)
+
+
+def _go_down(contact: _Contact, x: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """x (n, 3) moved along a way of ten extents, to where contact begins to push."""
+    for _ in range(MOST_PASSES):
+        if contact.push(x).any():
             break
-        if (alpha := part(x, way)) == 1.0:
+        alpha = contact.part(x, way)
+        if alpha == 1.0:
             remedy = "Start above an obstacle, or move it below the cloth."
             what = "nothing within ten extents of the cloth in the direction of its load"
             raise InputError(what, "must be there to carry it", "lay_down", remedy)
         x = x + alpha * way
-    brentq = scipy.optimize.brentq
-    for _ in range(TURNS):
-        p = push(x)
+    return x
+
+
+def _balance(contact: _Contact, x: np.ndarray, f: np.ndarray, extent: float) -> np.ndarray:
+    """x (n, 3) moved along the direction of the push to where it carries the load f (3,) [N]."""
+    for _ in range(MOST_TURNS):
+        p = contact.push(x)
         n = p / np.linalg.norm(p)
         along = np.zeros_like(x)
-        along[nodes] = n
-        low = -system.cloth.extent
-        high = 1e-6 * system.cloth.extent
-        low *= part(x, low * along)
-        while n @ (push(x + high * along) + f) > 0:
+        along[contact.nodes] = n
+
+        def surplus(distance: float, x=x, n=n, along=along) -> float:
+            """n · (Σ p + Σ f) [N] after a way [m] along n."""
+            return float(n @ (contact.push(x + distance * along) + f))
+
+        low = -extent
+        low *= contact.part(x, low * along)
+        high = 1e-6 * extent
+        while surplus(high) > 0:
             high *= 2
-        root = brentq(lambda a, x=x, n=n, s=along: n @ (push(x + a * s) + f), low, high, xtol=1e-15)
-        x = x + root * along
-        if not push(x).any() or abs(root) < 1e-12 * system.cloth.extent:
+        distance = scipy.optimize.brentq(surplus, low, high, xtol=1e-15)
+        x = x + distance * along
+        if not contact.push(x).any() or abs(distance) < 1e-12 * extent:
             break
     return x

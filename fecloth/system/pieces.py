@@ -11,18 +11,27 @@ from scipy.sparse.csgraph import connected_components
 from fecloth.mesh.cloth import Cloth
 from fecloth.system.constraints import Constraints
 
-TINY = 1e-9  # relative size of a singular value that counts as zero
+# Relative size of a singular value, or of an eigenvalue of a projector, that counts as zero.
+ZERO_SINGULAR_VALUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Nodes that terms connect, and the constrained ones among them."""
+    """Nodes that terms connect, and the constrained ones among them.
 
-    # Nodes of the piece, ascending (a slice if they are all), and the nodes that pins or slides
-    # hold.
+    Attributes
+    ----------
+    nodes
+        (k,) its nodes, ascending; a slice if they are all of the cloth.
+    held
+        (h,) those that pins or slides hold.
+    outside
+        (h, 3, 3) the projector I − P onto the held directions of each of these.
+    """
+
     nodes: np.ndarray | slice
     held: np.ndarray
-    outside: np.ndarray  # (h, 3, 3) projectors I − P onto the held directions of each held node
+    outside: np.ndarray
 
     def rigid_velocity(self, x, p, mass, mass_x, held_v) -> np.ndarray:
         """(k, 3) velocity of the piece as a rigid body, at its nodes [m/s].
@@ -38,7 +47,9 @@ class Piece:
         if len(self.held):
             centre = x[self.held].mean(axis=0)
             basis = turns(x[self.held] - centre)
-            velocity = _turn(*fit_motion(self.outside, basis, held_v[self.held], TINY), r - centre)
+            v = held_v[self.held]
+            u, omega = fit_motion(self.outside, basis, v, ZERO_SINGULAR_VALUE)
+            velocity = _turn(u, omega, r - centre)
             if not self.free_directions.any():
                 return velocity
             momentum = p[self.nodes].sum(axis=0) - np.einsum("a,ai->i", m, velocity)
@@ -49,14 +60,15 @@ class Piece:
         moment = np.array([G[1, 2] - G[2, 1], G[2, 0] - G[0, 2], G[0, 1] - G[1, 0]])  # Σ r × p
         spread = np.einsum("ai,aj->ij", r, mass_x[self.nodes] - np.outer(m, centre))
         inertia = np.trace(spread) * np.eye(3) - 0.5 * (spread + spread.T)
-        omega = np.linalg.pinv(inertia, rcond=TINY, hermitian=True) @ moment
+        omega = np.linalg.pinv(inertia, rcond=ZERO_SINGULAR_VALUE, hermitian=True) @ moment
         return _turn(p[self.nodes].sum(axis=0) / m.sum(), omega, r)
 
     @cached_property
     def free_directions(self) -> np.ndarray:
         """(3, 3) projector onto the directions in which no pin holds the piece."""
         values, vectors = np.linalg.eigh(self.outside.sum(axis=0))
-        free: np.ndarray = vectors[:, values < TINY * max(values[-1], TINY)]
+        zero = ZERO_SINGULAR_VALUE * max(values[-1], ZERO_SINGULAR_VALUE)
+        free: np.ndarray = vectors[:, values < zero]
         return free @ free.T
 
     def place(self, x, mass) -> np.ndarray:
@@ -69,7 +81,7 @@ class Piece:
 def movable_pieces(
     cloth: Cloth, stencils: Sequence[np.ndarray], constraints: Constraints
 ) -> tuple[Piece, ...]:
-    """Return the pieces that are free, held by pins that move, or free to slide as a whole.
+    """The pieces that are free, held by pins that move, or free to slide as a whole.
 
     Triangles connect their nodes, and so do the stencils (m, k) of terms, such as springs
     between two triangles.
@@ -81,10 +93,11 @@ def movable_pieces(
     held_label = label[constraints.nodes]
     movable = []
     for number in range(count):
-        ours = held_label == number
-        held = constraints.nodes[ours]
-        outside = np.eye(3) - constraints.projectors[ours]
-        piece = Piece(slice(None) if count == 1 else np.flatnonzero(label == number), held, outside)
+        is_ours = held_label == number
+        held = constraints.nodes[is_ours]
+        outside = np.eye(3) - constraints.projectors[is_ours]
+        own = slice(None) if count == 1 else np.flatnonzero(label == number)
+        piece = Piece(own, held, outside)
         if moved[held].any() or piece.free_directions.any():
             movable.append(piece)
     return tuple(movable)

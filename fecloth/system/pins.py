@@ -1,4 +1,4 @@
-"""Pins and slides as a user writes them: which nodes, their free directions, and their motion."""
+"""Pins and slides as a user writes them: their nodes, free directions and motion."""
 
 import math
 import re
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -21,11 +21,17 @@ from fecloth.quantities.time_function import DIFFERENCE_STEP, difference_quotien
 
 @dataclass(frozen=True)
 class Motion:
-    """Displacement by three formulas of t, or of t and of a node's material point (X, Y) [m]."""
+    """Displacement by three formulas of t, or of t and of a node's material point (X, Y) [m].
 
-    # Formulas of t; all three of t, X and Y where one of them has X or Y in it
+    Attributes
+    ----------
+    formulas
+        Three formulas of t. All are of t, X and Y where one of them has X or Y in it.
+    X
+        (k, 2) material points of the nodes [m], for formulas of X and Y.
+    """
+
     formulas: tuple[Formula, ...]
-    # (k, 2) material points of the nodes [m], for formulas of X and Y
     X: np.ndarray | None = field(default=None, compare=False)
 
     @classmethod
@@ -54,7 +60,7 @@ class Motion:
         return self._stack(self._derivatives, t)
 
     def check(self, times: np.ndarray) -> None:
-        """Refuse a motion without a finite value, or velocity, at the times (m,) of a run [s]."""
+        """Refuse a motion that is not finite, or its velocity, at times (m,) of a run [s]."""
         self(times)
         start = times[0]
         later = times[1:]
@@ -171,11 +177,13 @@ class Pin:
         return np.zeros((3, 3))
 
     def at(self, X: np.ndarray) -> Self:
-        """The pin on nodes with the material points X (k, 2) [m], which its formulas may need."""
-        given = {"motion": self.motion, "velocity": self.velocity}
-        by_place = {k: v for k, v in given.items() if isinstance(v, Motion) and v.by_place}
-        there: Any = {name: replace(value, X=X) for name, value in by_place.items()}
-        return replace(self, **there) if there else self
+        """The pin on nodes at the material points X (k, 2) [m], which formulas may need."""
+        pin = self
+        if isinstance(self.motion, Motion) and self.motion.by_place:
+            pin = replace(pin, motion=replace(self.motion, X=X))
+        if isinstance(self.velocity, Motion) and self.velocity.by_place:
+            pin = replace(pin, velocity=replace(self.velocity, X=X))
+        return pin
 
     def sample(self, t: float, size: float) -> np.ndarray:
         """(k, 3) displacements and, where it turns, three arms of `size` that turn [m]."""
@@ -205,7 +213,10 @@ class Pin:
         return difference_quotient(self.displacement, t, since)
 
     def at_once(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Displacements and speeds (m, 1 or k, 3) at times (m,); None if times need a call each."""
+        """Displacements and speeds (m, 1 or k, 3) at times (m,).
+
+        None if each time needs a call of its own.
+        """
         motion = self.motion
         velocity = self.velocity
         if not isinstance(motion, Motion) or not isinstance(velocity, Motion | None):
@@ -283,7 +294,8 @@ class Slide(Pin):
             raise InputError(f"{name} and {free} are given", allowed, self._label, remedy)
         if (self.direction is None) == (self.normal is None):
             given = "neither" if self.normal is None else "both"
-            raise InputError(f"{given} of direction and normal", "needs one of them", self._label)
+            what = f"{given} of direction and normal"
+            raise InputError(what, "needs one of them", self._label)
         _ = self._axis
 
     @cached_property

@@ -16,20 +16,29 @@ class ReactionLimits:
     """Limits for the nodes of triangles that the pins hold whole.
 
     Such triangles push on each other as hard as their stiffness and strain have it. A steel
-    grip that is held at a strain of 1 % would hide every force of the cloth in it. What the
-    cloth can do to a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a
+    grip that is held at a strain of 1 % would hide every force of the cloth in it. The force
+    of the cloth on a node is at most about Σ ‖K_ij‖ l_ij over the nodes j that move, at a
     distance l_ij: its stiffness at rest times a strain of 1.
+
+    Attributes
+    ----------
+    nodes
+        (k,) nodes of triangles that are held whole; none in most systems.
+    most
+        (k,) the largest force on each of them [N].
     """
 
-    nodes: np.ndarray  # (k,) nodes of triangles held whole; none in most systems
-    most: np.ndarray  # (k,) [N]
+    nodes: np.ndarray
+    most: np.ndarray
 
     @classmethod
     def find(
         cls, cloth: Cloth, constraints: Constraints, stiffness: Callable[[], BlockMatrix]
     ) -> Self:
-        """Find the triangles that are held whole, and the stiffness of what moves beside them."""
-        # `stiffness` makes K of the flat cloth at rest; it is called only if there are any.
+        """Find the triangles that are held whole, and how stiff the cloth beside them is.
+
+        `stiffness` makes K of the flat cloth at rest. It is called only if there are any.
+        """
         is_pinned = np.zeros(len(cloth.X), bool)
         is_pinned[constraints.nodes] = ~constraints.projectors.any(axis=(1, 2))
         nodes = np.unique(cloth.stencil[is_pinned[cloth.stencil].all(axis=1)])
@@ -47,6 +56,7 @@ class ReactionLimits:
         """Forces (n, 3) with none above its limit; f itself if there is none."""
         if not len(self.nodes):
             return f
-        f, sizes = f.copy(), np.linalg.norm(f[self.nodes], axis=1)
+        f = f.copy()
+        sizes = np.linalg.norm(f[self.nodes], axis=1)
         f[self.nodes] *= np.minimum(1.0, self.most / np.maximum(sizes, 1e-300))[:, None]
         return f

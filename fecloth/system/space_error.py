@@ -17,12 +17,12 @@ from fecloth.terms.bending.hinge import hinge_angles
 from fecloth.terms.kinematics import deformation_gradient, green_strains
 from fecloth.terms.traits import traits_of
 
-RESOLVED = 0.5  # largest error that the estimate can resolve
-UNSTRAINED = 1e-12  # strain below which there is only round-off
+LARGEST_ERROR = 0.5  # that the estimate can tell
+NO_STRAIN_BELOW = 1e-12  # such a strain of a cloth is round-off
 NO_STRAIN = "no term stores energy of strain"
 AT_REST = "the cloth is not strained"
 FOLDS = "the cloth folds at the size of its triangles, which decide its shape; take a smaller h"
-COARSE = f"it is above {100 * RESOLVED:.0f} % of stress and moment; take a smaller h"
+COARSE = f"it is above {100 * LARGEST_ERROR:.0f} % of stress and moment; take a smaller h"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,15 +103,15 @@ def space_error(system: System, state: State) -> SpaceError:
     error = sum((term.strain_error(state.x, state.t) for term in bound), np.zeros(m))
     stored = system.sums.total(sum(term.energy(state.x, state.t) for term in bound))
     density = error / system.cloth.weights.sum(axis=1)
-    if reason := "" if bound else NO_STRAIN:
-        return SpaceError(math.nan, density, reason)
+    if not bound:
+        return SpaceError(math.nan, density, NO_STRAIN)
     stiffness = max(max(fabric.tensile) for fabric in system.panel.fabrics)
-    if stored <= stiffness * system.sums.total(system.cloth.area) * UNSTRAINED**2:
+    if stored <= stiffness * system.sums.total(system.cloth.area) * NO_STRAIN_BELOW**2:
         return SpaceError(math.nan, np.zeros(m), AT_REST)
     relative = math.sqrt(system.sums.total(float(error.sum())) / stored)
     if folds_at_mesh_size(system.cloth, state.x):
         return SpaceError(math.nan, density, FOLDS)
-    if not relative < RESOLVED:
+    if not relative < LARGEST_ERROR:
         return SpaceError(math.nan, density, COARSE)
     return SpaceError(relative, density)
 
@@ -121,18 +121,22 @@ def _refusal(system: System) -> str:
     for term, bound, name in zip(system.terms, system.bound, system.names, strict=True):
         if why := traits_of(term).space_error:
             return f"{name} {why}"
-        if bound.has_energy and bound.stores_strain and not (bound.load or bound.recovers_strain):
+        has_strain = bound.has_energy and bound.stores_strain and not bound.load
+        if has_strain and not bound.recovers_strain:
             return f"{name} states no stress or moment"
     return ""
 
 
-ROUGH = 0.7  # share of the angles that no curvature explains; random angles have 0.87
-HIDDEN = 0.01  # strain that the folds take up, over the rms strain; below it they do not matter
-ENOUGH = 8  # fewest hinges around a node, for three components of curvature
+# Folds are as fine as the triangles if no curvature explains this share of the angles between
+# them; of random angles it explains less: the share is 0.87.
+ROUGH_SHARE = 0.7
+# Strain that the folds take up, over the rms strain of the triangles: less does not matter.
+HIDDEN_STRAIN = 0.01
+FEWEST_HINGES = 8  # around a node, for the three components of its curvature
 
 
 def folds_at_mesh_size(cloth: Cloth, x: np.ndarray) -> bool:
-    """Whether the folds of a cloth at positions x (n, 3) are as fine as its triangles, and matter.
+    """Whether the folds of a cloth at x (n, 3) are as fine as its triangles, and matter.
 
     Folds are as fine as the triangles if no smooth curvature explains the angles θ of the hinges
     (`roughness`). They matter if the strain that they take up, θ²/8, is more than a hundredth of
@@ -141,11 +145,11 @@ def folds_at_mesh_size(cloth: Cloth, x: np.ndarray) -> bool:
     angles = hinge_angles(cloth, x)
     strain = np.sqrt(np.mean(green_strains(deformation_gradient(cloth, x)) ** 2) * 3)
     hidden = np.mean(angles**2) / 8 if len(angles) else 0.0
-    return bool(hidden > HIDDEN * strain) and roughness(cloth, angles) > ROUGH
+    return bool(hidden > HIDDEN_STRAIN * strain) and roughness(cloth, angles) > ROUGH_SHARE
 
 
 def roughness(cloth: Cloth, angles: np.ndarray) -> float:
-    """Share of the hinge angles (h,) that a constant curvature around each node does not explain.
+    """Share of the hinge angles (h,) that no constant curvature around each node explains.
 
     At a node, κ minimises Σ (θ − Λ κ)² over the hinges of its triangles, with the angles Λ κ
     of a flat sheet that is bent to κ. The share is the root of these sums over the root of Σ
@@ -159,7 +163,7 @@ def roughness(cloth: Cloth, angles: np.ndarray) -> float:
     h = len(angles)
     place = hinges.nodes.ravel(), np.repeat(np.arange(h), 4)
     around = sparse.csr_matrix((np.ones(4 * h), place), shape=(n, h))
-    around = around[np.diff(around.indptr) >= ENOUGH]
+    around = around[np.diff(around.indptr) >= FEWEST_HINGES]
     gram = (around @ (angle[:, :, None] * angle[:, None, :]).reshape(h, 9)).reshape(-1, 3, 3)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     right = around @ (angle * angles[:, None])

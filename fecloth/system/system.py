@@ -40,21 +40,23 @@ History = tuple[Any, ...]  # a record, or None, for each term
 
 @dataclass(frozen=True, eq=False)
 class Arguments:
-    """What makes a system, so that ``dataclasses.replace(system, pins=…)`` makes another one."""
+    """The arguments of a `System` by their names, which explains them; `mass` is never None."""
 
     cloth: Cloth
     fabric: Fabric | Mapping[str, Fabric]
-    terms: Sequence
-    pins: Sequence[Pin | str]
-    mass_kind: str
+    terms: tuple
+    pins: tuple[Pin | str, ...]
+    mass: str
     grain: float | Mapping[str, float]
     start: State | None
     threads: int | str
 
 
 @checks_arguments
-class System(Arguments):
+class System:
     """The force balance M a = f(x, v, t) of one cloth.
+
+    A system does not change; `replace` makes another one, with other pins for example.
 
     Raises `InputError` for a `start` of another cloth, a clamped pin without a term that holds
     normals, a term that cannot be bound or does not know the cloth's element, or a pin that
@@ -91,8 +93,10 @@ class System(Arguments):
     ((9, 3), (27, 27))
     """
 
-    sums: ClassVar[NodeSums] = NodeSums()  # all sums over nodes go through it
-    is_whole: ClassVar[bool] = True  # whether this process has the matrix of the whole cloth
+    # All sums over nodes go through it.
+    sums: ClassVar[NodeSums] = NodeSums()
+    # Whether this process has the matrix of the whole cloth.
+    is_whole: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -104,22 +108,68 @@ class System(Arguments):
         grain=0.0,
         start=None,
         *,
-        mass_kind=None,
         threads="auto",
     ):
-        """Bind the terms and pins; `mass_kind` is what `dataclasses.replace` calls `mass`."""
         terms = _several(terms, "terms", "StVK()", protocol.is_description)
         pins = _several(pins, "pins", 'Pin("left")', lambda pin: isinstance(pin, Pin | str))
-        mass = mass_kind if mass is None else mass
         mass = cloth.usual_mass if mass is None else mass
         _check_elements(terms, cloth.element)
         if start is not None and not (isinstance(start, State) and len(start.x) == len(cloth.X)):
             allowed = f"must be a State of {len(cloth.X)} nodes, or None"
             remedy = "Make it by system.state(x, v) of a system on this cloth."
             raise InputError(f"start = {brief(start)}", allowed, "System", remedy)
-        super().__init__(cloth, fabric, terms, pins, mass, grain, start, threads)
+        self._arguments = Arguments(cloth, fabric, terms, pins, mass, grain, start, threads)
         # here, so that an error is raised where the system is made
         _ = self.team, self.scalar_mass, self.layout, self.bound, self.constraints
+
+    # --- what it was made of ------------------------------------------------------------------
+
+    @property
+    def cloth(self) -> Cloth:
+        """The reference mesh."""
+        return self._arguments.cloth
+
+    @property
+    def fabric(self) -> Fabric | Mapping[str, Fabric]:
+        """The fabric, or the fabric of each named region."""
+        return self._arguments.fabric
+
+    @property
+    def terms(self) -> tuple:
+        """The terms as they were given; `bound` are these on the cloth."""
+        return self._arguments.terms
+
+    @property
+    def pins(self) -> tuple[Pin | str, ...]:
+        """The pins and slides as they were given; `constraints` are these on the cloth."""
+        return self._arguments.pins
+
+    @property
+    def mass_kind(self) -> str:
+        """The argument `mass`, "lumped" or "consistent"; the attribute `mass` is the matrix."""
+        return self._arguments.mass
+
+    @property
+    def grain(self) -> float | Mapping[str, float]:
+        """Angle of the warp from the X axis [rad], for all or by region."""
+        return self._arguments.grain
+
+    @property
+    def start(self) -> State | None:
+        """The state at which the run starts; None for `rest`."""
+        return self._arguments.start
+
+    @property
+    def threads(self) -> int | str:
+        """The number of threads that was asked for, or "auto"; `team` are the threads."""
+        return self._arguments.threads
+
+    def replace(self, **changes: Any) -> Self:
+        """A system with other arguments, as ``system.replace(pins=["left"])``.
+
+        All other arguments stay. Raises what `System` raises.
+        """
+        return type(self)(**{**vars(self._arguments), **changes})
 
     # --- what is bound, once ------------------------------------------------------------------
 
@@ -140,11 +190,20 @@ class System(Arguments):
         start = self.rest() if self.start is None else self.start
         clamps = find_clamps(self.constraints, self.cloth, start)
         if clamps and not any(traits_of(term).holds_normals for term in self.terms):
-            what = "a pin with clamp = true"
-            allowed = "needs a bending term that holds normals"
-            raise InputError(what, allowed, "System", "Add PlateBending, or pin without a clamp.")
-        own: dict[str, Any] = {"mass": self.mass_kind, "team": self.team, "counted": self.counted}
-        return replace(panel, start=self.start.x if self.start else None, clamps=clamps, **own)
+            raise InputError(
+                "a pin with clamp = true",
+                "needs a bending term that holds normals",
+                "System",
+                "Add PlateBending, or pin without a clamp.",
+            )
+        return replace(
+            panel,
+            start=self.start.x if self.start else None,
+            clamps=clamps,
+            mass=self.mass_kind,
+            team=self.team,
+            counted=self.counted,
+        )
 
     @cached_property
     def scalar_mass(self) -> sparse.csr_matrix:
@@ -214,6 +273,7 @@ class System(Arguments):
 
     @cached_property
     def constraints(self) -> Constraints:
+        """The pins and slides on the cloth."""
         return Constraints.bind(self.pins, self.cloth)
 
     @cached_property
@@ -242,7 +302,7 @@ class System(Arguments):
         """A copy with other bound terms, such as terms over a step; all else is shared."""
         _ = self.reaction_limits  # which the copy shares
         other = copy.copy(self)
-        vars(other)["bound"] = tuple(bound)  # in place of the cached property
+        other.bound = tuple(bound)  # in place of what the cached property would bind
         return other
 
     def over_step(
@@ -256,15 +316,17 @@ class System(Arguments):
         """
         if history is None and not rates and not step.increment:
             return self
-        changed = [
-            term.over_step(step if record is None else replace(step, history=record))
-            if rates or record is not None or (step.increment and term.limits_direction)
-            else term
-            for term, record in zip(self.bound, history or (None,) * len(self.bound), strict=True)
-        ]
-        return self._with_changed(changed, "over_step(step)")
+        records = history or (None,) * len(self.bound)
+        bound = []
+        for term, record in zip(self.bound, records, strict=True):
+            is_contact = step.increment and term.limits_direction
+            if rates or record is not None or is_contact:
+                own_step = step if record is None else replace(step, history=record)
+                term = term.over_step(own_step)
+            bound.append(term)
+        return self._with_changed(bound, "over_step(step)")
 
-    # --- the history of terms -------------------------------------------------------------------
+    # --- the history of terms -----------------------------------------------------------------
 
     def start_history(self, state: State) -> History | None:
         """The records that terms keep, in their order, before the first step; None without any.
@@ -273,8 +335,10 @@ class System(Arguments):
         """
         records = tuple(term.start_history(state.x, state.t) for term in self.bound)
         if state.history and len(state.history) == len(records):
-            pairs = zip(state.history, records, strict=True)
-            records = tuple(kept if type(kept) is type(own) else own for kept, own in pairs)
+            records = tuple(
+                kept if type(kept) is type(new) else new
+                for kept, new in zip(state.history, records, strict=True)
+            )
         if all(record is None for record in records):
             return None
         return records
@@ -344,7 +408,7 @@ class System(Arguments):
         return f
 
     def force_size(self, f: np.ndarray) -> float:
-        """‖f‖ [N] with the reactions of the pins, but without the forces among what they hold."""
+        """‖f‖ [N] with the reactions of the pins, without forces among what they hold."""
         return float(self.sums.norm(self.reaction_limits.apply(f)))
 
     def energies(self, state: State) -> dict[str, float]:
@@ -376,28 +440,29 @@ class System(Arguments):
         return J
 
     def dense(self, state: State) -> list[tuple[float, np.ndarray]]:
-        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, and are not in a matrix."""
+        """(c, u (n, 3)) of the parts c u uᵀ of K that couple all nodes, outside the matrix."""
         parts = [term.dense(state.x, state.t) for term in self.bound]
         return [part for part in parts if part is not None]
 
     def coupling(self, state: State, wx=0.0, wv=0.0, definite=False) -> sparse.spmatrix | None:
-        """(3n, 3n) part of wv D + wx K that couples nodes outside the pattern; None without any."""
-        at = state.x, state.v, state.t, wx, wv, definite
-        coupled = [term.coupling(*at) for term in self.bound]
+        """(3n, 3n) part of wv D + wx K outside the pattern; None without any."""
+        coupled = [
+            term.coupling(state.x, state.v, state.t, wx, wv, definite) for term in self.bound
+        ]
         parts = [part for part in coupled if part is not None]
         if parts:
             return sum(parts[1:], start=parts[0])
         return None
 
     def couple(self, J: BlockMatrix, state: State, wx=0.0, wv=0.0, definite=False) -> BlockMatrix:
-        """J, projected before, plus `coupling`, projected too; J itself if nothing is coupled."""
+        """J plus the projected `coupling`; J itself if there is none. J was projected before."""
         part = self.coupling(state, wx, wv, definite)
         if part is None:
             return J
         return J.plus(self.constraints.project_matrix(part))
 
     def project(self, J: BlockMatrix) -> BlockMatrix:
-        """P J P + (I − P) s, in place: a pinned node's rows and columns become a multiple of I."""
+        """P J P + (I − P) s, in place: the block of a pinned node becomes a multiple of I."""
         self._projection.apply(J)
         return J
 
@@ -451,10 +516,12 @@ class System(Arguments):
 
     def __repr__(self) -> str:
         terms = ", ".join(self.names) or "no terms"
-        return f"<System of {len(self.cloth.X)} nodes, {len(self.constraints.nodes)} held: {terms}>"
+        held = len(self.constraints.nodes)
+        return f"<System of {len(self.cloth.X)} nodes, {held} held: {terms}>"
 
 
 def _check_elements(terms, element: str) -> None:
+    """Raise `InputError` for a term that does not know the cloth's element."""
     for term in terms:
         known = traits_of(term).elements
         if element not in known:
@@ -466,6 +533,7 @@ def _check_elements(terms, element: str) -> None:
 
 
 def _several(values, name: str, example: str, is_one: Callable[[object], bool]) -> tuple:
+    """The values of an argument `name` that is a list; raise `InputError` for any other."""
     where = f"System({name}=...)"
     allowed = f"must be a list, as in [{example}]"
     if isinstance(values, str) or not isinstance(values, Iterable):
@@ -473,6 +541,8 @@ def _several(values, name: str, example: str, is_one: Callable[[object], bool]) 
     values = tuple(values)
     for value in values:
         if isinstance(value, type) or not is_one(value):
-            needs = " with a method `bind`" if name == "terms" else ""
-            raise InputError(f"{name[:-1]} {value!r}", f"must be such as {example}{needs}", where)
+            allowed = f"must be such as {example}"
+            if name == "terms":
+                allowed += " with a method `bind`"
+            raise InputError(f"{name[:-1]} {value!r}", allowed, where)
     return values

@@ -19,11 +19,11 @@ import time
 import numpy as np
 
 import fecloth as fc
-from fecloth.system.constraints import AT_ONCE
+from fecloth.system.constraints import TIMES_AT_ONCE
 from studies import harness
 from studies.benchmarks.measure import FABRIC, Measured, print_verdicts, square
 
-TRIANGLES, STEPS, DT = 800, AT_ONCE, 1e-6  # dt is far below the limit of stability
+TRIANGLES, STEPS, DT = 800, TIMES_AT_ONCE, 1e-6  # dt is far below the limit of stability
 LIMIT = 1.3
 ROWS, LIMIT_OF_ROWS = 1000, 1.7
 MOTIONS = {

@@ -1,6 +1,6 @@
 """What terms remember of earlier steps: handed from step to step, kept, and given back."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_steps_that_are_rejected_leave_no_trace(system):
     def push(x, v, t):
         return np.full_like(x, 100.0 if t > 0.05 else 0.0)
 
-    pushed = replace(system, terms=[*system.terms, fc.UserForce(push)])
+    pushed = system.replace(terms=[*system.terms, fc.UserForce(push)])
     adaptive = fc.Adaptive(fc.BackwardEuler(), rtol=0.05)
     start, bound = pushed.rest(), pushed.bound[1]
     record, rejected = bound.start_history(start.x, 0.0), 0
@@ -106,7 +106,7 @@ def test_steps_that_are_rejected_leave_no_trace(system):
 def test_the_ledger_closes_with_what_slips(name, system):
     """The remainder is that of a run without the term, but for a thousandth of the heat."""
     run = {"solver": "direct", "newton": TIGHT}
-    alone = replace(system, terms=[fc.StVK(), fc.Gravity()])
+    alone = system.replace(terms=[fc.StVK(), fc.Gravity()])
     energies, without = (
         fc.run(each, made(name), taut_start(each), 5e-5, STEPS * DT, **run).energies
         for each in (system, alone)
@@ -167,7 +167,7 @@ def test_a_method_without_history_is_refused_only_where_a_term_has_one(steps, sy
     said = r"(step|over_step)\(...\): must take an argument `history`: Sliders remembers"
     with pytest.raises(fc.InputError, match=said):
         next(fc.march(system, steps, start, dt, 0.01))
-    plain = replace(system, terms=[fc.StVK(), fc.Gravity()])
+    plain = system.replace(terms=[fc.StVK(), fc.Gravity()])
     next(fc.march(plain, steps, start, dt, 0.01))
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.nonlinear import iteration
-from fecloth.nonlinear.error_left import BALANCED, ErrorInPlace, ErrorLeft
+from fecloth.nonlinear import steps as steps_module
+from fecloth.nonlinear.error_left import ALLOWED_OF_CONTACT_FORCES, ErrorInPlace, ErrorLeft
 from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.progress import Pause, Progress
+from fecloth.nonlinear.steps import Steps
 from fecloth.simulation.step_history import StepHistory
 
 SHARP = fc.Newton(tolerance=1e-11)
@@ -58,13 +60,17 @@ def test_the_error_left_is_the_rest_of_a_geometric_series(hanging):
 
 @pytest.mark.parametrize(
     ("norm", "push", "known"),
-    [(0.8 * BALANCED, 1.0, True), (1.25 * BALANCED, 1.0, False), (1.0, 0.0, True)],
+    [
+        (0.8 * ALLOWED_OF_CONTACT_FORCES, 1.0, True),
+        (1.25 * ALLOWED_OF_CONTACT_FORCES, 1.0, False),
+        (1.0, 0.0, True),
+    ],
 )
 def test_where_contacts_push_the_residual_is_a_hundredth_of_their_forces(
     hanging, norm, push, known
 ):
     """Where nothing touches, `push` is 0 and nothing is asked of the residual."""
-    assert BALANCED == 0.01
+    assert ALLOWED_OF_CONTACT_FORCES == 0.01
     shape = np.ones((len(hanging.cloth.X), 3))
     left = ErrorLeft(in_time=1.0, push=lambda y: push * y[0, 0])
     for length in (1.0, 1e-3):
@@ -220,7 +226,7 @@ def stiff_strip(bending=1e-4):
 def test_whole_steps_in_a_row_spare_most_iterations(monkeypatch):
     system = stiff_strip()
     short = fc.equilibrium(system, system.rest())
-    monkeypatch.setattr(iteration, "EXPLORED", 0)
+    monkeypatch.setattr(steps_module, "MOST_WHOLE_STEPS", 0)
     long = fc.equilibrium(system, system.rest())
     assert short.iterations < 0.3 * long.iterations
     assert short.factorisations < 0.6 * long.factorisations
@@ -240,29 +246,33 @@ def test_the_default_is_a_hundred_thousandth_from_a_sharper_solution(bending):
 # --- whole steps in a row -------------------------------------------------------------------------
 
 
-def explorer(falls_at, explores=True):
-    """What `explore` needs of an iteration: the potential falls after so many whole steps."""
-    equation = SimpleNamespace(
+NO_PAUSE = Pause()
+
+
+def explorer(falls_at, explores=True, longest=10.0):
+    """Steps of length 1 whose potential falls after so many of them."""
+    steps = object.__new__(Steps)
+    steps.equation = SimpleNamespace(
         potential=lambda y: -1.0 if y[0, 0] >= falls_at else float(y[0, 0] > 0.0),
         explores=explores,
         wx=1.0,
-        longest=10.0,
+        longest=longest,
     )
-    return SimpleNamespace(
-        equation=equation,
-        pause=0,
-        waited=0,
-        remedies=SimpleNamespace(order=("exact",)),
-        at=lambda y, scale: Point(y, y, 1.0, scale),
-        direction=lambda point, remedy: np.ones((1, 3)),
-    )
+    steps.directions = SimpleNamespace(find=lambda *arguments: np.ones((1, 3)), exact=None)
+    steps.at = lambda y, scale: Point(y, y, 1.0, scale)
+    return steps
 
 
-def explored(work, alpha=0.5):
-    """The way of `explore` from 0, and 0 where the end of the search is taken."""
-    start = Point(np.zeros((1, 3)), np.zeros((1, 3)), 1.0, 1.0)
-    point, _ = iteration._Work.explore(work, start, np.ones((1, 3)), (start, alpha))
-    return float(point.y[0, 0])
+def explore(steps, alpha=0.5, pause=NO_PAUSE):
+    """The progress of `explore` from 0, where the search also ended."""
+    point = Point(np.zeros((1, 3)), np.zeros((1, 3)), 1.0, 1.0)
+    searched = Progress(0, point, None, 1.0, length=alpha, pause=pause)
+    return steps.explore(searched, np.ones((1, 3)), searched)
+
+
+def explored(steps, alpha=0.5):
+    """The way of `explore`, and 0 where the end of the search is taken."""
+    return float(explore(steps, alpha).point.y[0, 0])
 
 
 @pytest.mark.parametrize(("falls_at", "way"), [(1, 1), (10, 10), (12, 12), (13, 0), (15, 0)])
@@ -276,16 +286,20 @@ def test_whole_steps_are_tried_only_after_a_shortened_step_of_a_static_equation(
 
 
 def test_after_steps_in_vain_the_search_goes_on_alone_for_1_2_and_4_iterations():
-    work, pauses = explorer(99), []
+    steps = explorer(99)
+    pause = Pause()
+    lengths = []
     for _ in range(3):
-        explored(work)
-        pauses.append(work.pause)
-        while work.pause:
-            explored(work)
-    assert pauses == [1, 2, 4]
+        pause = explore(steps, pause=pause).pause
+        lengths.append(pause.left)
+        while pause.left:
+            pause = explore(steps, pause=pause).pause
+    assert lengths == [1, 2, 4]
+
+
+def test_whole_steps_that_helped_end_the_longer_pauses():
+    assert explore(explorer(1), pause=Pause(left=0, length=4)).pause == NO_PAUSE
 
 
 def test_no_step_is_longer_than_the_cloth():
-    work = explorer(0.5)
-    work.equation.longest = 0.5
-    assert explored(work) == 0.5
+    assert explored(explorer(0.5, longest=0.5)) == 0.5

@@ -5,8 +5,8 @@ import pytest
 
 import fecloth as fc
 from fecloth.nonlinear.context import FactorReuse
-from fecloth.nonlinear.iteration import Remedy
 from fecloth.nonlinear.newton import NewtonFailed, StageEquation
+from fecloth.nonlinear.remedies import Remedy
 from fecloth.simulation.resolve import solver_for
 
 

@@ -92,3 +92,57 @@ def test_a_singular_equation_has_no_derivative(equation):
     A = np.diag([1.0] * 11 + [0.0])
     with pytest.raises(NoDerivative, match="singular"):
         solve_by(A, b, {"poor": 0.2 * np.eye(12)})
+
+
+# --- the numbers, from both sides -----------------------------------------------------------------
+
+
+def corrections_of(sizes, tolerance=0.0):
+    """How many corrections of these sizes are made, and whether the next matrix is taken.
+
+    The unknown is of size 1.
+    """
+    made = []
+    next_matrix = []
+
+    def scripted(r):
+        made.append(sizes[len(made)])
+        return np.array([[made[-1]]])
+
+    def take_next():
+        next_matrix.append(True)
+        return lambda r: np.zeros((1, 1))
+
+    correct(
+        residual=lambda y: y,
+        y=np.zeros((1, 1)),
+        solvers={"scripted": lambda: scripted, "next": take_next},
+        known={},
+        size_of=lambda y: 1.0,
+        tolerance=tolerance,
+        floor=0.0,
+    )
+    return len(made), bool(next_matrix)
+
+
+def test_a_matrix_makes_twelve_corrections():
+    assert corrections_of([0.4**n for n in range(20)]) == (12, True)
+
+
+@pytest.mark.parametrize(("contraction", "is_round_off"), [(0.8 * 0.2, True), (1.25 * 0.2, False)])
+def test_corrections_of_a_good_matrix_that_no_longer_shrink_are_round_off(
+    contraction, is_round_off
+):
+    assert corrections_of([1.0, contraction, 0.9 * contraction]) == (3, not is_round_off)
+
+
+@pytest.mark.parametrize(("part", "is_round_off"), [(0.8, True), (1.25, False)])
+def test_corrections_of_a_millionth_that_no_longer_shrink_are_round_off(part, is_round_off):
+    size = part * 1e-6
+    assert corrections_of([4 * size, 1.2 * size, size]) == (3, not is_round_off)
+
+
+@pytest.mark.parametrize(("part", "count"), [(0.8, 2), (1.25, 1)])
+def test_the_first_correction_counts_as_of_a_contraction_of_03(part, count):
+    """The error left is then 0.3/0.7 of it; the second correction here is none."""
+    assert corrections_of([1.0, 0.0], tolerance=part * 0.3 / 0.7) == (count, False)

@@ -1,14 +1,17 @@
 """Newton's iteration: convergence, indefinite tangents, its stopping rule."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import affine, flat, rough
 
 import fecloth as fc
-from fecloth.nonlinear.iteration import Remedy, _Work, iterate
+from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.newton import NewtonFailed, StageEquation
+from fecloth.nonlinear.remedies import Remedy
+from fecloth.nonlinear.steps import Steps
 from fecloth.simulation.resolve import solver_for
 
 # steps are coarse and meshes small by intent
@@ -45,7 +48,7 @@ def residuals(system, method, state, dt, guess, count=6):
     options = fc.Newton(tolerance=1e-13, reuse=False, max_iterations=count)
     solver, _ = solver_for(system, method, dt, "direct", options)
     equation = StageEquation(system, method.stage(state, dt), "on_failure")
-    points = [_Work(equation, solver).at(guess, 0.0)]
+    points = [Steps(equation, solver).at(guess, 0.0)]
     with contextlib.suppress(NewtonFailed):
         iterate(equation, solver, guess, report=lambda progress: points.append(progress.point))
     return np.array([point.norm / point.scale for point in points])
@@ -117,28 +120,28 @@ def turning(sheet, isotropic, damping):
     x = 1.01 * flat(sheet)
     stage = fc.BackwardEuler().stage(system.state(x, np.cross([0.0, 0.0, 5.0], x)), 0.05)
     solver, _ = solver_for(system, fc.BackwardEuler(), 0.05, "direct")
-    work = _Work(StageEquation(system, stage, "on_failure"), solver)
-    start = work.at(np.zeros_like(x), 0.0)
-    return work, start, work.direction(start, Remedy(0.0, False))
+    steps = Steps(StageEquation(system, stage, "on_failure"), solver)
+    start = replace(steps.begin(np.zeros_like(x)), least_norm=0.0)
+    return steps, start, steps.directions.find(start.point, Remedy(0.0, False))
 
 
 def test_the_search_cuts_a_step_that_is_too_long_for_the_potential(sheet, isotropic):
-    work, start, step = turning(sheet, isotropic, [])
-    new, _ = work.search(start, 40 * step, 0.0)
+    steps, start, step = turning(sheet, isotropic, [])
+    new, _ = steps.search_along(start, 40 * step)
     taken = np.linalg.norm(new.y) / np.linalg.norm(step)
     assert 0 < taken < 20
-    potential = work.equation.potential
-    assert potential(new.y) < potential(start.y)
-    assert potential(40 * step) > potential(start.y)
+    potential = steps.equation.potential
+    assert potential(new.y) < potential(start.point.y)
+    assert potential(40 * step) > potential(start.point.y)
 
 
 def test_the_search_cuts_a_step_at_whose_end_the_residual_pushes_back(sheet, isotropic):
-    work, start, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01, rate="velocity")])
+    steps, start, step = turning(sheet, isotropic, [fc.StrainRateDamping(0.01, rate="velocity")])
     long = 8 * step
-    new, _ = work.search(start, long, 0.0)
+    new, _ = steps.search_along(start, long)
     assert 0 < np.linalg.norm(new.y) / np.linalg.norm(step) < 8
-    there, _ = work.equation.residual(long, start.scale)
-    assert np.vdot(new.R, long) <= 0.8 * abs(np.vdot(start.R, long)) < np.vdot(there, long)
+    there, _ = steps.equation.residual(long, start.point.scale)
+    assert np.vdot(new.R, long) <= 0.8 * abs(np.vdot(start.point.R, long)) < np.vdot(there, long)
 
 
 @pytest.mark.parametrize("damping", [[], [fc.StrainRateDamping(0.02)]], ids=["free", "damped"])
@@ -152,9 +155,9 @@ def test_good_steps_may_increase_the_residual(damping, arc):
 
 
 def test_an_uphill_direction_is_no_improvement(sheet, isotropic):
-    work, start, step = turning(sheet, isotropic, [])
-    assert np.vdot(start.R, step) < 0
-    assert work.search(start, -1e-3 * step, 0.0) is None
+    steps, start, step = turning(sheet, isotropic, [])
+    assert np.vdot(start.point.R, step) < 0
+    assert steps.search_along(start, -1e-3 * step) is None
 
 
 @pytest.mark.parametrize("dt", [1e-7, 1e-5, 1e-3])

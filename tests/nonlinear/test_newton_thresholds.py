@@ -14,12 +14,15 @@ import fecloth as fc
 from fecloth.errors import IndefiniteMatrix
 from fecloth.linalg.protocol import SolveInfo
 from fecloth.nonlinear import increments as statics
+from fecloth.nonlinear import static_equation
 from fecloth.nonlinear.context import FactorReuse, SolverContext
-from fecloth.nonlinear.equation import Remedies, Remedy, largest_step
+from fecloth.nonlinear.equation import largest_step
 from fecloth.nonlinear.error_left import ErrorLeft
-from fecloth.nonlinear.iteration import RemedySearch, iterate
+from fecloth.nonlinear.iteration import iterate
 from fecloth.nonlinear.line_search import Point, find_step
 from fecloth.nonlinear.newton import MULTIPLES, REMEDIES
+from fecloth.nonlinear.remedies import Remedies, Remedy, RemedySearch
+from fecloth.nonlinear.static_equation import StaticEquation
 from fecloth.nonlinear.statistics import Counts
 
 SUMS = SimpleNamespace(norm=np.linalg.norm, dot=np.vdot, rms=lambda mass, s: np.linalg.norm(s))
@@ -84,29 +87,25 @@ class Script:
         return iterate(self, context, np.array([[start]]), least=1, report=self.report)[1]
 
 
-def numbers_to_try(search):
-    return [number for number, _ in search.to_try()]
-
-
 def test_definite_remedies_begin_with_the_second_and_then_one_before_the_last_taken():
     order = (Remedy(0.0, False), *(Remedy(4.0**n, True) for n in range(5)))
-    search = RemedySearch(Remedies(order, second=3))
-    assert numbers_to_try(search) == [0, 3, 4, 5]
-    search.take(5)
-    assert numbers_to_try(search) == [0, 4, 5]
-    search.take(1)
-    assert numbers_to_try(search) == [0, 1, 2, 3, 4, 5]
+    search = RemedySearch.begin(Remedies(order, second=3))
+    assert search.to_try() == [0, 3, 4, 5]
+    search = search.take(5)
+    assert search.to_try() == [0, 4, 5]
+    search = search.take(1)
+    assert search.to_try() == [0, 1, 2, 3, 4, 5]
 
 
 def test_after_mass_was_added_the_next_weaker_remedy_is_tried_first():
     count, clamped = len(REMEDIES["on_failure"]), len(MULTIPLES)
-    search = RemedySearch(Remedies(REMEDIES["on_failure"], clamped=clamped))
-    assert numbers_to_try(search) == [0, clamped, *range(1, count)]
-    search.take(3)
-    assert numbers_to_try(search) == list(range(2, count))
+    search = RemedySearch.begin(Remedies(REMEDIES["on_failure"], clamped=clamped))
+    assert search.to_try() == [0, clamped, *range(1, count)]
+    search = search.take(3)
+    assert search.to_try() == list(range(2, count))
     for _ in range(4):
-        search.take(clamped)
-    assert numbers_to_try(search) == [0, *range(2, count)]
+        search = search.take(clamped)
+    assert search.to_try() == [0, *range(2, count)]
 
 
 def half_square(y):
@@ -358,3 +357,15 @@ def test_where_small_loads_have_no_solution_all_are_tried_at_once(monkeypatch):
 
 def test_without_an_estimate_auto_ends_at_a_residual_of_1e_6():
     assert fc.Newton().residual == 1e-6
+
+
+@pytest.mark.parametrize(("slack", "is_told"), [(8, False), (12, True)])
+def test_with_contact_a_tenth_of_the_triangles_may_be_slack(slack, is_told, monkeypatch):
+    stretches = np.where(np.arange(100) < slack, 0.9, 1.1)[:, None] * np.ones(2)
+    monkeypatch.setattr(static_equation, "principal_stretches", lambda cloth, x: stretches)
+    cloth = fc.Cloth.rectangle(0.5, 0.5, 0.25, "right")
+    plane = fc.Obstacle(fc.shapes.Plane((0, 0, -1), (0, 0, 1)), 1e-3)
+    system = fc.System(cloth, fc.Fabric(0.2, 100.0), [fc.StVK(), plane])
+    start = system.rest()
+    failure = StaticEquation(system, start).failure("why", Point(start.x, start.x, 1.0, 1.0), 1.0)
+    assert ("triangles are slack" in str(failure)) == is_told

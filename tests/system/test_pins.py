@@ -8,7 +8,7 @@ from conftest import flat
 
 import fecloth as fc
 from fecloth.integrators import METHODS
-from fecloth.system.constraints import AT_ONCE, Constraints, MotionRows
+from fecloth.system.constraints import TIMES_AT_ONCE, Constraints, MotionRows
 from fecloth.system.pins import Motion
 
 # steps are coarse and meshes small by intent
@@ -192,7 +192,7 @@ def test_formulas_are_evaluated_for_many_steps_at_once(dt, method, small, isotro
     calls.clear()
     taken = [opened, *itertools.islice(march, 299)]
     states, infos = zip(*taken, strict=True)
-    assert 3 <= len(calls) <= 2 * (2 + 300 // AT_ONCE + (300 // 16 if dt is None else 0))
+    assert 3 <= len(calls) <= 2 * (2 + 300 // TIMES_AT_ONCE + (300 // 16 if dt is None else 0))
     at = infos[199]
     going = fc.march(system, method, at.result.state, dt, 1.0, memory=at.memory)
     again = [state.x for state, _ in itertools.islice(going, 100)]

@@ -1,7 +1,6 @@
 """`BendingFriction` in runs: heat, steps in time and of loads, explicit limits, scenes."""
 
 import warnings
-from dataclasses import replace
 from itertools import pairwise
 
 import meshio
@@ -269,7 +268,7 @@ def test_adaptive_steps_begin_each_attempt_from_the_same_record():
         return x[:, :1] * [0, 0, 3.0 if t > 0.05 else 0.0]
 
     plain = strip(0.02 * HB, n=4)
-    system = replace(plain, terms=[*plain.terms[:3], fc.UserForce(push)])
+    system = plain.replace(terms=[*plain.terms[:3], fc.UserForce(push)])
     adaptive, bound, rejected = fc.Adaptive(fc.BackwardEuler(), rtol=0.05), system.bound[2], 0
     start = system.rest()
     record = bound.start_history(start.x, 0.0)

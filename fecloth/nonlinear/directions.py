@@ -1,0 +1,133 @@
+"""Newton's directions: J s = −R for the matrix of a remedy, and what the solves cost."""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fecloth.errors import SolveFailed
+from fecloth.linalg.block_matrix import BlockMatrix
+from fecloth.linalg.low_rank_update import solve_updated
+from fecloth.nonlinear.context import SolverContext
+from fecloth.nonlinear.equation import Equation
+from fecloth.nonlinear.line_search import Point
+from fecloth.nonlinear.remedies import Remedy
+
+# Relative residual of solves whose matrix is not the exact one, with contact, and of refined
+# directions. The error of such a matrix is larger, so that a sharper solve gains nothing.
+ROUGH_RESIDUAL = 0.1
+MOST_REFINEMENTS = 30  # iterations of conjugate gradients; each costs a solve with the factor
+
+
+@dataclass
+class Costs:
+    """What the solves cost so far; `Counts` explains the figures.
+
+    Attributes
+    ----------
+    linear
+        Iterations of the linear solver.
+    modified
+        Matrices with clamped tangents or with mass added.
+    factorisations
+        Matrices that were assembled.
+    reused_solves
+        Solves with the factor of an earlier matrix.
+    seconds
+        Of assembly, factorisation and solution [s].
+    """
+
+    linear: int = 0
+    modified: int = 0
+    factorisations: int = 0
+    reused_solves: int = 0
+    seconds: dict[str, float] = field(
+        default_factory=lambda: {"assemble": 0.0, "factor": 0.0, "solve": 0.0}
+    )
+
+
+class Directions:
+    """The matrix and the linear solver of one iteration. `goal` is its relative residual."""
+
+    def __init__(self, equation: Equation, context: SolverContext, goal: float):
+        self.equation = equation
+        self.system = equation.system
+        self.options = context.options
+        self.factor_reuse = context.factor_reuse
+        self.linear_solver, self.matrix = context.matrix_solver()
+        self.goal = goal
+        self.exact = equation.remedies.order[0]
+        self.costs = Costs()
+
+    def find(self, point: Point, remedy: Remedy) -> np.ndarray:
+        """s = −J⁻¹ R with a remedy, from a new matrix; raise `SolveFailed` where it fails."""
+        begin = time.perf_counter()
+        self.factor_reuse.key = None  # the old factor is lost, also if this fails
+        self.equation.assemble(point.y, remedy, self.matrix)
+        self.costs.modified += remedy.definite or remedy.shift > 0
+        self.costs.factorisations += 1
+        self.costs.seconds["assemble"] += time.perf_counter() - begin
+        self.linear_solver.prepare(self.equation.couple(point.y, remedy, self.matrix))
+        is_rough = self.equation.takes_short_solves and remedy != self.exact
+        least = ROUGH_RESIDUAL if is_rough else 0.0
+        step = self._solve(point, least, is_new=True)
+        self.factor_reuse.record_factor(self.equation.key(remedy), self.linear_solver)
+        return step
+
+    def find_with_old_factor(self, point: Point, remedy: Remedy) -> np.ndarray | None:
+        """−J⁻¹ R with the factor of an earlier J; None if there is none for this remedy."""
+        key = self.equation.key(remedy)
+        may_reuse = self.options.reuse and point.norm > 0
+        if not (may_reuse and self.factor_reuse.is_usable(key, self.linear_solver)):
+            return None
+        try:
+            step = self._solve(point)
+        except SolveFailed:  # a factor too poor for refinement
+            self.factor_reuse.drop()
+            return None
+        self.costs.reused_solves += 1
+        return step
+
+    def refine(self, point: Point, step: np.ndarray) -> np.ndarray:
+        """The step of the exact matrix, by conjugate gradients with the factor that made `step`.
+
+        A direction without positive curvature ends them and is the result (Nocedal and Wright
+        2006, algorithm 7.1). With the definite matrix alone wrinkled sheets converge slowly.
+        """
+        K = BlockMatrix.zeros(self.matrix.pattern, self.system.team)
+        self.equation.assemble(point.y, self.exact, K)
+        K = self.equation.couple(point.y, self.exact, K)
+        updates = self.equation.updates(point.y)
+        dot = self.system.sums.dot
+        project = self.system.constraints.project
+        s = np.zeros_like(step)
+        r = -point.R
+        z = step
+        p = step
+        rz = dot(r, z)
+        for _ in range(MOST_REFINEMENTS):
+            q = project(K @ p + sum(c * dot(u, p) * u for c, u in updates))
+            curvature = dot(p, q)
+            if curvature <= 0:
+                return p
+            s = s + rz / curvature * p
+            r = r - rz / curvature * q
+            if self.system.sums.norm(r) <= ROUGH_RESIDUAL * point.norm:
+                break
+            solved, _ = solve_updated(self.linear_solver, updates, r, ROUGH_RESIDUAL)
+            z = project(solved)
+            rz_before = rz
+            rz = dot(r, z)
+            p = z + rz / rz_before * p
+        return s
+
+    def _solve(self, point: Point, least: float = 0.0, is_new: bool = False) -> np.ndarray:
+        """−J⁻¹ R for the prepared J, to the option `forcing` or to `least`, if that is more."""
+        enough = 0.5 * (self.goal * point.scale) / point.norm
+        rtol = min(0.5, max(self.options.forcing, enough, least))
+        updates = self.equation.updates(point.y)
+        step, infos = solve_updated(self.linear_solver, updates, -point.R, rtol)
+        self.costs.linear += sum(info.iterations for info in infos)
+        self.costs.seconds["factor"] += infos[0].seconds_factor if is_new else 0.0
+        self.costs.seconds["solve"] += sum(info.seconds_solve for info in infos)
+        return self.system.constraints.project(step)
