@@ -195,18 +195,17 @@ class BoundStrainRate(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D; if `definite`, the symmetric part with S_v raised to zero."""
         nodes, A, w, moduli, rest = self.elements
-        more: tuple[Array, ...] = ()
-        others: tuple[Any, ...] = x, v, wx, wv
+        arrays: tuple[Array, ...] = (nodes, self.loop.slots, A, w, moduli, rest)
+        shape = self.strain.shape
         if definite:
             add = self.kernels.add_definite_tangent
-            more = self.strain.definite_arrays
+            arrays = (*arrays[:-1], *self.strain.definite_arrays, rest)
+            call = by_part(add, shape, arrays, x, v, wx, wv)
         elif self.symmetric:
-            add = self.kernels.add_tangent
+            call = by_part(self.kernels.add_tangent, shape, arrays, x, v, wx, wv)
         else:
-            add = self.kernels.add_mixed_tangent
-            others = x, v, v, wx, wv, wx
-        arrays = nodes, self.loop.slots, A, w, moduli, *more, rest
-        self.loop.add_blocks(by_part(add, self.strain.shape, arrays, *others), J)
+            call = by_part(self.kernels.add_mixed_tangent, shape, arrays, x, v, v, wx, wv, wx)
+        self.loop.add_blocks(call, J)
 
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes

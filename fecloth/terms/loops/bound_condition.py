@@ -171,8 +171,19 @@ class BoundCondition(BoundTerm):
         arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
         geometric = self.hessian == "exact"
         mixed = not self.symmetric and not definite
-        others = x, v, float(wx), float(wv), geometric, definite, mixed
-        self.loop.add_blocks(by_part(self.kernels.add_tangent, self.shape, arrays, *others), J)
+        call = by_part(
+            self.kernels.add_tangent,
+            self.shape,
+            arrays,
+            x,
+            v,
+            float(wx),
+            float(wv),
+            geometric,
+            definite,
+            mixed,
+        )
+        self.loop.add_blocks(call, J)
 
 
 @dataclass(frozen=True, eq=False)

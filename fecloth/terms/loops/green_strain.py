@@ -67,18 +67,18 @@ def strain_rate(F: Six, H: Six) -> Three:
 
 
 @inner
-def clamp(S: Three, floor: float) -> Three:
-    """Raise the principal values of S to `floor` (0: positive semi-definite; −inf: S itself)."""
+def clamp(S: Three) -> Three:
+    """Raise the principal values of S to zero, so that S is positive semi-definite."""
     S11, S22, S12 = S
     mean = 0.5 * (S11 + S22)
     half_difference = 0.5 * (S11 - S22)
     radius = math.sqrt(half_difference * half_difference + S12 * S12)
-    if mean - radius >= floor:
+    if mean - radius >= 0.0:
         return S
-    if mean + radius <= floor:
-        return floor, floor, 0.0
-    # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
-    increase = floor - (mean - radius)
+    if mean + radius <= 0.0:
+        return 0.0, 0.0, 0.0
+    # only the smaller value s₂ = mean − radius is negative: S − s₂ n₂ ⊗ n₂
+    increase = radius - mean
     c = half_difference / radius
     s = S12 / radius
     return (

@@ -65,7 +65,8 @@ class PointwiseStrain:
     rest: np.ndarray
 
     nbytes = 0  # it has no arrays of its own
-    definite_arrays: ClassVar[tuple[Array, ...]] = ()  # more arguments of the definite tangent
+    # The definite tangent takes no more arrays than the others, unlike the one of `ReggeStrain`.
+    definite_arrays: ClassVar[tuple[Array, ...]] = ()
 
     @classmethod
     def of_panel(cls, panel: Panel) -> Self:

@@ -22,8 +22,9 @@ With δE = Σ B_a δx_a the templates compute
     f_a    = −Σ w P G_a,   P = F S
     K_ab   =  Σ w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃)
 
-The scatter functions are called here by name, and only small functions are inserted: a compiled
-function between a template and `gradient` or `scatter_symmetric` costs 15 to 150 % more time.
+The scatter functions are called here by name, and only small functions are inserted: with a
+compiled function between a template and `gradient` or `scatter_symmetric`, `StVK` took up to 1.4
+times the time on P1 and 2.6 times on P2, also with ``inline="always"`` (1.2 and 2.0 times).
 """
 
 import numpy as np
@@ -140,7 +141,7 @@ def add_definite_tangent(
             F = gradient(per_node, nodes, G, e, q, x)
             E = strain(F, rate_gradient(per_node, nodes, G, e, q, v), rest, e, q)
             _, S, C = law(E, c[e])
-            tension = clamp(S, 0.0)
+            tension = clamp(S)
             geometric = wx * w[e, q]
             material = wv * w[e, q]
             scatter_symmetric(per_node, slots, G, e, q, geometric, material, F, tension, C, J)

@@ -149,7 +149,7 @@ def add_definite_tangent(
             _, S, C = law(E, c[e])
             scatter_material(slots, e, wv * w[e, q], B, C, B, T, J)
             add_sample_stress(samples[e], q, w[e, q], S, sigma)
-        tension = clamp((sigma[6], sigma[7], 0.5 * sigma[8]), 0.0)
+        tension = clamp((sigma[6], sigma[7], 0.5 * sigma[8]))
         scatter_tension(slots, e, wx, sigma, slopes[e], tension, gradients[e], J)
 
 
