@@ -166,8 +166,9 @@ def _barycentric_gradients(corners: np.ndarray) -> np.ndarray:
     """(m, 3, 2) gradients of the barycentric coordinates of triangles (m, 3, 2)."""
     e = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
     double_area = e[:, 0, 0] * e[:, 1, 1] - e[:, 0, 1] * e[:, 1, 0]
-    turned: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1)
-    return turned / double_area[:, None, None]
+    gradients: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1)
+    gradients /= double_area[:, None, None]
+    return gradients
 
 
 def _gradients(points: np.ndarray, g: np.ndarray) -> np.ndarray:
