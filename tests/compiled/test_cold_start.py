@@ -22,7 +22,7 @@ fc.run(system, fc.BDF2(), system.rest(), dt=0.005, t_end=0.05)
 """
 KERNELS = {
     # the terms
-    "membrane_loops": {"energy", "add_force", "add_tangent", "add_moduli", "add_stress"},
+    "pointwise_loops": {"energy", "add_force", "add_tangent", "add_moduli", "add_stress"},
     "plate_loops": {"add_curvatures", "add_force", "add_measures", "add_products"}
     | {"fill_gradients", "fill_rows", "sum_products"},
     "dihedral_angle": {"angles"},

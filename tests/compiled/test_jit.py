@@ -27,7 +27,7 @@ K, Q, nodes = (0, 0, 0), (0,), np.array([[0, 1, 2]], np.int32)
 G = np.array([[[[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]]])
 c = np.broadcast_to([100.0, 100.0, 50.0, 0.0, 0.0, 0.0], (1, 6))
 x = np.array([[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 1.0, 0.0]])
-energy = stvk.KERNELS.energy(K, Q, nodes, G, np.array([[0.5]]), c, np.zeros((1, 1, 3)), x)
+energy = stvk.KERNELS.energy(K, Q, nodes, G, np.array([[0.5]]), c, np.zeros((1, 1, 3)), x, x)
 pattern = blocks.BlockPattern.union(3, [nodes])
 stats = [kernel.stats for kernel in (stvk.KERNELS.energy, blocks._find_slots)]
 pattern.slots(nodes)
@@ -67,7 +67,7 @@ def test_second_process_compiles_only_after_a_source_changed(copy, tmp_path):
     expected = 0.5 * 0.5 * 100 * 0.625**2  # A ½ Y E₁₁² at a stretch of 1.5
     assert first["energy"] == second["energy"] == pytest.approx(expected, rel=1e-14)
     # the loop is not in the law's file: Numba alone would go on with the old machine code
-    loop = copy / "terms" / "loops" / "membrane_loops.py"
+    loop = copy / "terms" / "loops" / "pointwise_loops.py"
     text = loop.read_text(encoding="utf-8")
     assert text.count("total += w[e, q] * W\n") == 1
     changed = text.replace("total += w[e, q] * W\n", "total += 3.0 * w[e, q] * W\n")

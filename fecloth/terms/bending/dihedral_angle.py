@@ -1,18 +1,18 @@
 """Dihedral angle of a hinge, its gradient and its Hessian.
 
-Edge e = x₁ − x₀, arms a = x₂ − x₀ to the left and b = x₃ − x₀ to the right. In the left
-triangle ê, m = n̂ × ê and the normal n̂ = e × a/|e × a| are a right-handed frame and a = s e +
-h m with the height h; seen from the right triangle b = s e + h m with n̂ = b × e/|b × e| and m
-= ê × n̂. Then
+The edge is e = x₁ − x₀, and the arms are a = x₂ − x₀ to the left and b = x₃ − x₀ to the right.
+In the left triangle ê, m = n̂ × ê and the normal n̂ = e × a/|e × a| are a right-handed frame,
+and a = s e + h m with the height h. In the right triangle b = s e + h m with n̂ = b × e/|b × e|
+and m = ê × n̂. Then
 
-    θ = atan2(ê · (n̂_b × n̂_a), n̂_a · n̂_b)      > 0 where the cloth rises from the edge on both sides
+    θ = atan2(ê · (n̂_b × n̂_a), n̂_a · n̂_b)
     ∂θ/∂a = n̂_a / h_a,   ∂θ/∂b = n̂_b / h_b,   ∂θ/∂e = −s_a ∂θ/∂a − s_b ∂θ/∂b
 
-which is the gradient as in Bridson, Marino and Fedkiw (2003), Simulation of Clothing with
-Folds and Wrinkles, section 4, up to its scale. Differentiated once more (the second
-derivatives are the ones of Tamstorf and Grinspun 2013, Discrete bending forces and their
-Jacobians, in another basis), with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g its ∂θ/∂a
-or ∂θ/∂b,
+θ is positive where the cloth rises from the edge on both sides. The gradient is as in Bridson,
+Marino and Fedkiw (2003), Simulation of Clothing with Folds and Wrinkles, section 4, up to its
+scale. The second derivatives follow, with A = −(n̂ mᵀ + m n̂ᵀ)/h² in either triangle and g =
+∂θ/∂a or ∂θ/∂b there. They are the derivatives of Tamstorf and Grinspun (2013), Discrete bending
+forces and their Jacobians, in another basis:
 
     ∂²θ/∂a²   = A_a,       ∂²θ/∂b² = A_b,       ∂²θ/∂a∂b = 0
     ∂²θ/∂a∂e  = −s A − ê gᵀ/|e|                                            likewise for b
@@ -132,7 +132,7 @@ def hessian(e, left, right, H):
 
 @inner
 def condition(y, c, order, C, g, H):
-    """C = θ − θ₀ with c = (θ₀,), as the condition loop takes it."""
+    """C = θ − θ₀ with c = (θ₀,), in the form of `fecloth.terms.loops.condition`."""
     e, a, b = arms(y)
     C[0] = angle(e, a, b) - c[0]
     if order > 0:
@@ -155,7 +155,7 @@ def angles(nodes, x, out):
 
 
 def _measure(theta):
-    """μ, dμ/dθ and d²μ/dθ² at θ in (−π, π]."""
+    """μ, dμ/dθ and d²μ/dθ² at θ in (−π, π]; see `fold_measure`."""
     if abs(theta) <= RIGHT_ANGLE:
         return theta, 1.0, 0.0
     sign = math.copysign(1.0, theta)

@@ -1,4 +1,4 @@
-"""Friction between the threads of a fabric that bends, on the curvature of a plate's triangles."""
+"""Friction between the threads of a fabric that bends, on the curvature of a plate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,8 @@ from fecloth.terms.step_difference import StepDifference
 from fecloth.terms.traits import BOTH, DAMPING
 
 NAME = "BendingFriction"
-LOAD_STEPS = 20  # the least of an equilibrium, over which κ_s follows
+LOAD_STEPS = 20
+"""Least number of load steps of an equilibrium: κ_s follows the path only from step to step."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,10 @@ class BendingFriction:
     ``dissipated:BendingFriction``. `fecloth.terms.bending.sliders` has the law, and the page
     fecloth/terms/bending/FRICTION.md says when it matters.
 
-    At the start κ_s = κ: there is no moment, but in a run that starts from an `Equilibrium`,
-    which has its κ_s. The place of rest depends on the way there, not on the time it takes. An
-    equilibrium takes at least 20 load steps, in which κ_s follows.
+    At the start κ_s = κ, so that there is no moment. Only a run that starts from an
+    `Equilibrium` begins with the κ_s of that equilibrium. The place of rest depends on the way
+    there, not on the time it takes. An equilibrium takes at least 20 load steps, in which κ_s
+    follows.
 
     Source: Grosberg (1966), The mechanical properties of woven fabrics, part II: the bending
     of woven fabrics, Textile Research Journal 36, for a moment of friction beside the elastic
@@ -61,8 +63,8 @@ class BendingFriction:
     Parameters
     ----------
     stiffness
-        m > 0 [-]: the slider is m times as stiff as the fabric before it slips, at the curvature
-        HB/(m B).
+        m > 0 [-]: before it slips, the slider is m times as stiff as the fabric. It slips at
+        the curvature HB/(m B).
 
     Raises
     ------
@@ -99,25 +101,44 @@ class BendingFriction:
 @remembered
 @dataclass(frozen=True, eq=False)
 class SlidCurvature:
-    """How far the sliders of `BendingFriction` have slid."""
+    """How far the sliders of `BendingFriction` have slid.
 
-    # (m, p, 3) κ_s as (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft [1/m]; p is 1, on P2 the 4 parts
+    Attributes
+    ----------
+    curvature
+        (m, p, 3) κ_s as (κ₁₁, κ₂₂, 2κ₁₂) along warp and weft [1/m]. p is 1, and on P2 4, for
+        the parts of a triangle.
+    """
+
     curvature: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """κ = R μ: the curvatures of m triangles along warp and weft as sums of the hinges' angles."""
+    """κ = R μ: the curvatures of m triangles along warp and weft, from the hinges' angles.
 
-    matrix: sparse.csr_matrix  # (3m, h) R [1/m]
-    transposed: sparse.csr_matrix  # (h, 3m) Rᵀ
-    by_triangle: sparse.bsr_matrix  # R in blocks (3, 1)
-    by_hinge: sparse.bsr_matrix  # Rᵀ in blocks (1, 3)
+    Attributes
+    ----------
+    matrix
+        (3m, h) R [1/m].
+    transposed
+        (h, 3m) Rᵀ.
+    by_triangle
+        R in blocks (3, 1).
+    by_hinge
+        Rᵀ in blocks (1, 3).
+    """
+
+    matrix: sparse.csr_matrix
+    transposed: sparse.csr_matrix
+    by_triangle: sparse.bsr_matrix
+    by_hinge: sparse.bsr_matrix
 
     @classmethod
     def make(cls, R: sparse.csr_matrix) -> "Curvature":
+        """The curvatures with this matrix R."""
         T = R.T.tocsr()
-        return cls(R, T, R.tobsr((3, 1)), T.tobsr((1, 3)))
+        return cls(matrix=R, transposed=T, by_triangle=R.tobsr((3, 1)), by_hinge=T.tobsr((1, 3)))
 
     def __call__(self, mu: np.ndarray) -> np.ndarray:
         """(m, 3) κ [1/m] of the measures μ (h,)."""
@@ -133,7 +154,7 @@ class Curvature:
         return pattern
 
     def products(self, H: np.ndarray, Q: sparse.csr_matrix, loop: SharedLoop) -> np.ndarray:
-        """The entries of Rᵀ H R with H (m, 3, 3) of the triangles, in the order of those of Q."""
+        """The entries of Rᵀ H R in the order of Q's entries; H (m, 3, 3) of the triangles."""
         entries = np.empty(Q.nnz)
         T = self.by_hinge
         R = self.by_triangle
@@ -141,9 +162,11 @@ class Curvature:
         right = R.data.reshape(-1, 3)
 
         def call(part: slice) -> Call:
-            rows = pointers(Q, part), Q.indices, pointers(T, part), T.indices, left
+            rows = pointers(Q, part), Q.indices
+            of_hinge = pointers(T, part), T.indices, left
+            of_triangle = R.indptr, R.indices, right
             work = np.empty(Q.shape[0], np.int64)
-            return plate_loops.fill_products, (*rows, R.indptr, R.indices, right, H, work, entries)
+            return plate_loops.fill_products, (*rows, *of_hinge, *of_triangle, H, work, entries)
 
         loop.each(call)
         return entries
@@ -151,15 +174,33 @@ class Curvature:
 
 @dataclass(frozen=True, eq=False)
 class BoundFriction(BoundTerm):
-    """`BendingFriction` on a cloth; without a record, before a run, no slider has a moment."""
+    """`BendingFriction` on a cloth.
 
-    plate: PlateAngles  # its matrix couples the hinges of each triangle
+    Attributes
+    ----------
+    plate
+        The hinge angles; its matrix has an entry for each two hinges of one triangle.
+    curvature
+        The curvature from these angles.
+    sliders
+        The sliders of the triangles, on P2 of their parts.
+    area
+        (m,) The areas of the triangles, on P2 of their parts [m²].
+    loop
+        The loop over the triangles.
+    slid
+        How far the sliders have slid. None before a run: then no slider has a moment.
+    end
+        The time at the end of the step, for the term over a step [s].
+    """
+
+    plate: PlateAngles
     curvature: Curvature
     sliders: Sliders
-    area: np.ndarray  # (m,) of the triangles, on P2 of their parts [m²]
-    loop: SharedLoop  # over the triangles
+    area: np.ndarray
+    loop: SharedLoop
     slid: SlidCurvature | None = None
-    end: float = 0.0  # time [s] at the end of the step, over a step
+    end: float = 0.0
 
     name = NAME
     symmetric = has_energy = True
@@ -171,7 +212,7 @@ class BoundFriction(BoundTerm):
 
     @property
     def acts(self) -> bool:
-        """Whether a fabric has a hysteresis."""
+        """Whether one of the fabrics has a hysteresis."""
         return bool(self.sliders.moments.any())
 
     dissipative = needs_path = acts
@@ -219,7 +260,10 @@ class BoundFriction(BoundTerm):
         self.plate.add_force(self._moments(mu), g, f, self.curvature.transposed)
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx (Gᵀ Rᵀ A φ″ R G + Σ m ∂²μ/∂x∂x), G = ∂μ/∂x; `definite` drops the second part."""
+        """J += wx (Gᵀ Rᵀ A φ″ R G + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x.
+
+        `definite` leaves out the second part.
+        """
         if not self.acts:
             return
         mu, g = self.plate.gradients(x, t)
@@ -263,7 +307,10 @@ class BoundFriction(BoundTerm):
         return self._record(self.slid.curvature.reshape(-1, 3) + e - self.sliders.left(e))
 
     def cells(self, x: np.ndarray, t: float) -> dict[str, np.ndarray]:
-        """κ_s [1/m] and the moment of the sliders [N], (11, 22, 12); on P2 means of the parts."""
+        """κ_s [1/m] and the moments of the sliders [N], both as (11, 22, 12).
+
+        On P2 they are the means of a triangle's parts.
+        """
         if self.slid is None:
             return {}
         moment = self._record(self.sliders.moment(self.elastic(self.plate.measures(x, t))))

@@ -20,8 +20,6 @@ from fecloth.terms.loops.bound_condition import RigidCondition
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.traits import HINGES
 
-CONVEX = (0,)  # one component, whose ∂²θ is indefinite
-
 
 @dataclass(frozen=True)
 class HingeBending:
@@ -46,9 +44,9 @@ class HingeBending:
     differ in fabric or grain, they bend in series under one moment: (A₁ + A₂)/B = A₁/B(1) +
     A₂/B(2).
 
-    **It does not carry B, and refinement does not help.** What it carries depends on the mesh
-    and on what keeps the cloth from curving across; on the regular patterns it is known
-    (`bending_tensor`), on others it must be measured. B_eff/B along X:
+    **The cloth does not have the rigidity B, and refinement does not help.** Its rigidity B_eff
+    depends on the mesh, and on what keeps the cloth from curving across. On the regular
+    patterns B_eff is known (`bending_tensor`), on others it must be measured. B_eff/B along X:
 
         pattern                             right    cross    equilateral    unstructured
         derived: narrow strip, free edges   0.80     1.00     0.89           -
@@ -56,15 +54,15 @@ class HingeBending:
         cantilever, width/length 0.25       0.83     1.11     0.93           0.93
         cantilever, width/length 2          0.92     1.29     0.99           0.98
 
-    (`studies/models/hinge_bias.py`). `right` also couples bending and twist. On equilateral
-    meshes, and nearly on meshes of Gmsh, Poisson's ratio of bending is −1/3, whatever the
-    fabric's: a simply supported disk sags 40 % too far for ν = 0. `PlateBending` has neither
-    fault.
+    (`studies/models/hinge_bias.py`). The pattern "right" also couples bending and twist. On
+    equilateral meshes, and nearly on meshes of Gmsh, Poisson's ratio of bending is −1/3,
+    whatever ratio the fabric has: a simply supported disk sags 40 % too far for ν = 0.
+    `PlateBending` has neither fault.
 
     Source: the factor as derived above; the angle and its derivatives as in `dihedral_angle`.
 
     Valid from flat to nearly folded: at θ = ±π the angle, and the energy, jump. Its tangent is
-    exact; `definite` drops the part with ∂²θ, which is indefinite. Where a triangle has no
+    exact; `definite` leaves out the part with ∂²θ, which is indefinite. Where a triangle has no
     height the angle has no meaning: the membrane must keep triangles from collapsing.
 
     Cost of a triangle relative to `StVK`: force 4, tangent 6, also if `definite`.
@@ -87,7 +85,8 @@ class HingeBending:
         if rest.ndim > 1 or rest.dtype.kind not in "iuf" or not (np.abs(rest) < np.pi).all():
             allowed = "must be one angle, or one for each hinge, between -π and π [rad]"
             raise InputError(f"rest = {self.rest!r}", allowed, "HingeBending")
-        object.__setattr__(self, "rest", tuple(rest.tolist()) if rest.ndim else float(rest))
+        angles = tuple(rest.tolist()) if rest.ndim else float(rest)
+        object.__setattr__(self, "rest", angles)
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
         return cloth.hinges.nodes
@@ -99,13 +98,17 @@ class HingeBending:
             allowed = f"must be one angle or {len(hinges.nodes)}, one for each hinge"
             raise InputError(f"rest has {rest.size} angles", allowed, "HingeBending")
         stiffness = hinge_stiffness(panel, "HingeBending")
-        return bind("HingeBending", panel, slots, rest, stiffness, 0.0)
+        return bind("HingeBending", panel, slots, rest=rest, stiffness=stiffness, damping=0.0)
 
 
 def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
-    """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`."""
+    """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`.
+
+    Raises `InputError` for a fabric without a bending rigidity.
+    """
 
     def roots(fabric):
+        """√B along warp and weft."""
         if fabric.bending is None:
             presets = [name for name in Fabric.presets() if Fabric.preset(name).bending]
             remedy = "Give it in the fabric, one number or (warp, weft); these presets have it:"
@@ -123,7 +126,10 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
 
 
 def hinge_angles(cloth: Cloth, x: np.ndarray) -> np.ndarray:
-    """Dihedral angles (h,) [rad] at x (n, 3), as ``cloth.hinges``; on P2 of the four parts."""
+    """Dihedral angles (h,) [rad] at x (n, 3), in the order of ``cloth.hinges``.
+
+    On P2 they are the angles between the four parts of the triangles.
+    """
     nodes = cloth.edge_slopes.edges.hinges.nodes
     out = np.empty(len(nodes))
     angles(nodes, np.ascontiguousarray(x, dtype=float), out)
@@ -134,10 +140,10 @@ class BoundHinges(RigidCondition):
     """Hinges of a cloth; the constant of each is its angle at rest."""
 
     def between(self, start, x):
-        ends = (start, -0.5), (x, 1.0), (2.0 * x - start, -0.5)
+        """The hinges for which θ − θ₀ at x is the mean of θ − θ₀ at both ends of the step."""
         rest = self.constants.copy()
         angle = np.empty(len(self.nodes))
-        for y, weight in ends:
+        for y, weight in ((start, -0.5), (x, 1.0), (2.0 * x - start, -0.5)):
             angles(self.nodes, y, angle)
             rest[:, 0] += weight * angle
         return replace(self, constants=rest)
@@ -146,8 +152,18 @@ class BoundHinges(RigidCondition):
 def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
     """Bind the angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
     nodes = panel.cloth.hinges.nodes
-    data = nodes, np.broadcast_to(rest, len(nodes))[:, None], stiffness, damping
-    return BoundHinges.bind(name, KERNELS, CONVEX, panel, slots, *data, tangent=tangent)
+    return BoundHinges.bind(
+        name,
+        KERNELS,
+        convex=(False,),  # ∂²θ is indefinite
+        panel=panel,
+        slots=slots,
+        nodes=nodes,
+        constants=np.broadcast_to(rest, len(nodes))[:, None],
+        stiffness=stiffness,
+        damping=damping,
+        tangent=tangent,
+    )
 
 
 KERNELS = bound_condition.kernels(condition)
@@ -196,12 +212,21 @@ class QuadraticBending:
 
 @dataclass(frozen=True, eq=False)
 class BoundQuadratic(BoundTerm):
-    """`QuadraticBending` on a cloth."""
+    """`QuadraticBending` on a cloth.
 
-    matrix: sparse.csr_matrix  # (n, n) Q of one component [N/m]
-    # Finds the blocks of its entries in the system matrix, at the first tangent.
+    Attributes
+    ----------
+    matrix
+        (n, n) Q of one component of the positions [N/m].
+    find_slots
+        Finds the blocks of its entries in the system matrix, at the first tangent.
+    panel
+        The cloth with its fabrics.
+    """
+
+    matrix: sparse.csr_matrix
     find_slots: FindSlots
-    panel: Panel  # the cloth with its fabrics
+    panel: Panel
 
     name = "QuadraticBending"
     symmetric = has_energy = True

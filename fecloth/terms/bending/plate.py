@@ -22,7 +22,7 @@ from fecloth.terms.traits import BENDING, BOTH
 
 @dataclass(frozen=True)
 class PlateBending:
-    """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) of all hinge angles: a thin plate that converges on any mesh.
+    """A thin plate that converges on any mesh: ½ (μ − μ⁰)ᵀ Q (μ − μ⁰) of all hinge angles.
 
     In each triangle of area A the curvature is constant (Morley 1968),
 
@@ -39,8 +39,8 @@ class PlateBending:
     D is the fabric's: D₁₁ = B₁, D₂₂ = B₂, D₁₂ = ν_b √(B₁B₂), D₆₆ from its bias rigidity
     (`Fabric.plate`), along warp and weft of each triangle.
 
-    Beyond a right angle the measure μ = ±(π/2 + tan(|θ| − π/2)) stands in place of θ: it grows
-    without bound towards a full fold, where θ would jump.
+    The measure μ of an angle is θ itself up to a right angle. Beyond, μ = ±(π/2 + tan(|θ| −
+    π/2)) grows without bound towards a full fold, where θ would jump.
 
     Source: Morley (1968), The triangular equilibrium element in the solution of plate bending
     problems; Grinspun, Gingold, Reisman and Zorin (2006), Computing discrete shape operators on
@@ -86,10 +86,12 @@ class PlateBending:
     def bind(self, panel: Panel, slots: FindSlots) -> BoundTerm:
         plate = bind_angles(panel, slots, "PlateBending")
         rest = fold_measure(rest_angles(self.rest, panel))
-        return BoundPlate(plate, np.append(rest, np.zeros(len(plate.held))), panel)
+        of_clamps = np.zeros(len(plate.held))
+        return BoundPlate(plate, rest=np.append(rest, of_clamps), panel=panel)
 
 
 def check_rest(rest, where: str):
+    """The angles at rest as text, a number or a tuple; raises `InputError` for others."""
     if isinstance(rest, str):
         if rest in ("flat", "start"):
             return rest
@@ -124,7 +126,17 @@ def rest_angles(rest, panel: Panel) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class BoundPlate(BoundTerm):
-    """`PlateBending` on a cloth; `rest` (h,) are the measures μ⁰."""
+    """`PlateBending` on a cloth.
+
+    Attributes
+    ----------
+    plate
+        The hinge angles and the matrix Q.
+    rest
+        (h,) The measures μ⁰ at rest.
+    panel
+        The cloth with its fabrics.
+    """
 
     plate: PlateAngles
     rest: np.ndarray
@@ -139,6 +151,7 @@ class BoundPlate(BoundTerm):
         return not len(self.plate.held)  # the normals of clamps do not turn with the cloth
 
     def energy(self, x: np.ndarray, t: float) -> float:
+        """½ (μ − μ⁰)ᵀ Q (μ − μ⁰) [J]."""
         return self.plate.energy(x, t, self.rest)
 
     def add_force(self, x, v, t, f) -> None:
@@ -158,13 +171,17 @@ class BoundPlate(BoundTerm):
         ]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx (GᵀQG + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x; `definite` drops the second part."""
+        """J += wx (GᵀQG + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x.
+
+        `definite` leaves out the second part.
+        """
         mu, g = self.plate.gradients(x, t)
         self.plate.add_products(g, g, wx, J)
         if not definite:
             self.plate.add_curvatures(x, t, self.plate.stiffness @ (mu - self.rest), wx, J)
 
     def strain_error(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(m,) energy [J] of the change that recovery makes of the curvature, by triangle."""
         return plate_error(self.panel, *self.curvatures(x, t))
 
     def curvatures(self, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:

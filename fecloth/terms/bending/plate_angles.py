@@ -1,4 +1,4 @@
-"""The hinge angles of a plate, the matrix that couples them, and its place in the system matrix."""
+"""The hinge angles of a plate, and the matrix that couples them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,14 +20,30 @@ from fecloth.terms.protocol import At
 
 @dataclass(frozen=True, eq=False)
 class CoupledRows:
-    """The blocks of each row e of Q: of the four nodes of e with all nodes of its row."""
+    """Where the products with each row e of Q lie in the system matrix.
 
-    place: np.ndarray  # (entries of Q, 4) which of the row's nodes the entry's hinge has
-    # (h,) first slot of each row, and the number of its nodes u.
+    A row has the nodes of all hinges that have an entry in it. Its blocks are the blocks of the
+    four nodes of hinge e with all these nodes.
+
+    Attributes
+    ----------
+    place
+        (entries of Q, 4) Which nodes of the row the nodes of the entry's hinge are.
+    start
+        (h,) The first slot of each row.
+    width
+        (h,) The number of nodes of each row.
+    slots
+        The blocks, 4 · width for each row; −1 where the node of e is held in space.
+    own
+        (h,) The entry of Q on the diagonal of each row.
+    """
+
+    place: np.ndarray
     start: np.ndarray
     width: np.ndarray
-    slots: np.ndarray  # the blocks, 4 u for each row; −1 where the node of e is held in space
-    own: np.ndarray  # (h,) the entry of Q on the diagonal of each row
+    slots: np.ndarray
+    own: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -38,7 +54,7 @@ class CoupledRows:
     def make(
         cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
     ) -> Self:
-        """Find the blocks of hinges with `nodes` (h, 4) among the blocks of the `pairs` (p, 2)."""
+        """Find the blocks of hinges, `nodes` (h, 4), among the blocks of the `pairs` (p, 2)."""
         both = slots(pairs)
         alone = slots(np.arange(n, dtype=np.int32)[:, None])
         i = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(n)])
@@ -49,16 +65,28 @@ class CoupledRows:
         width = _count_row_nodes(nodes, Q, n)
         start = np.concatenate([[0], np.cumsum(4 * width)])
         place = np.empty((Q.nnz, 4), np.int16)
-        found = np.empty(start[-1], np.int32)
-        data = first, j[order].astype(np.int32), blocks[order], start
-        work = np.full(n, -1), np.empty(n, np.int64), np.empty(width.max(initial=0), np.int32)
-        missing = plate_loops.fill_rows(nodes, Q.indptr, Q.indices, *data, *work, place, found)
+        row_slots = np.empty(start[-1], np.int32)
+        missing = plate_loops.fill_rows(
+            nodes=nodes,
+            indptr=Q.indptr,
+            indices=Q.indices,
+            block_ptr=first,
+            block_nodes=j[order].astype(np.int32),
+            blocks=blocks[order],
+            start=start,
+            last=np.full(n, -1),
+            position=np.empty(n, np.int64),
+            row=np.empty(width.max(initial=0), np.int32),
+            place=place,
+            slots=row_slots,
+        )
         if missing >= 0:
             what = f"the nodes around hinge {missing}"
             remedy = "Name the regions of both fabrics in the cloth: materials may change there."
             raise InputError(what, "are not all coupled in the matrix", "PlateBending", remedy)
         row = np.repeat(np.arange(len(nodes)), np.diff(Q.indptr))
-        return cls(place, start[:-1], width, found, np.flatnonzero(Q.indices == row))
+        own = np.flatnonzero(Q.indices == row)
+        return cls(place=place, start=start[:-1], width=width, slots=row_slots, own=own)
 
 
 def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndarray:
@@ -71,17 +99,20 @@ def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndar
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
-    """(c, 3) the third corners of triangles (c, 3, 3), mirrored in the plane at the first edge."""
-    # The plane through the edge and this point is the plane of the triangle.
+    """(c, 3) the third corners of triangles (c, 3, 3), mirrored at their first edge.
+
+    The edge and the mirrored point lie in the plane of the triangle.
+    """
     a, b, apex = np.moveaxis(corners, 1, 0)
     edge = b - a
     arm = apex - a
-    along = np.sum(edge * arm, axis=1, keepdims=True) / np.sum(edge * edge, axis=1, keepdims=True)
+    square = np.sum(edge * edge, axis=1, keepdims=True)
+    along = np.sum(edge * arm, axis=1, keepdims=True) / square
     return apex - 2 * (arm - along * edge)
 
 
 def clamped_gradient(corners: np.ndarray) -> np.ndarray:
-    """(c, 4) ∂θ/∂z about flat of clamped edges, from the corners (c, 3, 2) of their triangles."""
+    """(c, 4) ∂θ/∂z about flat of clamped edges; `corners` (c, 3, 2) of their triangles."""
     edge = corners[:, 1] - corners[:, 0]
     arm = corners[:, 2] - corners[:, 0]
     square = np.sum(edge * edge, axis=1)
@@ -93,19 +124,41 @@ def clamped_gradient(corners: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PlateAngles:
-    """The hinge angles of a cloth, and the matrix that couples them."""
+    """The hinge angles of a cloth, and the matrix that couples them.
 
-    nodes: np.ndarray  # (h, 4) nodes of the hinges; −1 for one that is held in space
-    held: np.ndarray  # (c, 3) positions of these nodes at the start [m]
-    # ``moved(held, t)``: their positions at the time t, or None where they stay.
+    The last c hinges are clamped edges, whose fourth node is held in space.
+
+    Attributes
+    ----------
+    nodes
+        (h, 4) The nodes of the hinges; −1 for a node that is held in space.
+    held
+        (c, 3) The positions of these nodes at the start [m].
+    moved
+        ``moved(held, t)`` returns their positions at the time t; None where they stay.
+    stiffness
+        (h, h) Q [N m].
+    flat_gradient
+        (h, 4) ∂θ/∂z about flat [1/m].
+    find_slots
+        Finds blocks in the system matrix, as `bind` of a term gets it.
+    pairs
+        (p, 2) The pairs of nodes that the term couples.
+    n
+        The number of nodes.
+    panel
+        The cloth with its fabrics.
+    """
+
+    nodes: np.ndarray
+    held: np.ndarray
     moved: Callable[[np.ndarray, float], np.ndarray] | None
-    stiffness: sparse.csr_matrix  # (h, h) Q [N m]
-    flat_gradient: np.ndarray  # (h, 4) ∂θ/∂z about flat [1/m]
-    # For `rows`: as `bind` of a term gets it, the stencil of the term, and the number of nodes.
+    stiffness: sparse.csr_matrix
+    flat_gradient: np.ndarray
     find_slots: FindSlots
     pairs: np.ndarray
     n: int
-    panel: Panel  # the cloth with its fabrics
+    panel: Panel
 
     @cached_property
     def rows(self) -> CoupledRows:
@@ -122,7 +175,7 @@ class PlateAngles:
         return SharedLoop.over_elements(self.panel, self.nodes)
 
     def at(self, t: float) -> tuple:
-        """What the loops over the hinges take first, at the time t."""
+        """`nodes`, `ghosts` and `first` of the loops over the hinges, at the time t."""
         held = self.held_at(t)
         return self.nodes, held, len(self.nodes) - len(held)
 
@@ -181,8 +234,10 @@ class PlateAngles:
     def add_force(
         self, change: np.ndarray, g: np.ndarray, f: np.ndarray, matrix: Any = None
     ) -> None:
-        """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m]."""
-        # A `matrix` (h, …) stands in place of Q.
+        """f −= Σ m g with the moments m = Q change [N m], and g (h, 4, 3) [1/m].
+
+        A `matrix` (h, …) stands in place of Q.
+        """
         self.loop.add(partial(self._force, change, g, matrix=matrix), f)
 
     def force_call(self, change: np.ndarray, g: np.ndarray, f: np.ndarray) -> SharedCall:
@@ -192,44 +247,50 @@ class PlateAngles:
         self, change: np.ndarray, g: np.ndarray, part: slice, f: np.ndarray, matrix: Any = None
     ) -> Call:
         Q = self.stiffness if matrix is None else matrix
-        data = self.nodes[part], pointers(Q, part), Q.indices, Q.data
-        return plate_loops.add_force, (*data, change, g[part], f)
+        row = pointers(Q, part), Q.indices, Q.data
+        return plate_loops.add_force, (self.nodes[part], *row, change, g[part], f)
 
     def add_products(
         self, left: np.ndarray, right: np.ndarray, scale: float, J, entries: Any = None
     ) -> None:
-        """J += scale leftᵀ Q right, both (h, 4, 3); `entries` stand in place of those of Q."""
+        """J += scale leftᵀ Q right, with left and right (h, 4, 3).
+
+        `entries` stand in place of the entries of Q.
+        """
         Q = self.stiffness
         rows = self.rows
         values = Q.data if entries is None else entries
 
         def call(part: slice, blocks: np.ndarray) -> Call:
-            own = rows.start[part], rows.width[part], rows.slots, left[part]
-            data = pointers(Q, part), Q.indices, values, rows.place, *own, right
+            of_Q = pointers(Q, part), Q.indices, values
+            of_rows = rows.place, rows.start[part], rows.width[part], rows.slots
             work = np.empty(3 * rows.width.max(initial=0))
-            return plate_loops.add_products, (*data, scale, work, blocks)
+            arguments = *of_Q, *of_rows, left[part], right, scale, work, blocks
+            return plate_loops.add_products, arguments
 
         self.loop.add_blocks(call, J)
 
     def add_curvatures(self, x: np.ndarray, t: float, moment: np.ndarray, scale: float, J) -> None:
         """J += scale Σ m ∂²μ/∂x∂x for the moments m (h,)."""
-        rows, (nodes, held, first) = self.rows, self.at(t)
+        rows = self.rows
+        nodes, held, first = self.at(t)
 
         def call(part: slice, values: np.ndarray) -> Call:
-            at = nodes[part], held, first - part.start, x
-            own = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
-            return plate_loops.add_curvatures, (*at, *own, moment[part], scale, values)
+            of_hinges = nodes[part], held, first - part.start, x
+            of_rows = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
+            arguments = *of_hinges, *of_rows, moment[part], scale, values
+            return plate_loops.add_curvatures, arguments
 
         self.loop.add_blocks(call, J)
 
     def work_of_clamps(
         self, old: At, new: At, stages: Sequence[At], moments: Callable[[np.ndarray], np.ndarray]
     ) -> float:
-        """Work [J] that moves the normals of clamps over a step: mean of ∂W/∂p times Δp.
+        """Work [J] that moves the normals of clamps over a step: the mean of ∂W/∂p, times Δp.
 
-        p are the points that stand for the normals, and ``moments(μ)`` (h,) are ∂W/∂μ [N m].
-        In a translation the work cancels with the work of the pinned nodes, which take the
-        opposite forces.
+        p are the points in space that stand for the normals, and ``moments(μ)`` (h,) returns
+        ∂W/∂μ [N m]. In a translation this work and the work of the pinned nodes cancel, as the
+        forces are opposite.
         """
         if self.moved is None:
             return 0.0
@@ -244,7 +305,8 @@ class PlateAngles:
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     """The hinge angles of a panel, coupled by the stiffness of its plate."""
-    slopes, (_, Q) = panel.cloth.edge_slopes, panel_plate(panel, where)
+    slopes = panel.cloth.edge_slopes
+    _, Q = panel_plate(panel, where)
     nodes = slopes.edges.hinges.nodes
     gradient = slopes.edges.hinges.flat_gradient
     held = np.empty((0, 3))
@@ -252,14 +314,23 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     if panel.clamps:
         triangles, edge = np.divmod(panel.clamps.half_edges, 3)
         corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
-        none = np.full((len(corners), 1), -1, np.int32)
-        clamped = np.hstack([corners, none]).astype(np.int32)
+        in_space = np.full((len(corners), 1), -1, np.int32)
+        clamped = np.hstack([corners, in_space]).astype(np.int32)
         nodes = np.concatenate([nodes, clamped])
         moved = panel.clamps.moved
         gradient = np.concatenate([gradient, clamped_gradient(panel.cloth.X[corners])])
         held = mirror(panel.clamps.start[corners])
-    last = slopes.pairs, len(panel.cloth.X), panel
-    return PlateAngles(nodes, held, moved, Q, gradient, slots, *last)
+    return PlateAngles(
+        nodes=nodes,
+        held=held,
+        moved=moved,
+        stiffness=Q,
+        flat_gradient=gradient,
+        find_slots=slots,
+        pairs=slopes.pairs,
+        n=len(panel.cloth.X),
+        panel=panel,
+    )
 
 
 def pointers(matrix: sparse.csr_matrix, part: slice) -> np.ndarray:

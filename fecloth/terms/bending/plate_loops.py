@@ -85,7 +85,7 @@ def add_rates(nodes, g, v, rate):
 
 @inner
 def row_product(indptr, indices, Q, e, change):
-    """Σ_f Q_ef change_f, as four sums: no addition waits for the one before."""
+    """Σ_f Q_ef change_f, as four sums, so that no addition waits for the addition before."""
     begin = indptr[e]
     end = indptr[e + 1]
     last = end - (end - begin) % 4
@@ -119,10 +119,10 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
     """J += scale Σ left_ea Q_ef right_fbᵀ.
 
-    Row e has the nodes 0 … width[e] − 1; `place` (entries of Q, 4) says which of them are
-    nodes of hinge f, and the blocks of node a of e with them are slots[start[e] + a width[e]
-    …]. Either is −1 for a node that is held in space. y (at least 3 times the largest width,)
-    is work space.
+    Row e has the nodes 0 … width[e] − 1. `place` (entries of Q, 4) says which of them are the
+    nodes of hinge f. The blocks of node a of hinge e with the nodes of the row begin at
+    slots[start[e] + a width[e]]. Both are −1 for a node that is held in space. y (at least 3
+    times the largest width,) is work space.
     """
     for e in range(len(width)):
         u = width[e]
@@ -152,8 +152,10 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
 def fill_products(
     indptr, indices, of_hinge, triangles, left, of_triangle, hinges, right, H, position, Q
 ):
-    """Q_fg = Σ_e L_feᵀ H_e R_eg over the triangles e that two hinges f and g have in common."""
-    # `position` (hinges,) is work space: where the entry of hinge g is in row f.
+    """Q_fg = Σ_e L_feᵀ H_e R_eg over the triangles e that two hinges f and g have in common.
+
+    `position` (hinges,) is work space: where the entry of hinge g is in row f.
+    """
     for f in range(len(indptr) - 1):
         for s in range(indptr[f], indptr[f + 1]):
             position[indices[s]] = s

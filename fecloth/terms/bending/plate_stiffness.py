@@ -12,7 +12,7 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.mesh.edge_slopes import EdgeSlopes, turn_curvature
 
-# κ of the hinge angles and Q, of the last panel of a cloth
+# For each cloth: a digest of its last panel, with R and Q of `panel_plate` for that panel
 _last: WeakKeyDictionary[EdgeSlopes, tuple[bytes, Any, Any]] = WeakKeyDictionary()
 
 
@@ -32,15 +32,21 @@ def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
 
 
 def panel_plate(panel: Panel, where: str) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """κ = R Δθ of a panel and Q, on P2 of the four parts of each triangle, for the term `where`."""
-    # R (3m, h + c) [1/m] gives (κ₁₁, κ₂₂, 2κ₁₂) along X and Y; see `angle_curvature`.
+    """R and Q of a panel, for the term `where`.
+
+    R (3m, h + c) [1/m] gives the curvatures (κ₁₁, κ₂₂, 2κ₁₂) along X and Y from the angles of
+    the h hinges and c clamped edges, see `angle_curvature`; Q [N m] couples the angles. On P2
+    the triangles are the four parts of each. Both are kept for the last panel of a cloth.
+    """
     slopes = panel.cloth.edge_slopes
     D = of_parts(panel, plate_rigidity(panel, where))
-    held = np.empty(0, int) if panel.clamps is None else panel.clamps.half_edges  # by pins
-    given = D, of_parts(panel, panel.material), held
-    key = blake2b(b"".join(array.tobytes() for array in given)).digest()
+    material = of_parts(panel, panel.material)
+    clamped = np.empty(0, int)
+    if panel.clamps is not None:
+        clamped = panel.clamps.half_edges
+    key = blake2b(b"".join(array.tobytes() for array in (D, material, clamped))).digest()
     if key != _last.get(slopes, (b"",))[0]:
-        R = angle_curvature(slopes, *given)
+        R = angle_curvature(slopes, D, material, clamped)
         _last[slopes] = key, R, angle_stiffness(R, D, slopes.edges.area)
     return _last[slopes][1:]
 
@@ -52,8 +58,10 @@ def of_parts(panel: Panel, values: np.ndarray) -> np.ndarray:
 
 
 def panel_curvatures(panel: Panel, change: np.ndarray, where: str) -> tuple:
-    """κ (m, 3) [1/m] as (κ₁₁, κ₂₂, 2κ₁₂) from changes (h + c,) of the angles, and D (m, 3, 3)."""
-    # Both in X and Y, on P2 of the four parts of each triangle.
+    """κ (m, 3) [1/m] from changes (h + c,) of the angles, and D (m, 3, 3) [N m].
+
+    κ is (κ₁₁, κ₂₂, 2κ₁₂). Both are along X and Y, and on P2 for the four parts of each triangle.
+    """
     R, _ = panel_plate(panel, where)
     return (R @ change).reshape(-1, 3), of_parts(panel, plate_rigidity(panel, where))
 
@@ -63,8 +71,9 @@ def angle_curvature(
 ) -> sparse.csr_matrix:
     """(3m, h + c) R with the curvature κ = R Δθ of each triangle along X and Y [1/m].
 
-    κ = B α with the slopes α = C Δθ. The slope of a free edge is the one without a moment: the
-    rows of BᵀDB of the free edges vanish. The arguments are as in `EdgeSlopes.of_plate`.
+    κ = B α with the slopes α = C Δθ. A free edge has the slope for which it has no moment: the
+    rows of BᵀDB for the free edges, times α, are zero. The arguments are as in
+    `EdgeSlopes.of_plate`.
     """
     C, hinge = slopes.of_plate(rigidity, material, clamped)
     m = len(rigidity)
@@ -88,5 +97,6 @@ def angle_stiffness(R: sparse.csr_matrix, rigidity: np.ndarray, area: np.ndarray
 def block_diagonal(blocks: np.ndarray) -> sparse.csr_matrix:
     """The matrix with the blocks (m, k, k) on its diagonal."""
     m, k = blocks.shape[:2]
-    place = blocks, np.arange(m), np.arange(m + 1)
-    return sparse.bsr_matrix(place, shape=(k * m, k * m)).tocsr()
+    columns = np.arange(m)
+    pointers = np.arange(m + 1)
+    return sparse.bsr_matrix((blocks, columns, pointers), shape=(k * m, k * m)).tocsr()

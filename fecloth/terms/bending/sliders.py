@@ -10,12 +10,12 @@ the energy per area over a step is, convex and with a continuous slope,
     φ = s²/(2 s_y)  where s ≤ s_y,   s − s_y/2  beyond.
 
 Before it slips, a slider is m times as stiff as the fabric; then its moment is M. At the end
-of the step κ_s moves, z along itself, until s = s_y: what is left is stored, s²/(2 s_y), and
-the rest is heat, s − s_y per area. In one direction it is an elastic spring in series with dry
-friction (Iwan 1966, A Distributed-Element Model for Hysteresis and Its Steady-State Dynamic
-Response, J. Appl. Mech. 33), and φ is Huber's function.
+of the step κ_s moves towards κ until s = s_y, and z keeps its direction. The energy s²/(2 s_y)
+stays stored, and the rest, s − s_y per area, is heat. In one direction the slider is an elastic
+spring in series with dry friction (Iwan 1966, A Distributed-Element Model for Hysteresis and Its
+Steady-State Dynamic Response, J. Appl. Mech. 33), and φ is Huber's function.
 
-Where both are 0 there is no slider.
+Where M₁ and M₂ are 0 there is no slider.
 """
 
 from dataclasses import dataclass
@@ -28,30 +28,45 @@ from fecloth.errors import InputError
 from fecloth.fabric.fabric import Fabric
 
 EXAMPLES = {"bending_rigidity": "1e-5 [N m]", "bending_hysteresis": "1e-3 [N]"}
-ROUND_OFF = 1e-9  # of s
+SLIDING_MARGIN = 1e-9
+"""How far s must exceed s_y for the tangent to be the sliding one, relative to s_y.
+
+After a step s is s_y up to round-off, and the slider sticks.
+"""
 TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class Sliders:
-    """The sliders at m places; e (m, 3) are differences (e₁₁, e₂₂, 2e₁₂) of curvature [1/m]."""
+    """The sliders at m places.
 
-    moments: np.ndarray  # (m, 3) M₁, M₂ and √(M₁M₂/2) [N]
-    limit: np.ndarray  # (m,) s_y [N/m]
+    The methods take e (m, 3) = (e₁₁, e₂₂, 2e₁₂), the differences of curvature [1/m].
+
+    Attributes
+    ----------
+    moments
+        (m, 3) M₁, M₂ and √(M₁M₂/2) [N].
+    limit
+        (m,) s_y, where a slider begins to slide [N/m].
+    """
+
+    moments: np.ndarray
+    limit: np.ndarray
 
     @classmethod
     def of_fabric(cls, fabric: Fabric, stiffness: float) -> Self:
-        """The slider of a fabric, m = 1.
+        """The slider of a fabric, at one place; `stiffness` is the factor m of the module.
 
-        Raises `InputError` if it has no bending rigidity or no hysteresis, or no hysteresis in
-        one of warp and weft only.
+        Raises `InputError` if the fabric has no bending rigidity or no hysteresis, or a
+        hysteresis in one of warp and weft only.
         """
         where = "BendingFriction"
         for name in ("bending_rigidity", "bending_hysteresis"):
             if getattr(fabric, name) is None:
-                remedy = f"Give it in the fabric, one number or (warp, weft), as {EXAMPLES[name]}."
+                example = EXAMPLES[name]
+                remedy = f"Give it in the fabric, one number or (warp, weft), as {example}."
                 raise InputError(f"the fabric has no {name}", f"{where} needs it", where, remedy)
-        M1, M2 = (0.5 * each for each in fabric.hysteresis or ())
+        M1, M2 = (0.5 * height for height in fabric.hysteresis or ())
         if (M1 == 0.0) != (M2 == 0.0):
             what = f"bending_hysteresis = {fabric.bending_hysteresis!r}"
             allowed = "must be > 0 for warp and weft, or 0 for both"
@@ -76,22 +91,22 @@ class Sliders:
         return np.where(s <= self.limit, elastic, s - 0.5 * self.limit)
 
     def heat(self, e: np.ndarray) -> np.ndarray:
-        """(m,) what is dissipated in the step, s − s_y or 0 [J/m²]."""
+        """(m,) the heat of the step, s − s_y where the slider slid and else 0 [J/m²]."""
         return np.maximum(self._stretch(e)[1] - self.limit, 0.0)
 
     def moment(self, e: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-        """(m, 3) ∂φ/∂κ on (κ₁₁, κ₂₂, 2κ₁₂) [N], times a weight (m,)."""
+        """(m, 3) ∂φ/∂κ on (κ₁₁, κ₂₂, 2κ₁₂) [N], times a weight (m,) if there is one."""
+        if weight is None:
+            weight = np.ones(len(e))
         out = np.empty_like(e)
-        fill_moments(
-            self.moments, self.limit, np.ones(len(e)) if weight is None else weight, e, out
-        )
+        fill_moments(self.moments, self.limit, weight, e, out)
         return out
 
     def tangent(self, e: np.ndarray) -> np.ndarray:
         """(m, 3, 3) ∂²φ/∂κ∂κ [N m], positive semi-definite."""
         z, s = self._stretch(e)
         larger = np.maximum(np.maximum(s, self.limit), TINY)
-        slides = s > self.limit * (1 + ROUND_OFF)  # at the limit, after a step, it sticks
+        slides = s > self.limit * (1 + SLIDING_MARGIN)
         n = np.where(slides, 1.0, 0.0)[:, None] * z / larger[:, None]
         H = (np.eye(3) - n[:, :, None] * n[:, None, :]) / larger[:, None, None]
         return self.moments[:, :, None] * H * self.moments[:, None, :]
@@ -109,7 +124,9 @@ def fill_moments(moments, limit, weight, e, out):
         M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]
         z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
         larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
-        scale = weight[i] / larger if larger > 0.0 else 0.0
+        scale = 0.0
+        if larger > 0.0:
+            scale = weight[i] / larger
         out[i, 0] = scale * M1 * z1
         out[i, 1] = scale * M2 * z2
         out[i, 2] = scale * M3 * z3

@@ -24,19 +24,20 @@ from fecloth.terms.traits import DAMPING
 class BendingDamping:
     """Moments −τ Q θ̇ at the hinges, with the stiffness Q of a bending law.
 
-    Force d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v, dissipated power τ θ̇ᵀ Q θ̇; zero in rigid
-    motion, and whatever the rest angle is. Q is diagonal for `HingeBending`, k = B l²/(A₁ +
-    A₂); Q of `PlateBending` couples neighbouring hinges, and its measure μ stands in place of
-    θ.
+    The force is d = −τ (∂θ/∂x)ᵀ Q θ̇ with θ̇ = ∂θ/∂x · v. The dissipated power is τ θ̇ᵀ Q θ̇.
+    Both are zero in rigid motion and do not depend on the angle at rest. For `HingeBending` Q is
+    diagonal, k = B l²/(A₁ + A₂). For `PlateBending` it couples neighbouring hinges, and the
+    measure μ of `fold_measure` stands in place of θ.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, for the
     condition θ; "symmetric" drops the non-symmetric part of ∂d/∂x, as they do.
 
-    Valid where the law is; with `HingeBending` the damping depends on the pattern of the mesh as
-    the rigidity does. The damping grows with frequency; the hysteresis of a fabric does not.
+    Valid where the law is valid. With `HingeBending` the damping depends on the pattern of the
+    mesh, as the rigidity does. The damping grows with frequency; the hysteresis of a fabric
+    does not.
 
-    Cost of a triangle relative to `StVK`: force 4, tangent 6; "exact" takes a solver for general
-    matrices besides.
+    Cost of a triangle relative to `StVK`: force 4, tangent 6; "exact" also needs a linear
+    solver for general matrices.
 
     Parameters
     ----------
@@ -78,7 +79,15 @@ class BendingDamping:
             angles = bind_angles(panel, slots, "BendingDamping")
             return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")
         damping = self.time * hinge_stiffness(panel, "BendingDamping")
-        return bind("BendingDamping", panel, slots, 0.0, 0.0, damping, self.tangent)
+        return bind(
+            "BendingDamping",
+            panel,
+            slots,
+            rest=0.0,
+            stiffness=0.0,
+            damping=damping,
+            tangent=self.tangent,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +130,8 @@ class BoundPlateDamping(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx K + wv D.
 
-        D = τ GᵀQG and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x, of which a symmetric tangent drops the
-        last and a definite one both.
+        D = τ GᵀQG with G = ∂μ/∂x, and K = Σ m ∂²μ/∂x∂x + τ GᵀQ ∂μ̇/∂x. A symmetric tangent
+        leaves out the second part of K, a definite one both parts.
         """
         _, moment, g = self._moments(x, v, t)
         right = wv * self.time * g

@@ -22,9 +22,10 @@ from fecloth.terms.traits import DAMPING
 
 @dataclass(frozen=True)
 class MassDamping:
-    """d_a = −α m_a v_a with the lumped masses m_a; dissipated power α Σ m_a |v_a|².
+    """Damping force d_a = −α m_a v_a with the lumped masses m_a; on P2 d = −α M v.
 
-    On P2 triangles with a consistent mass M, d = −α M v.
+    There M is the consistent mass, unless the system has a lumped one. The dissipated power is
+    α Σ m_a |v_a|².
 
     This is the mass-proportional part of Rayleigh damping. A mode of angular frequency ω has the
     damping ratio ζ = α / (2 ω). The momentum of a free cloth decreases as e^(−α t): use
@@ -91,10 +92,19 @@ class BoundMassDamping(BoundTerm):
 
 @dataclass(frozen=True, eq=False)
 class BoundConsistentMassDamping(BoundTerm):
-    """`MassDamping` on a cloth of P2 triangles with a consistent mass."""
+    """`MassDamping` on a cloth of P2 triangles with a consistent mass.
 
-    matrix: sparse.csr_matrix  # (n, n) α M [N s/m]
-    # Finds the blocks of its entries in the system's matrix, at the first tangent.
+    Attributes
+    ----------
+    matrix
+        (n, n) α M [N s/m].
+    find_slots
+        Finds the blocks of its entries in the system's matrix, at the first tangent.
+    panel
+        The cloth with its fabrics.
+    """
+
+    matrix: sparse.csr_matrix
     find_slots: FindSlots
     panel: Panel
 

@@ -41,13 +41,12 @@ class StrainRateDamping:
         backward Euler   Ė = (E₁ − E₀)/dt
         BDF2             Ė = (3E₁ − 4E₀ + E₋₁)/(2dt),    or that for steps of changing size
 
-    It is zero where the step turns the cloth by any angle, while sym(FᵀḞ) at the end of a step
-    that turns it by φ is about −φ²/(2dt). It has a potential, h/2 Σ w Ė : S_v with h = dt and
-    2dt/3, so that the step minimises if the other terms have energies, and its tangent is
-    symmetric. It is the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ
-    E(xᵢ).
+    It is zero where the step turns the cloth by any angle. (At the end of a step that turns it
+    by φ, sym(FᵀḞ) is about −φ²/(2dt).) It has a potential, h/2 Σ w Ė : S_v with h = dt or 2dt/3:
+    the energy of `StVK` with the moduli τℂ₀/h and the rest strain E* = Σ cᵢ E(xᵢ). So its
+    tangent is symmetric, and the step minimises an energy if the other terms have energies.
 
-    Both forms are the same as dt → 0, to the order of the method. In the midpoint rule and
+    As dt → 0 both forms become the same, with the order of the method. In the midpoint rule and
     `EnergyMomentum` they are the same at any dt: there sym(FᵀḞ) is (E₁ − E₀)/dt.
 
     Source: Baraff and Witkin (1998), Large Steps in Cloth Simulation, eqs. 11–13, with C = 2E
@@ -97,7 +96,8 @@ class StrainRateDamping:
             allowed = 'must be "step" or "velocity", or left out'
             raise InputError(f"rate = {self.rate!r}", allowed, where)
         if self.law is not None and not hasattr(self.law, "moduli"):
-            raise InputError(f"law = {self.law!r}", "must be a membrane law such as StVK()", where)
+            allowed = "must be a membrane law such as StVK()"
+            raise InputError(f"law = {self.law!r}", allowed, where)
 
     traits = replace(DAMPING, damps="strain")
     stencil = element_nodes
@@ -113,11 +113,26 @@ class StrainRateDamping:
 
 @dataclass(frozen=True, eq=False)
 class BoundStrainRate(BoundTerm):
-    """`StrainRateDamping` on a cloth; `viscosity` (m, 6) is τ ℂ₀ [N s/m] in each triangle.
+    """`StrainRateDamping` on a cloth.
 
     Its own functions are for rate = "velocity"; `over_step` has the functions of "step". The
-    loops are the ones of `StVK` with the rate of the strain, whose energy is half of the
+    loops are the loops of `StVK` with the rate of the strain, whose energy is half of the
     power.
+
+    Attributes
+    ----------
+    panel
+        The cloth with its fabrics.
+    viscosity
+        (m, 6) τ ℂ₀ in each triangle [N s/m].
+    symmetric
+        Whether the tangent of "velocity" leaves out its non-symmetric part.
+    rate
+        The form: "velocity", "step", or None for the form that suits the method.
+    strain
+        The strain of the panel.
+    loop
+        The loop over the triangles.
     """
 
     panel: Panel
@@ -142,18 +157,22 @@ class BoundStrainRate(BoundTerm):
 
     @cached_property
     def kernels(self) -> Kernels:
+        """The entry points of the rate of this strain."""
         if self.is_pointwise:
             return stvk.KERNELS.rate
         return stvk.KERNELS.regge_rate
 
     @cached_property
     def elements(self) -> tuple[Array, ...]:
-        """The arrays with a row for each triangle; tangents take `slots` after the first."""
-        return *self.strain.elements, self.viscosity
+        """The arrays with a row for each triangle: nodes, A, w, the moduli and a rest strain.
+
+        The rate does not depend on the rest strain.
+        """
+        return *self.strain.elements, self.viscosity, self.strain.rest
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The damping with the method's difference of E, or itself for rate = "velocity"."""
-        if step.at_mean or self.rate == "velocity":
+        if step.at_mean or self.rate == "velocity":  # at the mean both forms are the same
             return self
         return StrainRateOverStep(self, step)
 
@@ -161,10 +180,10 @@ class BoundStrainRate(BoundTerm):
         """Dissipated power Σ w Ė : S_v [W]."""
         shape = self.strain.shape
         energy = self.kernels.energy
-        return 2.0 * self.loop.total(by_part(energy, shape, self.elements, v, x))
+        return 2.0 * self.loop.total(by_part(energy, shape, self.elements, x, v))
 
     def _force(self, x, v) -> Callable[..., Call]:
-        return by_part(self.kernels.add_force, self.strain.shape, self.elements, v, x)
+        return by_part(self.kernels.add_force, self.strain.shape, self.elements, x, v)
 
     def add_force(self, x, v, t, f) -> None:
         """f −= Σ w S_v : ∂E/∂x [N]."""
@@ -174,19 +193,19 @@ class BoundStrainRate(BoundTerm):
         return [self.loop.shared_add(self._force(x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D; if `definite`, the symmetric part with S_v clamped at zero."""
-        nodes, *arrays = self.elements
-        arrays = [nodes, self.loop.slots, *arrays]
-        add = self.kernels.add_mixed_tangent
-        weights: tuple = v, wx, wv, 0.0 if self.symmetric else wx
-        if self.is_pointwise and (definite or self.symmetric):
-            add = self.kernels.add_tangent
-            weights = (wx, wv, 0.0 if definite else -np.inf)
-        elif definite:
+        """J += wx K + wv D; if `definite`, the symmetric part with S_v raised to zero."""
+        nodes, A, w, moduli, rest = self.elements
+        arrays: tuple[Array, ...] = (nodes, self.loop.slots, A, w, moduli, rest)
+        shape = self.strain.shape
+        if definite:
             add = self.kernels.add_definite_tangent
-            weights = (wx, wv)
-            arrays += self.strain.definite_arrays
-        self.loop.add_blocks(by_part(add, self.strain.shape, arrays, v, x, *weights), J)
+            arrays = (*arrays[:-1], *self.strain.definite_arrays, rest)
+            call = by_part(add, shape, arrays, x, v, wx, wv)
+        elif self.symmetric:
+            call = by_part(self.kernels.add_tangent, shape, arrays, x, v, wx, wv)
+        else:
+            call = by_part(self.kernels.add_mixed_tangent, shape, arrays, x, v, v, wx, wv, wx)
+        self.loop.add_blocks(call, J)
 
     def nbytes(self, explicit: bool) -> int:
         return self.strain.nbytes
@@ -214,12 +233,17 @@ class StrainRateOverStep(BoundTerm):
         return self._membrane(self.step.h, self.step.past)
 
     def _membrane(self, h: float, past: tuple[tuple[float, Array], ...]) -> BoundMembrane:
+        """The membrane of the moduli τℂ₀/h and the strain E − Σ c E(y), for ((c, y), …)."""
         damping = self.damping
-        moduli = self.damping.viscosity / h
-        strain = replace(damping.strain, rest=np.zeros_like(damping.strain.rest))
-        kernels = stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge
-        data = damping.panel, moduli, strain, damping.loop
-        return BoundMembrane(self.name, kernels, *data).less(past)
+        membrane = BoundMembrane(
+            name=self.name,
+            kernels=stvk.KERNELS if damping.is_pointwise else stvk.KERNELS.regge,
+            panel=damping.panel,
+            constants=damping.viscosity / h,
+            strain=replace(damping.strain, rest=np.zeros_like(damping.strain.rest)),
+            loop=damping.loop,
+        )
+        return membrane.less(past)
 
     def dissipation(self, x: np.ndarray) -> float:
         """Σ w (E₁ − E₀) : τℂ₀ : (E₁ − E₀)/dt [J], dissipated in the step."""

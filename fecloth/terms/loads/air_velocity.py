@@ -10,13 +10,20 @@ from fecloth.errors import InputError
 from fecloth.quantities.formula import Formula
 from fecloth.quantities.time_function import TimeFunction, vector
 
-GRADIENT_STEP = 1e-5  # m; the error of a central difference is about 1e-10 of |u| per metre
+GRADIENT_STEP = 1e-5
+"""Shift of the positions [m] for central differences of the velocity of the air.
+
+The error of such a difference is about 1e-10 of |u| per metre.
+"""
 VARIABLES = ("x", "y", "z", "t")
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Uniform velocity u(t); the positions are not used."""
+    """Uniform velocity u(t) [m/s]; the positions are not used.
+
+    `velocity` and `gradient` have one row, which stands for all triangles.
+    """
 
     value: TimeFunction
 
@@ -58,7 +65,9 @@ class Formulas:
 
     def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
         point: dict[str, np.ndarray | float] = {"x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "t": t}
-        values = [part(**point) if isinstance(part, Formula) else part for part in self.parts]
+        values = []
+        for part in self.parts:
+            values.append(part(**point) if isinstance(part, Formula) else part)
         return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
@@ -98,7 +107,7 @@ class Gusts:
     waves: int = 64
 
     def _waves(self):
-        """k (N, 3), a (N, 3) and φ (N,)."""
+        """The waves: wave vectors k (N, 3), amplitudes a (N, 3) and phases φ (N,)."""
         random = np.random.RandomState(self.seed)  # the same numbers in all versions of NumPy
         k = random.standard_normal((self.waves, 3)) / self.length
         across = np.cross(k, random.standard_normal((self.waves, 3)))
@@ -121,7 +130,10 @@ AirVelocity = Uniform | Field | Gusts
 
 
 def velocity_field(velocity, where: str) -> Uniform | Field:
-    """Create a velocity field from three numbers, three formulas, or a function u(x, t)."""
+    """Create a velocity field from three numbers, three formulas, or a function u(x, t).
+
+    Raises `InputError`, for the term `where`, for anything else.
+    """
     if callable(velocity):
         return Field(velocity)
     with contextlib.suppress(InputError):

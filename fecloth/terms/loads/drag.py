@@ -96,18 +96,32 @@ def bind_drag(drag, wind: AirVelocity, panel: Panel, slots, bound_class: type[Bo
     law = (float(drag.normal), float(drag.tangential), drag.law == "quadratic")
     symmetric = drag.tangent == "symmetric"
     loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
-    return bound_class(panel, loop, wind, law, symmetric)
+    return bound_class(panel=panel, loop=loop, wind=wind, law=law, symmetric=symmetric)
 
 
 @dataclass(frozen=True, eq=False)
 class BoundDrag(BoundTerm):
-    """`Drag` on a cloth."""
+    """`Drag` on a cloth.
+
+    Attributes
+    ----------
+    panel
+        The cloth with its fabrics.
+    loop
+        The loop over the triangles.
+    wind
+        The velocity of the air.
+    law
+        k_n, k_t, and whether the law is quadratic.
+    symmetric
+        Whether the tangent has only the symmetric part D.
+    """
 
     panel: Panel
-    loop: SharedLoop  # over the triangles
-    wind: AirVelocity  # velocity of the air
-    law: tuple[float, float, bool]  # (k_n, k_t, whether the law is quadratic)
-    symmetric: bool  # whether the tangent has only the symmetric part D
+    loop: SharedLoop
+    wind: AirVelocity
+    law: tuple[float, float, bool]
+    symmetric: bool
 
     nodes = taken_from("loop.nodes")  # (m, 3)
     name = "Drag"
@@ -116,11 +130,13 @@ class BoundDrag(BoundTerm):
     velocity_dependent = True
 
     def _centroids(self, x) -> np.ndarray:
+        """(m, 3) centroids of the triangles [m], where the velocity of the air is taken."""
         if isinstance(self.wind, Uniform):
             return x  # not used: this saves the time for the means
         return x[self.nodes].mean(axis=1)
 
     def _air(self, x, t) -> np.ndarray:
+        """(m, 3) or (1, 3) velocity of the air [m/s]."""
         return self.wind.velocity(self._centroids(x), t)
 
     def power(self, x, v, t) -> float:
@@ -133,9 +149,10 @@ class BoundDrag(BoundTerm):
         dissipated = 0.0
         supplied = 0.0
         for part in self.loop.runs:
-            both = powers(self.nodes[part], self.law, by_triangle(u, part), x, v)
-            dissipated = dissipated + both[0]
-            supplied = supplied + both[1]
+            air = by_triangle(u, part)
+            heat, work = powers(self.nodes[part], self.law, air, x, v)
+            dissipated += heat
+            supplied += work
         return dissipated, supplied
 
     def add_force(self, x, v, t, f) -> None:
@@ -160,16 +177,21 @@ class BoundDrag(BoundTerm):
             change = self.wind.gradient(self._centroids(x), t)
 
         def call(part: slice, values: np.ndarray) -> Call:
-            air = by_triangle(u, part), by_triangle(change, part)
-            data = self.nodes[part], self.loop.slots[part], self.law, *air
-            return add_tangent, (*data, x, v, wx, wv, values)
+            nodes = self.nodes[part]
+            slots = self.loop.slots[part]
+            velocity = by_triangle(u, part)
+            slope = by_triangle(change, part)
+            arguments = nodes, slots, self.law, velocity, slope, x, v, wx, wv, values
+            return add_tangent, arguments
 
         self.loop.add_blocks(call, J)
 
 
 def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:
-    """The rows of a range of the triangles, or the one row for all."""
-    return values if len(values) == 1 else values[part]
+    """The rows of a range of the triangles, or the only row, which is for all of them."""
+    if len(values) == 1:
+        return values
+    return values[part]
 
 
 @inner
@@ -185,14 +207,18 @@ def flow(nodes, e, u, x, v):
         (v[i, 2] + v[j, 2] + v[k, 2]) / 3 - u[a, 2],
     )
     s = dot(w, N)
-    y = s / (L * L) if L > 0.0 else 0.0
+    y = 0.0
+    if L > 0.0:
+        y = s / (L * L)
     return N, L, w, s, (w[0] - y * N[0], w[1] - y * N[1], w[2] - y * N[2])
 
 
 @inner
 def drag_force(law, N, L, s, wt):
-    """F = −½ (k_n g(s/L) N + k_t L φ w_t)."""
-    # Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
+    """F = −½ (k_n g(s/L) N + k_t L φ w_t).
+
+    Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
+    """
     kn, kt, quadratic = law
     wn = s / L if L > 0.0 else 0.0
     if quadratic:
@@ -240,9 +266,17 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
             continue
         wn = s / L
         speed = np.sqrt(dot(wt, wt))
-        g, slope = (abs(wn) * wn, 2 * abs(wn)) if quadratic else (wn, 1.0)
-        phi = speed if quadratic else 1.0
-        phi_slope = 1 / speed if quadratic and speed > 0.0 else 0.0  # φ′ / |w_t|
+        # g(w_n) and its slope; φ(|w_t|) and φ′/|w_t|
+        g = wn
+        slope = 1.0
+        phi = 1.0
+        phi_slope = 0.0
+        if quadratic:
+            g = abs(wn) * wn
+            slope = 2 * abs(wn)
+            phi = speed
+            if speed > 0.0:
+                phi_slope = 1 / speed
         y = s / (L * L)
         for i in range(3):
             for j in range(3):
@@ -250,7 +284,8 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
                 NN = N[i] * N[j]
                 tt = wt[i] * wt[j]
                 across = delta - NN / (L * L)
-                Fw[i, j] = -0.5 * (kn * slope / L * NN + kt * L * (phi * across + phi_slope * tt))
+                along = kn * slope / L * NN
+                Fw[i, j] = -0.5 * (along + kt * L * (phi * across + phi_slope * tt))
                 rotation = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * delta
                 FN[i, j] = -0.5 * kn * (g * delta + slope / L * N[i] * wt[j])
                 FN[i, j] -= 0.5 * kt / L * (phi * rotation - s * phi_slope * tt)

@@ -78,7 +78,21 @@ class Gas:
 
 @dataclass(frozen=True, eq=False)
 class BoundGas(BoundTerm):
-    """`Gas` on a cloth; `signs` (m,) is 1 or −1, see `pressure.orientation_signs`."""
+    """`Gas` on a cloth.
+
+    Attributes
+    ----------
+    gas
+        The term.
+    origin
+        (3,) The point o in the plane of the rim [m].
+    nodes
+        (m, 3) The nodes of the triangles.
+    signs
+        (m,) 1 or −1, see `pressure.orientation_signs`.
+    find_slots
+        Finds the blocks of the triangles in the matrix, at the first tangent.
+    """
 
     gas: Gas
     origin: np.ndarray
@@ -103,8 +117,12 @@ class BoundGas(BoundTerm):
         return out
 
     def volume(self, x, gradient: np.ndarray | None = None) -> float:
-        """V = ∂V/∂x · (x − o)/3 [m³], as V is cubic in the positions relative to o."""
-        gradient = self.gradient(x) if gradient is None else gradient
+        """V = ∂V/∂x · (x − o)/3 [m³], as V is cubic in the positions relative to o.
+
+        `gradient` is ∂V/∂x at x, for a caller that has it.
+        """
+        if gradient is None:
+            gradient = self.gradient(x)
         return dot(gradient, x - self.origin) / 3
 
     def absolute_pressure(self, V: float) -> float:
@@ -128,8 +146,9 @@ class BoundGas(BoundTerm):
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p − p_ambient) ∂V/∂x [N]."""
-        u = self.gradient(x)
-        f += (self.absolute_pressure(self.volume(x, u)) - self.gas.ambient) * u
+        gradient = self.gradient(x)
+        p = self.absolute_pressure(self.volume(x, gradient))
+        f += (p - self.gas.ambient) * gradient
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J −= wx (p − p_ambient) ∂²V; do nothing if J must be `definite`."""
@@ -139,10 +158,12 @@ class BoundGas(BoundTerm):
 
     def dense(self, x, t) -> tuple[float, np.ndarray]:
         """γ p/V and ∂V/∂x (n, 3), which define the rank-one part of K."""
-        u = self.gradient(x)
-        V = self.volume(x, u)
-        rate = self.absolute_pressure(V) / V if V else math.nan
-        return self.gas.exponent * rate, u
+        gradient = self.gradient(x)
+        V = self.volume(x, gradient)
+        if V == 0.0:
+            return math.nan, gradient
+        rate = self.absolute_pressure(V) / V
+        return self.gas.exponent * rate, gradient
 
 
 @inner

@@ -19,11 +19,13 @@ from fecloth.terms.traits import LOAD
 
 @dataclass(frozen=True)
 class Gravity:
-    """f_a = Σ_b M_ab g = ρ g ∫ N_a dA, potential −Σ f_a · x_a [J] (zero at the origin).
+    """Weight f_a = Σ_b M_ab g = ρ g ∫ N_a dA with the potential −Σ f_a · x_a [J].
+
+    The potential is zero at the origin.
 
     Source: virtual work of the weight ρ g of the reference area, exact on P1 and P2. On P2
-    with a lumped mass it is m_a g with the lumped masses m_a, so that a cloth in free fall
-    stays flat; a P2 strip at rest under it converges as P1 does, h² in L2 in place of h³.
+    with a lumped mass the force is m_a g with the lumped masses m_a, so that a cloth in free
+    fall stays flat. Then a P2 strip at rest converges as P1 does, with h² in L2 instead of h³.
 
     Valid at any deformation, in a uniform gravity field.
 
@@ -52,7 +54,7 @@ class Gravity:
 
 @dataclass(frozen=True, eq=False)
 class BoundGravity(BoundTerm):
-    """`Gravity` on a cloth: `weight` (n, 3) [N]."""
+    """`Gravity` on a cloth: `weight` (n, 3) are the forces on the nodes [N]."""
 
     weight: np.ndarray
 
@@ -67,6 +69,7 @@ class BoundGravity(BoundTerm):
         return -dot(self.weight, x)
 
     def add_force(self, x, v, t, f) -> None:
+        """f += the weight [N]."""
         f += self.weight
 
     def force_calls(self, x, v, t, f) -> Calls:
@@ -126,10 +129,11 @@ class PointForce:
             if len(self.where) != 2 or not np.isfinite(self.where).all():
                 allowed = "must be two finite numbers (write node indices as a list)"
                 raise InputError(f"point {self.where!r}", allowed, "PointForce")
-            row = cloth.interpolator(np.array([self.where], dtype=float))
-            return BoundPointForce(row.indices, row.data[:, None], force)
+            shapes = cloth.interpolator(np.array([self.where], dtype=float))
+            return BoundPointForce(shapes.indices, shapes.data[:, None], force)
         nodes = cloth.nodes(self.where)
-        return BoundPointForce(nodes, np.full((len(nodes), 1), 1 / len(nodes)), force)
+        equal_share = np.full((len(nodes), 1), 1 / len(nodes))
+        return BoundPointForce(nodes, equal_share, force)
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,28 +76,43 @@ class Pressure:
         p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"
         loop = SharedLoop.over_elements(panel, cloth.stencil, slots)
-        data = p, loop, orientation_signs(cloth), symmetric, panel
-        if cloth.element == "P1":
-            return BoundPressure(*data)
-        return BoundCurved(*data)
+        bound_class = BoundPressure if cloth.element == "P1" else BoundCurved
+        return bound_class(
+            p=p, loop=loop, signs=orientation_signs(cloth), symmetric=symmetric, panel=panel
+        )
 
 
 def orientation_signs(cloth: Cloth) -> np.ndarray:
     """(m,) 1 if the corners of the stencil are counter-clockwise on the flat cloth, else −1."""
     a, b, c = np.moveaxis(cloth.X[cloth.stencil[:, :3]], 1, 0)
-    u, v = b - a, c - a
-    return np.sign(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    edge = b - a
+    arm = c - a
+    return np.sign(edge[:, 0] * arm[:, 1] - edge[:, 1] * arm[:, 0])
 
 
 @dataclass(frozen=True, eq=False)
 class BoundPressure(BoundTerm):
-    """`Pressure` on a cloth of P1 triangles."""
+    """`Pressure` on a cloth of P1 triangles.
+
+    Attributes
+    ----------
+    p
+        The pressure as a function of time [Pa].
+    loop
+        The loop over the triangles.
+    signs
+        (m,) 1 or −1, see `orientation_signs`.
+    symmetric
+        Whether the tangent is the symmetric part only.
+    panel
+        The cloth with its fabrics.
+    """
 
     p: TimeFunction
     loop: SharedLoop
-    signs: np.ndarray  # (m,) 1 or −1, see `orientation_signs`
+    signs: np.ndarray
     symmetric: bool
-    panel: Panel  # the cloth with its fabrics
+    panel: Panel
 
     nodes = taken_from("loop.nodes")  # (m, k) of the triangles
     name = "Pressure"
@@ -123,7 +138,8 @@ class BoundPressure(BoundTerm):
         """J += wx K; do nothing if J must be `definite`, because the trace of K is zero."""
         if definite:
             return
-        self.loop.add_blocks(partial(self._tangent, self.loop.slots, wx * float(self.p(t)), x), J)
+        p = wx * float(self.p(t))
+        self.loop.add_blocks(partial(self._tangent, self.loop.slots, p, x), J)
 
     def _force(self, p, x, part, f) -> Call:
         return add_force, (self.nodes[part], self.signs[part], p, x, f)
@@ -186,9 +202,11 @@ def add_tangent(nodes, signs, slots, p, symmetric, x, J):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
         if symmetric:
-            scale, own = (-signs[e] * p / 12, 1.0)
+            scale = -signs[e] * p / 12
+            own = 1.0
         else:
-            scale, own = (-signs[e] * p / 6, 0.0)
+            scale = -signs[e] * p / 6
+            own = 0.0
         for a in range(3):
             d = edges[a]
             for b in range(3):

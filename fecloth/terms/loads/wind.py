@@ -16,12 +16,18 @@ from fecloth.terms.loads.drag import BoundDrag, Coefficient, bind_drag, check_dr
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import DRAG
 
-STRONGEST = 2.0  # intensity of gusts: behind bluff bodies it reaches 1
+GUST_INTENSITY_LIMIT = 2.0
+"""Largest turbulence intensity that `Wind` takes.
+
+Behind bluff bodies the intensity reaches 1; the limit is twice that, and refuses percent.
+"""
 
 
 @dataclass(frozen=True)
 class Wind:
-    """`Drag` in moving air, F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t) with w = v̄ − u(x, t).
+    """`Drag` in moving air: the same force, with the velocity of the cloth relative to the air.
+
+        F = −A (k_n |w_n|ᵖ⁻¹ w_n n + k_t |w_t|ᵖ⁻¹ w_t),   w = v̄ − u(x, t)
 
     u is the velocity of the air at the centroids of the triangles. On a cloth that is inclined
     to the wind the force along the normal n gives both drag and lift.
@@ -82,8 +88,9 @@ class Wind:
     def __post_init__(self):
         check_drag(self)
         air_velocity.velocity_field(self.velocity, "Wind")
-        if not (is_number(self.gusts) and 0 <= self.gusts <= STRONGEST):
-            allowed = f"must be in 0 … {STRONGEST:g}: the standard deviation over the mean speed"
+        if not (is_number(self.gusts) and 0 <= self.gusts <= GUST_INTENSITY_LIMIT):
+            limit = f"{GUST_INTENSITY_LIMIT:g}"
+            allowed = f"must be in 0 … {limit}: the standard deviation over the mean speed"
             remedy = "In the open air it is 0.1 to 0.3."
             raise InputError(f"gusts = {self.gusts!r}", allowed, "Wind", remedy)
         validation.positive("gust_length", self.gust_length, "m", "Wind")
@@ -99,8 +106,11 @@ class Wind:
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
         if self.gusts:
-            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # checked in __post_init__
-            gusts = air_velocity.Gusts((x, y, z), self.gusts, self.gust_length, self.seed)
+            # `__post_init__` has checked that they are three numbers.
+            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]
+            gusts = air_velocity.Gusts(
+                mean=(x, y, z), intensity=self.gusts, length=self.gust_length, seed=self.seed
+            )
             return bind_drag(self, gusts, panel, slots, BoundWind)
         wind = air_velocity.velocity_field(self.velocity, "Wind")
         return bind_drag(self, wind, panel, slots, BoundWind)

@@ -14,7 +14,6 @@ from fecloth.fabric.panel import Panel
 from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 from fecloth.terms.discrete_gradient import OverMean
 from fecloth.terms.loops import condition
-from fecloth.terms.loops.condition import DEFINITE, EXACT, GAUSS_NEWTON
 from fecloth.terms.loops.shared_loop import SharedLoop, by_part
 from fecloth.terms.protocol import BoundTerm
 from fecloth.terms.step_difference import StepDifference
@@ -30,26 +29,51 @@ class ConditionKernels(NamedTuple):
 
 
 def kernels(family: Callable[..., Any]) -> ConditionKernels:
-    """The entry points of a family; each is compiled at its first call, or read from disk."""
-    # `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
-    templates = condition.energy, condition.power, condition.add_force, condition.add_tangent
-    return ConditionKernels._make(specialise(each, condition=family) for each in templates)
+    """The entry points of a family; each is compiled at its first call, or read from disk.
+
+    `family` is a compiled function as `fecloth.terms.loops.condition` describes it.
+    """
+    return ConditionKernels(
+        energy=specialise(condition.energy, condition=family),
+        power=specialise(condition.power, condition=family),
+        add_force=specialise(condition.add_force, condition=family),
+        add_tangent=specialise(condition.add_tangent, condition=family),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class BoundCondition(BoundTerm):
-    """Conditions of one family on a cloth, made by `bind`; see `RigidCondition`."""
+    """Conditions of one family on a cloth, made by `bind`; see `RigidCondition`.
+
+    Attributes
+    ----------
+    name
+        The name of the term.
+    kernels
+        The entry points of the family.
+    shape
+        The tuples `per_node` and `convex` that the kernels take.
+    loop
+        The loop over the stencils.
+    constants
+        (m, p) The constants of each stencil.
+    stiffness, damping
+        (m, r, r) k_s and k_d of each stencil.
+    hessian
+        "exact", or "gauss_newton" for a tangent without ∂²C.
+    tangent
+        Whether the tangent of the damping is "exact", or "symmetric": without its
+        non-symmetric part.
+    """
 
     name: str
-    kernels: ConditionKernels  # the family's entry points
-    shape: tuple[Zeros, Zeros]  # (per_node, convex), as the kernels take them
-    loop: SharedLoop  # over the stencils
-    constants: np.ndarray  # (m, p) constants of each stencil
-    # (m, r, r) k_s and k_d.
+    kernels: ConditionKernels
+    shape: tuple[Zeros, Zeros]
+    loop: SharedLoop
+    constants: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    hessian: str = "exact"  # "exact" or "gauss_newton" (without ∂²C)
-    # Of the damping: "symmetric" (without its non-symmetric part) or "exact".
+    hessian: str = "exact"
     tangent: str = "symmetric"
 
     @classmethod
@@ -70,22 +94,31 @@ class BoundCondition(BoundTerm):
     ) -> Self:
         """Bind a family of conditions to the stencils `nodes` (m, k) of a panel.
 
-        `convex` has, for each of the r components, 1 if its ∂²C is positive semi-definite
-        everywhere, else 0. The condition gets the rows of `constants` (m, p) as `c`. k_s and k_d
-        are a number, (m,) one for each stencil, (m, r) also for each component, or (m, r, r).
-        `own` are the fields of a subclass.
+        `convex` says for each of the r components whether its ∂²C is positive semi-definite
+        everywhere. The condition gets the rows of `constants` (m, p) as `c`. `stiffness` and
+        `damping` are numbers, (m,) with a number for each stencil, (m, r) for each component
+        too, or matrices (m, r, r). `own` are the fields of a subclass.
         """
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
-        (m, k), r = nodes.shape, len(convex)
-        rows = np.ascontiguousarray(np.broadcast_to(constants, (m, np.shape(constants)[-1])), float)
-        shape = (0,) * k, tuple(int(flag) for flag in convex)
-        loop = SharedLoop.over_elements(panel, nodes, slots)
-        ks = _matrices(stiffness, m, r)
-        kd = _matrices(damping, m, r)
-        return cls(name, kernels, shape, loop, rows, ks, kd, hessian, tangent, **own)
+        m, k = nodes.shape
+        r = len(convex)
+        rows = np.broadcast_to(constants, (m, np.shape(constants)[-1]))
+        return cls(
+            name=name,
+            kernels=kernels,
+            shape=((0,) * k, tuple(int(flag) for flag in convex)),
+            loop=SharedLoop.over_elements(panel, nodes, slots),
+            constants=np.ascontiguousarray(rows, float),
+            stiffness=_matrices(stiffness, m, r),
+            damping=_matrices(damping, m, r),
+            hessian=hessian,
+            tangent=tangent,
+            **own,
+        )
 
     @property
     def nodes(self) -> np.ndarray:
+        """(m, k) the nodes of the stencils."""
         return self.loop.nodes
 
     @cached_property
@@ -105,7 +138,7 @@ class BoundCondition(BoundTerm):
         return self.tangent == "symmetric" or not self.dissipative
 
     def table(self, x: np.ndarray, t: float, order: int) -> np.ndarray:
-        """Constants (m, p) at x and t, as far as C, ∂C and ∂²C up to `order` need them."""
+        """Constants (m, p) at x and t, as C and its derivatives up to `order` need them."""
         return self.constants
 
     def energy(self, x: np.ndarray, t: float) -> float:
@@ -134,29 +167,41 @@ class BoundCondition(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        part = EXACT if self.hessian == "exact" else GAUSS_NEWTON
-        if definite and part == EXACT:
-            part = DEFINITE
-        mixed = not self.symmetric and not definite
+        """J += wx K + wv D, see `condition.add_tangent`."""
         arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
-        others = x, v, float(wx), float(wv), part, mixed
-        self.loop.add_blocks(by_part(self.kernels.add_tangent, self.shape, arrays, *others), J)
+        geometric = self.hessian == "exact"
+        mixed = not self.symmetric and not definite
+        call = by_part(
+            self.kernels.add_tangent,
+            self.shape,
+            arrays,
+            x,
+            v,
+            float(wx),
+            float(wv),
+            geometric,
+            definite,
+            mixed,
+        )
+        self.loop.add_blocks(call, J)
 
 
 @dataclass(frozen=True, eq=False)
 class RigidCondition(BoundCondition):
-    """Conditions that no rigid motion changes, C(x) less values at rest."""
+    """Conditions that no rigid motion changes: C(x) less values at rest."""
 
     objective = True
 
     def between(self, start: Array, x: Array) -> Self:
-        """The conditions with the values at rest for which C at x is ½ (C₀ + C₁)."""
-        # The two ends of the step are at `start` and 2x − start.
+        """The conditions with the values at rest for which C at x is ½ (C₀ + C₁).
+
+        C₀ and C₁ belong to the two ends of the step, at `start` and 2x − start.
+        """
         raise NotImplementedError
 
     def over_step(self, step: StepDifference) -> BoundTerm:
         """The conditions over a step at whose mean they are evaluated; otherwise themselves."""
-        if not (step.at_mean and self.has_energy):
+        if not step.at_mean or not self.has_energy:
             return self
         return OverMean(self, step.start, step.symmetric and self.symmetric, conserves=False)
 
@@ -164,7 +209,12 @@ class RigidCondition(BoundCondition):
 class LengthCondition(RigidCondition):
     """Conditions on lengths and products of vectors e_r = Σ_a D_ra x_a.
 
-    With other values at rest the force at the mean of a step does the work of the energy.
+    With other values at rest the force at the mean of a step does the work of the energy. Take
+    a spring of the length L at rest, with the vectors e₀, e and e₁ = 2e − e₀ at the begin, mean
+    and end of the step, and with s = l₀ + l₁. Over the step it has the force f = −k (1 − 2L/s)
+    e. As 2 e · (e₁ − e₀) = l₁² − l₀², its work −k (½ s − L) (l₁ − l₀) is minus the change of
+    ½ k (l − L)² (Simo and Tarnow 1992, The Discrete Energy–Momentum Method, ZAMP 43, for such a
+    force along e).
     """
 
     @property
@@ -173,7 +223,7 @@ class LengthCondition(RigidCondition):
         raise NotImplementedError
 
     def rest_over_step(self, e0: Array, e: Array) -> Array:
-        """Constants (m, p) over a step with vectors (m, r, 3) e₀ at its begin and e at its mean."""
+        """Constants (m, p) over a step; (m, r, 3) e₀ at its begin and e at its mean."""
         raise NotImplementedError
 
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
@@ -186,11 +236,12 @@ class LengthCondition(RigidCondition):
         return e
 
     def between(self, start: Array, x: Array) -> Self:
-        """The conditions whose force at x is the force over a step from `start` to 2x − start."""
+        """The conditions with the force at x of a step from `start` to 2x − start."""
         constants = self.rest_over_step(self.vectors(start), self.vectors(x))
         return replace(self, constants=constants)
 
     def over_step(self, step: StepDifference) -> BoundTerm:
+        """The conditions over a step, which conserve energy; or themselves, as above."""
         over = super().over_step(step)
         if not isinstance(over, OverMean):
             return over
@@ -216,22 +267,19 @@ class LengthsOverStep(OverMean):
             damping.add_tangent(x, v, t, wx, wv, J, definite)
 
 
-# A spring with e₀, e and e₁ = 2e − e₀ at the begin, mean and end of a step and l₀ + l₁ = s has
-# over this step the force f = −k (1 − 2L/s) e. As 2 e · (e₁ − e₀) = l₁² − l₀², its work −k (½
-# s − L) (l₁ − l₀) is the change of ½ k (l − L)² (Simo and Tarnow 1992, The Discrete
-# Energy–Momentum Method, ZAMP 43, for such a force along e).
-
-
 def mean_ratio(e0: Array, e: Array) -> Array:
     """2 |e|/s of vectors (…, 3), which turns L into the length at rest for the force at e."""
-    l0, l, l1 = (np.linalg.norm(each, axis=-1) for each in (e0, e, 2.0 * e - e0))
+    l0 = np.linalg.norm(e0, axis=-1)
+    l = np.linalg.norm(e, axis=-1)
+    l1 = np.linalg.norm(2.0 * e - e0, axis=-1)
     return _quotient(2.0 * l, l0 + l1)
 
 
 def spring_modulus(L: Array, e0: Array, e: Array) -> Array:
     """(1 − 2L/s) I + (4L/s²) e ⊗ e₁/l₁, −∂f/∂e of a spring of k = 1 over a step (…, 3, 3)."""
     e1 = 2.0 * e - e0
-    l0, l1 = (np.linalg.norm(each, axis=-1) for each in (e0, e1))
+    l0 = np.linalg.norm(e0, axis=-1)
+    l1 = np.linalg.norm(e1, axis=-1)
     s = l0 + l1
     across = 1.0 - _quotient(2.0 * L, s)
     along = _quotient(4.0 * L, s * s * l1)
@@ -250,6 +298,7 @@ def _matrices(values: ArrayLike, m: int, r: int) -> np.ndarray:
     """Make (m, r, r) from a number, (m,), (m, r) or (m, r, r)."""
     values = np.asarray(values, dtype=float)
     if values.ndim < 3:
-        rows = values[:, None] if values.ndim == 1 else values
-        values = np.broadcast_to(rows, (m, r))[:, :, None] * np.eye(r)
+        if values.ndim == 1:
+            values = values[:, None]
+        values = np.broadcast_to(values, (m, r))[:, :, None] * np.eye(r)
     return np.ascontiguousarray(np.broadcast_to(values, (m, r, r)))

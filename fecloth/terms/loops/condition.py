@@ -30,15 +30,13 @@ and `convex` a tuple with, for each component, 1 if its ∂²C is positive semi-
 x and 0 if it is not: the compiler knows their length. A term whose constants change with x or
 t extends `BoundCondition` and its `table`, as custom/condition.py and tether.py do.
 
-`definite` keeps the part (k_s C + k_d Ċ)_r ∂²C_r where both factors are not negative, drops the
-others and the non-symmetric part. Gauss–Newton drops all of ∂²C.
+A definite tangent keeps the part (k_s C + k_d Ċ)_r ∂²C_r where neither factor is negative, and
+drops the other such parts and the non-symmetric part. Gauss–Newton drops all of ∂²C.
 """
 
 import numpy as np
 
 from fecloth.compiled.jit import Array, Zeros, inner
-
-GAUSS_NEWTON, EXACT, DEFINITE = 0, 1, 2  # what becomes of the part with ∂²C
 
 
 def condition(y: Array, c: Array, order: int, C: Array, g: Array, H: Array) -> None:
@@ -130,12 +128,14 @@ def add_force(
 
 def add_tangent(
     per_node: Zeros, convex: Zeros, nodes: Array, slots: Array, c: Array, ks: Array, kd: Array,
-    x: Array, v: Array, wx: float, wv: float, part: int, mixed: bool, J: Array,
+    x: Array, v: Array, wx: float, wv: float, geometric: bool, definite: bool, mixed: bool,
+    J: Array,
 ) -> None:  # fmt: skip
     """J_ab += ∂C_a (wx k_s + wv k_d) ∂C_bᵀ + wx Σ (k_s C + k_d Ċ)_r ∂²C_r,ab + the mixed part.
 
-    `part` says what becomes of the second part, `mixed` whether wx ∂C_a k_d (∂Ċ/∂x_b)ᵀ is
-    there.
+    `geometric` says whether the second part is there, with ∂²C; `definite` whether only its
+    positive semi-definite terms are kept; and `mixed` whether the mixed part wx ∂C_a k_d
+    (∂Ċ/∂x_b)ᵀ is there.
     """
     k = len(per_node)
     n = len(convex)
@@ -146,8 +146,9 @@ def add_tangent(
     tension = np.empty(n)
     g = np.empty((n, k, 3))
     H = np.empty((n, k, 3, k, 3))
-    dCdot, T = np.zeros((n, k, 3)), np.empty((n, k, 3))  # wx ∂Ċ/∂x; the factor of ∂C_a
-    order = 2 if part != GAUSS_NEWTON or mixed else 1
+    dCdot = np.zeros((n, k, 3))  # wx ∂Ċ/∂x
+    T = np.empty((n, k, 3))  # the factor of ∂C_a
+    order = 2 if geometric or mixed else 1
     for e in range(len(nodes)):
         gather(per_node, nodes, e, x, y)
         gather(per_node, nodes, e, v, u)
@@ -166,8 +167,9 @@ def add_tangent(
             s = 0.0
             for q in range(n):
                 s += ks[e, r, q] * C[q] + kd[e, r, q] * Cdot[q]
-            drop = part == GAUSS_NEWTON or (part == DEFINITE and (convex[r] == 0 or wx * s < 0.0))
-            tension[r] = 0.0 if drop else wx * s
+            tension[r] = wx * s
+            if not geometric or (definite and (convex[r] == 0 or tension[r] < 0.0)):
+                tension[r] = 0.0
             for b in range(k):
                 for j in range(3):
                     T[r, b, j] = 0.0

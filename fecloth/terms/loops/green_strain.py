@@ -1,4 +1,4 @@
-"""Green strain at a quadrature point; nodal forces and blocks from the stress and moduli there.
+"""Green strain at a quadrature point, and the nodal forces and blocks made of it.
 
 In the notation of `membrane`: E and S in the order (11, 22, 12), ℂ as (C11, C22, C66, C12, C16,
 C26), F as its columns (F11, F21, F31, F12, F22, F32), and B_a with δE = Σ B_a δx_a.
@@ -15,6 +15,7 @@ Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 """F as its columns, or the moduli ℂ."""
 Rows = tuple[Three, Three, Three]
+"""The rows of a 3×3 matrix."""
 
 
 @inner
@@ -66,18 +67,18 @@ def strain_rate(F: Six, H: Six) -> Three:
 
 
 @inner
-def clamp(S: Three, floor: float) -> Three:
-    """Raise the principal values of S to `floor` (0: positive semi-definite; −inf: S itself)."""
+def clamp(S: Three) -> Three:
+    """Raise the principal values of S to zero, so that S is positive semi-definite."""
     S11, S22, S12 = S
     mean = 0.5 * (S11 + S22)
     half_difference = 0.5 * (S11 - S22)
     radius = math.sqrt(half_difference * half_difference + S12 * S12)
-    if mean - radius >= floor:
+    if mean - radius >= 0.0:
         return S
-    if mean + radius <= floor:
-        return floor, floor, 0.0
-    # only the smaller one is below: S + (floor − s₂) n₂ ⊗ n₂
-    increase = floor - (mean - radius)
+    if mean + radius <= 0.0:
+        return 0.0, 0.0, 0.0
+    # only the smaller value s₂ = mean − radius is negative: S − s₂ n₂ ⊗ n₂
+    increase = radius - mean
     c = half_difference / radius
     s = S12 / radius
     return (
@@ -144,12 +145,12 @@ def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
 
 @inner
 def scatter_symmetric(
-    per_node: Zeros, slots: Array, G: Array, e: int, q: int, w: float, F: Six, S: Three, C: Six,
-    J: Array,
+    per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
+    S: Three, C: Six, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += w (B_aᵀ ℂ B_b + (G_a · S G_b) I₃); the lower half is the upper one transposed."""
-    S11, S22, S12 = w * S[0], w * S[1], w * S[2]
-    C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
+    """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃, with J_ba = J_abᵀ."""
+    S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
+    C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
     for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         T = material_rows(C, F, G1, G2)
@@ -181,12 +182,12 @@ def scatter_symmetric(
 
 @inner
 def scatter_mixed(
-    per_node: Zeros, slots: Array, G: Array, e: int, q: int, w: float, F: Six, F1: Six, S: Three,
-    C: Six, J: Array,
+    per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
+    F1: Six, S: Three, C: Six, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += w (B_a(F)ᵀ ℂ B_b(F₁) + (G_a · S G_b) I₃), which is not symmetric."""
-    S11, S22, S12 = w * S[0], w * S[1], w * S[2]
-    C = (w * C[0], w * C[1], w * C[2], w * C[3], w * C[4], w * C[5])
+    """J_ab += wC B_a(F)ᵀ ℂ B_b(F₁) + wS (G_a · S G_b) I₃, which is not symmetric."""
+    S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
+    C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
     for a in range(len(per_node)):
         G1, G2 = G[e, q, a, 0], G[e, q, a, 1]
         T = material_rows(C, F, G1, G2)

@@ -12,8 +12,9 @@ weight w (`membrane_loops`). With the pointwise strain these are
 (Bonet and Wood 2008, Nonlinear Continuum Mechanics for Finite Element Analysis, sections 9.3
 and 9.4.) `regge_strain` has the same for the interpolated strain.
 
-Which laws are the same material at small strain, that is have one ℂ at F = a rotation, for a
-fabric of Y and ν (tests/terms/membranes/test_tension_field.py checks each line):
+The table says which laws are the same material at small strain: they have the same ℂ where F is
+a rotation. It is for a fabric of Y and ν; tests/terms/membranes/test_tension_field.py checks
+each line.
 
     law                          uniaxial   biaxial      shear           is StVK's
     StVK                         Y          Y/(1 − ν)    Y/(2 (1 + ν))   -
@@ -22,11 +23,11 @@ fabric of Y and ν (tests/terms/membranes/test_tension_field.py checks each line
     TensorCondition(Y/4)         Y          Y            Y/2             for ν = 0 only
     TensionField, taut           Y          Y/(1 − ν)    Y/(2 (1 + ν))   for every ν
 
-TensionField has no ℂ at rest itself: from E = 0 a strain e > 0 along one direction alone meets
-Y e/(1 − ν²) if ν > 0, e < 0 nothing, and the shear E12 = e the stress Y e/2 in place of 2 G e.
+TensionField itself has no ℂ at rest. From E = 0 a strain e > 0 along one direction alone gives
+the stress Y e/(1 − ν²) if ν > 0, a strain e < 0 gives none, and the shear E12 = e gives Y e/2 in
+place of 2 G e.
 """
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -50,17 +51,26 @@ from fecloth.terms.step_difference import StepDifference
 
 @dataclass(frozen=True, eq=False)
 class PointwiseStrain:
-    """The Green strain at the quadrature points of a panel, along warp and weft."""
+    """The Green strain at the quadrature points of a panel, along warp and weft.
 
-    panel: Panel  # the cloth with its fabrics
-    rest: np.ndarray  # (m, points, 3) what `Kernels.rested` subtract from E
+    Attributes
+    ----------
+    panel
+        The cloth with its fabrics.
+    rest
+        (m, points, 3) The strain at rest, which the entry points `Kernels.rested` subtract.
+    """
 
-    nbytes = 0  # of arrays of its own
-    definite_arrays: ClassVar[tuple[Array, ...]] = ()  # that the definite tangent takes besides
+    panel: Panel
+    rest: np.ndarray
+
+    nbytes = 0  # it has no arrays of its own
+    # The definite tangent takes no more arrays than the others, unlike the one of `ReggeStrain`.
+    definite_arrays: ClassVar[tuple[Array, ...]] = ()
 
     @classmethod
     def of_panel(cls, panel: Panel) -> Self:
-        """The strain without rest."""
+        """The strain of a panel that is flat and without strain at rest."""
         return cls(panel, np.broadcast_to(0.0, (*panel.cloth.weights.shape, 3)))
 
     @property
@@ -75,26 +85,46 @@ class PointwiseStrain:
         return cloth.stencil, self.panel.gradients, cloth.weights
 
     def sampled(self, x: Array) -> tuple[Array, Samples]:
-        F = deformation_gradient(self.panel.cloth, x, self.panel.gradients)
-        return green_strains(F), CONSTANT if self.panel.cloth.element == "P1" else QUADRATIC
+        """E (m, points, 3) at positions x (n, 3), and the samples that these points are."""
+        cloth = self.panel.cloth
+        E = green_strains(deformation_gradient(cloth, x, self.panel.gradients))
+        if cloth.element == "P1":
+            return E, CONSTANT
+        return E, QUADRATIC
 
 
 @dataclass(frozen=True, eq=False)
 class BoundMembrane(BoundTerm):
-    """An elastic membrane law bound to a cloth, as a `System` calls it."""
+    """An elastic membrane law bound to a cloth, as a `System` calls it.
+
+    Attributes
+    ----------
+    name
+        The name of the term.
+    kernels
+        The compiled entry points of the law for this strain.
+    panel
+        The cloth with its fabrics.
+    constants
+        (m, p) The constants of the law in each triangle.
+    strain
+        The strain of the panel.
+    loop
+        The loop over the triangles.
+    """
 
     name: str
-    kernels: Kernels  # the law's entry points for its strain
+    kernels: Kernels
     panel: Panel
-    constants: np.ndarray  # (m, p) constants of the law in each triangle
-    strain: PointwiseStrain | ReggeStrain  # the strain of the panel
-    loop: SharedLoop  # the loop over the triangles
+    constants: np.ndarray
+    strain: PointwiseStrain | ReggeStrain
+    loop: SharedLoop
 
     symmetric = has_energy = objective = True
 
     @cached_property
     def elements(self) -> tuple[Any, ...]:
-        """The arrays with a row for each triangle; tangents take `slots` after the first."""
+        """The arrays with a row for each triangle: nodes, A, w, c and the strain at rest."""
         return *self.strain.elements, self.constants, self.strain.rest
 
     @property
@@ -104,10 +134,11 @@ class BoundMembrane(BoundTerm):
 
     def energy(self, x: np.ndarray, t: float) -> float:
         """Σ w W [J]."""
-        return self.loop.total(by_part(self.kernels.energy, self.strain.shape, self.elements, x))
+        energy = self.kernels.energy
+        return self.loop.total(by_part(energy, self.strain.shape, self.elements, x, x))
 
     def _force(self, x: Array) -> Callable[..., Call]:
-        return by_part(self.kernels.add_force, self.strain.shape, self.elements, x)
+        return by_part(self.kernels.add_force, self.strain.shape, self.elements, x, x)
 
     def add_force(self, x: Array, v: Array, t: float, f: Array) -> None:
         """f −= Σ w S : ∂E/∂x [N]."""
@@ -119,37 +150,37 @@ class BoundMembrane(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K; `definite` clamps the stress of the geometric part at zero."""
-        if not definite:
-            self._add_blocks(self.kernels.add_tangent, (x, wx, wx, -math.inf), J)
-            return
-        add = self.kernels.add_definite_tangent
-        more = self.strain.definite_arrays
-        self._add_blocks(add, (x, wx, wx) if more else (x, wx, wx, 0.0), J, more)
+        """J += wx K; `definite` raises the stress of the geometric part to zero."""
+        if definite:
+            add = self.kernels.add_definite_tangent
+            self._add_blocks(add, (x, x, wx, wx), J, more=self.strain.definite_arrays)
+        else:
+            self._add_blocks(self.kernels.add_tangent, (x, x, wx, wx), J)
 
     def add_mixed_tangent(self, x: Array, v: Array, scale: float, J: BlockMatrix) -> None:
         """J += scale Σ w (∂E/∂x : ℂ : ∂E/∂x at x + v + S : ∂²E/∂x²), which is not symmetric."""
-        self._add_blocks(self.kernels.add_mixed_tangent, (x, v, scale, scale, scale), J)
+        self._add_blocks(self.kernels.add_mixed_tangent, (x, x, v, scale, scale, scale), J)
 
     def _add_blocks(
         self, add: Any, others: tuple[Any, ...], J: BlockMatrix, more: tuple[Array, ...] = ()
     ) -> None:
-        nodes, *own, rest = self.elements
-        arrays = nodes, self.loop.slots, *own, *more, rest
+        """Add what an entry point adds to J; `more` are arrays with a row for each triangle."""
+        nodes, A, w, c, rest = self.elements
+        arrays = nodes, self.loop.slots, A, w, c, *more, rest
         self.loop.add_blocks(by_part(add, self.strain.shape, arrays, *others), J)
 
     def add_stress(self, x: Array, out: Array) -> None:
         """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²], the means over each triangle."""
-        self.kernels.add_stress(*self.data, x, out)
+        self.kernels.add_stress(*self.data, x, x, out)
 
     def strain_error(self, x: Array, t: float) -> np.ndarray:
-        """(m,) energy [J] of what recovery changes of the strain in each triangle."""
+        """(m,) the energy [J] of the change that recovery makes of the strain, by triangle."""
         return membrane_error(self.panel, *self.sampled_strain(x))
 
     def sampled_strain(self, x: Array) -> tuple[Array, Array, Samples]:
         """E (m, q, 3) at the points of samples, ℂ (m, 6) [N/m], and the samples."""
         moduli = np.zeros((len(self.constants), 6))
-        self.kernels.add_moduli(*self.data, x, moduli)
+        self.kernels.add_moduli(*self.data, x, x, moduli)
         E, samples = self.strain.sampled(x)
         return E, moduli, samples
 
@@ -159,21 +190,19 @@ class BoundMembrane(BoundTerm):
     def less(self, strains: Iterable[tuple[float, Array]]) -> Self:
         """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
         rest = self.strain.rest.copy()
-        shape = self.strain.shape
-        kernels = self.kernels
-        nodes, A, *_, old = self.elements
+        nodes, A, _, _, old = self.elements
 
         def add(weight: float, y: Array, part: slice) -> Call:
-            others = weight, y, rest[part]
-            return kernels.add_strain, (*shape, *cut((nodes, A, old), part), *others)
+            arrays = *self.strain.shape, *cut((nodes, A, old), part)
+            return self.kernels.add_strain, (*arrays, weight, y, y, rest[part])
 
         for weight, y in strains:
             self.loop.each(partial(add, weight, y))
         strain = replace(self.strain, rest=rest)
-        return replace(self, kernels=kernels.rested, strain=strain)
+        return replace(self, kernels=self.kernels.rested, strain=strain)
 
     def between(self, start: Array, x: Array) -> Self:
-        """The membrane whose strain at x is the mean Ē = ½ (E₀ + E₁) of `start` and 2x − start."""
+        """The membrane with the strain Ē = ½ (E₀ + E₁) at x, of `start` and 2x − start."""
         return self.less(((1.0, x), (-0.5, start), (-0.5, 2.0 * x - start)))
 
     def over_step(self, step: StepDifference) -> BoundTerm:
@@ -193,7 +222,11 @@ class OverMeanStrain(OverMean):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K; the symmetric one has both ∂E/∂x at x, the exact one the second at the end."""
+        """J += wx K.
+
+        The symmetric tangent has both factors ∂E/∂x at x, the exact one the second factor at
+        the end of the step.
+        """
         membrane = self.term.between(self.start, x)
         if definite or self.symmetric:
             membrane.add_tangent(x, v, t, wx, wv, J, definite)
@@ -210,12 +243,18 @@ def bind(
     strain: object = "interpolated",
 ) -> BoundMembrane:
     """Bind a law with constants (m, p) to a panel; `strain` matters on P2."""
-    loop = SharedLoop.over_elements(panel, panel.cloth.stencil, slots)
-    own = kernels.regge if is_interpolated(strain, panel) else kernels
-    its_strain = strain_of(panel, strain)
-    return BoundMembrane(name, own, panel, constants, its_strain, loop)
+    return BoundMembrane(
+        name=name,
+        kernels=kernels.regge if is_interpolated(strain, panel) else kernels,
+        panel=panel,
+        constants=constants,
+        strain=strain_of(panel, strain),
+        loop=SharedLoop.over_elements(panel, panel.cloth.stencil, slots),
+    )
 
 
 def strain_of(panel: Panel, strain: object) -> PointwiseStrain | ReggeStrain:
-    kind = ReggeStrain if is_interpolated(strain, panel) else PointwiseStrain
-    return kind.of_panel(panel)
+    """The strain of a panel for a term with this `strain`, "interpolated" or "pointwise"."""
+    if is_interpolated(strain, panel):
+        return ReggeStrain.of_panel(panel)
+    return PointwiseStrain.of_panel(panel)

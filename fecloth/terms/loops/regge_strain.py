@@ -1,12 +1,13 @@
 """The Regge-interpolated Green strain of quadratic triangles.
 
-Where a P2 membrane bends, its Green strain E is quadratic in a triangle, and most of it is an
-artefact: too stiff by orders for thin cloth (membrane locking). The linear tensor E_h that keeps
+Where a P2 membrane bends, its Green strain E is quadratic in a triangle. Most of that strain is
+an artefact, which makes thin cloth too stiff by orders of magnitude (membrane locking). E_h is
+the linear tensor with the same
 
     t · E t        at two Gauss points of each edge, with the edge's direction t
     ∫ E dA         over the triangle
 
-has no such part, and equals E where E is linear in X, as it is about flat (Neunteufel and
+It has no such artefact, and equals E where E is linear in X, as it is about flat (Neunteufel and
 Schöberl 2021, Avoiding membrane locking with Regge interpolation, Comput. Methods Appl. Mech.
 Engrg. 373). P2 keeps its orders with it: h³ in L2, h² in H1, h⁴ of energies and frequencies.
 In L2 and H1 the errors of a taut sheet differ from the errors with E by less than 5 % (cases
@@ -34,17 +35,21 @@ from fecloth.fabric.panel import Panel
 from fecloth.mesh.recovery import LINEAR, Samples
 from fecloth.terms.loops.green_strain import Six, Three
 
-NODES = 6
-POINTS = 3
-GAUSS = 0.5 * np.array([1 - 1 / np.sqrt(3), 1 + 1 / np.sqrt(3)])  # on an edge from 0 to 1
-INTERIOR = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6  # barycentric; exact to degree 2
-EDGES = np.array([[0, 1], [1, 2], [0, 2]])  # corners; the midpoints follow in this order
+GAUSS = 0.5 * np.array([1 - 1 / np.sqrt(3), 1 + 1 / np.sqrt(3)])
+"""The two Gauss points of an edge from 0 to 1."""
+INTERIOR = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+"""Barycentric coordinates of the points p, whose mean is exact to degree 2."""
+EDGES = np.array([[0, 1], [1, 2], [0, 2]])
+"""The corners of each edge; the nodes on the edges follow the corners in this order."""
+POINTS = len(INTERIOR)
+NODES = 3 + len(EDGES)
 
 
 STRAINS = "interpolated", "pointwise"
 
 
 def check_strain(strain: object, where: str) -> None:
+    """Raise `InputError` for the term `where` unless `strain` is one of `STRAINS`."""
     validation.one_of("strain", strain, STRAINS, where)
 
 
@@ -55,15 +60,34 @@ def is_interpolated(strain: object, panel: Panel) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class ReggeStrain:
-    """E_h of the triangles of a panel, along warp and weft."""
+    """E_h of the triangles of a panel, along warp and weft.
 
-    nodes: np.ndarray  # (m, 6) nodes of each triangle, as in ``cloth.stencil``
-    forms: np.ndarray  # (m, 3 points, 3, 6, 6) A [1/m²]
-    weights: np.ndarray  # (m, 3) w [m²]
-    rest: np.ndarray  # (m, 3 points, 3) E⁰, for which the flat cloth has no strain
-    slopes: np.ndarray  # (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m]
-    gradients: np.ndarray  # (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m]
-    samples: np.ndarray  # (m, 9, 9) E_h at the three points from the six t · E t and the mean of E
+    Attributes
+    ----------
+    nodes
+        (m, 6) The nodes of each triangle, as in ``cloth.stencil``.
+    forms
+        (m, 3 points, 3, 6, 6) The forms A [1/m²].
+    weights
+        (m, 3) The weights w of the points [m²].
+    rest
+        (m, 3 points, 3) E⁰, for which the flat cloth has no strain.
+    slopes
+        (m, 6, 6) ∂N_a/∂t at the six Gauss points of the edges [1/m].
+    gradients
+        (m, 3, 6, 2) ∂N_a/∂X at the three points [1/m].
+    samples
+        (m, 9, 9) The matrix that gives E_h at the three points from its nine data: the six
+        values t · E t and the mean of E.
+    """
+
+    nodes: np.ndarray
+    forms: np.ndarray
+    weights: np.ndarray
+    rest: np.ndarray
+    slopes: np.ndarray
+    gradients: np.ndarray
+    samples: np.ndarray
 
     @property
     def shape(self) -> tuple[Any, ...]:
@@ -77,10 +101,11 @@ class ReggeStrain:
 
     @property
     def definite_arrays(self) -> tuple[np.ndarray, ...]:
-        """What the definite tangent takes besides."""
+        """More arguments of the definite tangent."""
         return self.slopes, self.gradients, self.samples
 
     def sampled(self, x: np.ndarray) -> tuple[np.ndarray, Samples]:
+        """E_h (m, 3 points, 3) at positions x (n, 3), and the samples that these points are."""
         return self.values(x), LINEAR
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -98,19 +123,11 @@ class ReggeStrain:
 
     @classmethod
     def of_panel(cls, panel: Panel) -> Self:
-        """Make the forms of each triangle; of P2 only."""
+        """The strain of the triangles of a panel of P2."""
         cloth = panel.cloth
-        c = np.cos(panel.grain)[:, None]
-        s = np.sin(panel.grain)[:, None]
-        X, Y = np.moveaxis(cloth.X[cloth.stencil], -1, 0)
-        X = np.stack([c * X + s * Y, c * Y - s * X], axis=-1)  # (m, 6, 2) along warp and weft
+        X = _along_grain(panel)
         barycentric = _barycentric_gradients(X[:, :3])
-        points = np.zeros((6, 3))
-        along = np.tile(GAUSS, 3)
-        ends = np.repeat(EDGES, 2, axis=0)
-        points[np.arange(6)[:, None], ends] = np.stack([1 - along, along], axis=-1)
-        edge = X[:, EDGES[:, 1]] - X[:, EDGES[:, 0]]
-        t = np.repeat(edge / np.linalg.norm(edge, axis=-1, keepdims=True), 2, axis=1)  # (m, 6, 2)
+        points, t = _edge_points(X)
         slopes = np.einsum("esai,esi->esa", _gradients(points, barycentric), t)
         gradients = _gradients(INTERIOR, barycentric)
         samples = _interpolation(points, t)
@@ -125,11 +142,32 @@ class ReggeStrain:
         return cls(cloth.stencil, forms, weights, rest, slopes, gradients, samples)
 
 
+def _along_grain(panel: Panel) -> np.ndarray:
+    """(m, 6, 2) the positions of the triangles' nodes on the flat cloth, along warp and weft."""
+    cloth = panel.cloth
+    c = np.cos(panel.grain)[:, None]
+    s = np.sin(panel.grain)[:, None]
+    X, Y = np.moveaxis(cloth.X[cloth.stencil], -1, 0)
+    return np.stack([c * X + s * Y, c * Y - s * X], axis=-1)
+
+
+def _edge_points(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric coordinates (6, 3) of the Gauss points of the edges, and t (m, 6, 2) there."""
+    points = np.zeros((6, 3))
+    along = np.tile(GAUSS, 3)
+    ends = np.repeat(EDGES, 2, axis=0)
+    points[np.arange(6)[:, None], ends] = np.stack([1 - along, along], axis=-1)
+    edge = X[:, EDGES[:, 1]] - X[:, EDGES[:, 0]]
+    t = np.repeat(edge / np.linalg.norm(edge, axis=-1, keepdims=True), 2, axis=1)
+    return points, t
+
+
 def _barycentric_gradients(corners: np.ndarray) -> np.ndarray:
     """(m, 3, 2) gradients of the barycentric coordinates of triangles (m, 3, 2)."""
     e = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # opposite to each corner
     double_area = e[:, 0, 0] * e[:, 1, 1] - e[:, 0, 1] * e[:, 1, 0]
-    gradients: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1) / double_area[:, None, None]
+    gradients: np.ndarray = np.stack([-e[..., 1], e[..., 0]], axis=-1)
+    gradients /= double_area[:, None, None]
     return gradients
 
 
@@ -155,8 +193,11 @@ def _strain_forms(G: np.ndarray) -> np.ndarray:
 
 
 def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(m, 9, 9) E_h at the interior points from its nine data; t (m, 6, 2) at the edge `points`."""
-    # The unknowns are the values of E_h at the corners.
+    """(m, 9, 9) the matrix that gives E_h at the interior points from its nine data.
+
+    t (m, 6, 2) are the directions of the edges at their `points`. The unknowns in between are
+    the values of E_h at the corners.
+    """
     along = np.stack([t[..., 0] ** 2, t[..., 1] ** 2, 2 * t[..., 0] * t[..., 1]], axis=-1)
     data = np.empty((len(t), 9, 3, 3))
     data[:, :6] = points[None, :, :, None] * along[:, :, None, :]
@@ -167,7 +208,7 @@ def _interpolation(points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 @inner
 def gather(nodes: Array, e: int, x: Array, u: Array) -> None:
-    """u (6, 3) = the positions of the nodes from the first one, against round-off."""
+    """u (6, 3) = the positions of the nodes from the first node, which avoids round-off."""
     i = np.uintp(nodes[e, 0])
     for a in range(NODES):
         j = np.uintp(nodes[e, a])
@@ -220,7 +261,9 @@ def scatter_material(
     C11, C22, C66, C12, C16, C26 = C
     for b in range(NODES):
         for c in range(3):
-            r1, r2, r3 = w * right[0, b, c], w * right[1, b, c], 2.0 * w * right[2, b, c]
+            r1 = w * right[0, b, c]
+            r2 = w * right[1, b, c]
+            r3 = 2.0 * w * right[2, b, c]
             T[0, b, c] = C11 * r1 + C12 * r2 + C16 * r3
             T[1, b, c] = C12 * r1 + C22 * r2 + C26 * r3
             T[2, b, c] = 2.0 * (C16 * r1 + C26 * r2 + C66 * r3)
@@ -250,7 +293,8 @@ def scatter_geometric(slots: Array, e: int, w: float, S: Three, A: Array, J: Arr
 def add_sample_stress(M: Array, p: int, w: float, S: Three, sigma: Array) -> None:
     """sigma (9,) += the stress at point p on the nine data of E_h."""
     for s in range(9):
-        sigma[s] += w * (S[0] * M[3 * p, s] + S[1] * M[3 * p + 1, s] + 2.0 * S[2] * M[3 * p + 2, s])
+        normal = S[0] * M[3 * p, s] + S[1] * M[3 * p + 1, s]
+        sigma[s] += w * (normal + 2.0 * S[2] * M[3 * p + 2, s])
 
 
 @inner
@@ -259,8 +303,8 @@ def scatter_tension(
 ) -> None:
     """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
 
-    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there,
-    and S is the one on the mean of E, with the gradients G at the three points.
+    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there.
+    S is the stress on the mean of E, with the gradients G at the three points.
     """
     for a in range(NODES):
         for b in range(NODES):

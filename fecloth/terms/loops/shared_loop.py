@@ -1,11 +1,11 @@
 """A loop over elements that adds to their nodes, shared among threads to the bits of one thread.
 
 Each thread takes a range of the elements, and owns the nodes that no thread before it has
-touched. It also computes the elements of its neighbours that touch its nodes. So no node is
-written by two threads, and what a node gets is added in the order of the elements. Elements
-are numbered along a narrow band, therefore only the few at both ends of a range, the seams,
-touch nodes of other threads. Their sums go to an array of the thread, from which its own nodes
-are copied.
+touched. It also computes the elements of its neighbours that touch its nodes. So no two threads
+write to one node, and the contributions to a node are added in the order of the elements.
+Elements are numbered along a narrow band. Therefore only a few elements at both ends of a range,
+the seams, touch nodes of other threads. They are added to an array of the thread, from which its
+own nodes are copied.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -24,33 +24,65 @@ from fecloth.linalg.block_matrix import BlockMatrix, FindSlots
 CallOf = Callable[[slice, np.ndarray], Call]
 """A call for a range of the elements, and the array to which it adds."""
 
-REPEATED = 0.3  # of a thread's equal share; if one has more to repeat, one thread does the loop
-GAP = 100  # elements of others between two runs; fewer are computed too, for fewer calls
-BLOCKS = 8  # whose sums make up a sum over elements
+MOST_REPEATED = 0.3
+"""Largest number of elements that a thread repeats, relative to its equal share.
+
+If one thread has more to repeat, one thread does the whole loop. Only speed depends on it.
+"""
+SHORTEST_GAP = 100
+"""Least number of foreign elements between two runs of a thread.
+
+The thread also computes shorter gaps, which makes fewer calls. Only speed depends on it.
+"""
+SUM_BLOCKS = 8
+"""Number of partial sums of a sum over the elements.
+
+It is the same for every number of threads, and so are the bits of the sum.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Elements that a thread does in one call."""
+    """Elements that a thread does in one call.
 
-    span: slice  # the elements
-    # The thread's own nodes that they touch, if they touch nodes of others too; else None.
+    Attributes
+    ----------
+    span
+        The range of the elements.
+    nodes
+        Of a seam, whose elements touch nodes of other threads too: the thread's own nodes that
+        they touch. Else None.
+    """
+
+    span: slice
     nodes: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class SharedLoop:
-    """A loop over elements with the nodes (m, k), of which −1 is none, for the threads of a team.
+    """A loop over elements, shared by the threads of a team.
 
-    The loops are given as functions that return a `Call`, a kernel and its arguments, for a
-    range of the elements. Of a part of a cloth only the elements where `counted` (m,) is true
-    count in sums; None: all do.
+    The methods take functions that return a `Call`, a kernel and its arguments, for a range of
+    the elements.
+
+    Attributes
+    ----------
+    team
+        The threads.
+    nodes
+        (m, k) The nodes of the elements; −1 stands for no node.
+    counted
+        (m,) Which elements count in sums, for a part of a cloth; None where all do.
+    find_slots
+        Finds blocks in the matrix, as `bind` of a term gets it.
+    cache
+        What is computed once: the parts of the threads, and the blocks of their seams.
     """
 
     team: Team
     nodes: np.ndarray
     counted: np.ndarray | None = None
-    find_slots: FindSlots | None = None  # as `bind` of a term gets it
+    find_slots: FindSlots | None = None
     cache: dict[Any, Any] = field(default_factory=dict)
 
     @classmethod
@@ -79,6 +111,7 @@ class SharedLoop:
 
     @property
     def whole(self) -> slice:
+        """The range of all elements."""
         return slice(0, len(self.nodes))
 
     def add(self, call: CallOf, target: np.ndarray) -> None:
@@ -90,18 +123,19 @@ class SharedLoop:
         self._share(call, J.values, J.pattern.indptr)
 
     def _share(self, call: CallOf, target: np.ndarray, indptr: np.ndarray | None) -> None:
+        """Make the calls of all threads; `indptr` says where a node's blocks are in a matrix."""
         parts = self.parts
-        function, arguments = call(self.whole, target)
+        kernel_of_all, all_arguments = call(self.whole, target)
         if parts is None:
-            function(*arguments)
+            kernel_of_all(*all_arguments)
             return
 
         def part(p: int) -> None:
-            for one, its_arguments in self._calls(p, call, target, indptr):
-                one(*its_arguments)
+            for function, arguments in self._calls(p, call, target, indptr):
+                function(*arguments)
 
-        name = function, id(self)
-        self.team.do(name, lambda: function(*arguments), lambda: self.team.run(part))
+        name = kernel_of_all, id(self)
+        self.team.do(name, lambda: kernel_of_all(*all_arguments), lambda: self.team.run(part))
 
     def _calls(
         self, p: int, call: CallOf, target: np.ndarray, indptr: np.ndarray | None
@@ -139,13 +173,14 @@ class SharedLoop:
 
     def _blocks(self, piece: Piece, indptr: np.ndarray) -> np.ndarray:
         """The blocks in the rows of a piece's nodes, kept for one pattern."""
-        known, found = self.cache.get(id(piece), (None, np.empty(0, np.int64)))
+        known, blocks = self.cache.get(id(piece), (None, None))
         if known is not indptr:
             nodes: Iterable[int] = () if piece.nodes is None else piece.nodes
-            found = np.concatenate([found[:0], *(np.arange(*indptr[i : i + 2]) for i in nodes)])
-            self.cache[id(piece)] = indptr, found
-        blocks: np.ndarray = found
-        return blocks
+            rows = [np.arange(indptr[i], indptr[i + 1]) for i in nodes]
+            blocks = np.concatenate([np.empty(0, np.int64), *rows])
+            self.cache[id(piece)] = indptr, blocks
+        kept: np.ndarray = blocks
+        return kept
 
     def each(self, call: Callable[[slice], Call]) -> None:
         """Make call(part), which writes only what belongs to its elements."""
@@ -154,19 +189,19 @@ class SharedLoop:
     def total(self, call: Callable[[slice], Call]) -> float:
         """Σ over the elements of what call(part) returns, in fixed blocks."""
         if self.counted is not None:
-            return float(sum(one(*arguments) for one, arguments in map(call, self.runs)))
+            calls = [call(run) for run in self.runs]
+            return float(sum(function(*arguments) for function, arguments in calls))
         m = len(self.nodes)
         count = self.team.count
         function, arguments = call(self.whole)
-        if m < BLOCKS * SMALLEST_SHARED_LOOP:
+        if m < SUM_BLOCKS * SMALLEST_SHARED_LOOP:
             return float(function(*arguments))
-        sums = [0.0] * BLOCKS
+        sums = [0.0] * SUM_BLOCKS
 
         def fill(first: int, step: int) -> None:
-            for block in range(first, BLOCKS, step):
-                span = slice(block * m // BLOCKS, (block + 1) * m // BLOCKS)
-                one, its_arguments = call(span)
-                sums[block] = one(*its_arguments)
+            for block in range(first, SUM_BLOCKS, step):
+                span = slice(block * m // SUM_BLOCKS, (block + 1) * m // SUM_BLOCKS)
+                sums[block] = function(*call(span)[1])
 
         run = self.team.run
         self.team.do(
@@ -193,7 +228,10 @@ class SharedLoop:
 def by_part(
     kernel: Callable[..., Any], shape: tuple[Any, ...], arrays: Iterable[np.ndarray], *others: Any
 ) -> Callable[..., Call]:
-    """``call(part, …)`` of a kernel: the `shape`, the part's rows of the arrays, and the others."""
+    """Make a function ``call(part, …)`` of a kernel.
+
+    The kernel gets the `shape`, the part's rows of the arrays, and the others.
+    """
     return lambda part, *target: (kernel, (*shape, *cut(arrays, part), *others, *target))
 
 
@@ -217,7 +255,7 @@ def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
     for owner in (by_elements, by_nodes.astype(np.int16)):
         parts = [_runs(nodes, np.append(owner, count), p) for p in range(count)]  # −1: nobody's
         work = [sum(piece.span.stop - piece.span.start for piece in part) for part in parts]
-        if max(work) <= (1 + REPEATED) * m / count:
+        if max(work) <= (1 + MOST_REPEATED) * m / count:
             return parts
     return None
 
@@ -228,7 +266,7 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
     touching = np.flatnonzero((of_nodes == p).any(axis=0))
     others = ((of_nodes != p) & (nodes.T >= 0)).any(axis=0)
     pieces: list[Piece] = []
-    for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > GAP)):
+    for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > SHORTEST_GAP)):
         if not len(run):
             continue
         begin = int(run[0])
@@ -238,10 +276,12 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
         inner_begin = int(low[-1]) + 1 if len(low) else begin
         inner_end = int(high[0]) if len(high) else end
         spans = slice(begin, inner_begin), slice(inner_begin, inner_end), slice(inner_end, end)
-        for number, span in enumerate(spans):
-            if span.start < span.stop:
-                touched = np.unique(nodes[span])
-                pieces.append(Piece(span, None if number == 1 else touched[owner[touched] == p]))
+        for span, is_seam in zip(spans, (True, False, True), strict=True):
+            if span.start == span.stop:
+                continue
+            touched = np.unique(nodes[span])
+            own_nodes = touched[owner[touched] == p]
+            pieces.append(Piece(span, own_nodes if is_seam else None))
     return pieces
 
 
@@ -249,7 +289,8 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
 def copy_rows(at: Array, a: Array, b: Array) -> None:
     """b[i] = a[i] for the rows i of `at`."""
     width = a.size // len(a)
-    a, b = a.reshape(len(a), width), b.reshape(len(b), width)
+    a = a.reshape(len(a), width)
+    b = b.reshape(len(b), width)
     for n in range(len(at)):
         i = at[n]
         for c in range(width):

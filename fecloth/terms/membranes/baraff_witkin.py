@@ -22,7 +22,7 @@ SWAP = np.array([[0.0, 1.0], [1.0, 0.0]])  # 1 − δ_rs
 
 @dataclass(frozen=True)
 class BaraffWitkin:
-    """C_u = aᵖ (|w_u| − b_u), C_v = aᵖ (|w_v| − b_v), C_s = aᵖ w_u·w_v, energy ½ k C² each.
+    """C_u = aᵖ (|w_u| − b_u), C_v = aᵖ (|w_v| − b_v), C_s = aᵖ w_u·w_v, each with ½ k C².
 
     w_u = ∂x/∂u and w_v = ∂x/∂v, the columns of F along warp and weft; a is the triangle's
     reference area [m²].
@@ -93,13 +93,13 @@ class BaraffWitkin:
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
         for name in ("stretch", "shear", "rest", "area_exponent", "damping"):
             values = getattr(self, name)
+            if values is None:  # from the fabric
+                continue
             size = 2 if name in ("stretch", "rest") else 1
-            if values is not None:
-                numbers = floats(name, np.ravel(values), where)
-            else:
-                numbers = np.ones(size)
+            numbers = floats(name, np.ravel(values), where)
             if numbers.shape != (size,) or not (np.isfinite(numbers) & (numbers >= 0)).all():
-                allowed = f"must be {'two numbers' if size == 2 else 'a number'} >= 0"
+                count = "two numbers" if size == 2 else "a number"
+                allowed = f"must be {count} >= 0"
                 raise InputError(f"{name} = {values!r}", allowed, where)
         if p != 0.5 and (self.stretch is None or self.shear is None):
             what = f"area_exponent = {p!r} without stretch and shear"
@@ -110,7 +110,8 @@ class BaraffWitkin:
     def stiffness(self, fabric: Fabric) -> np.ndarray:
         """(3,) k_u, k_v, k_s."""
         stretch = fabric.tensile if self.stretch is None else self.stretch
-        return np.array([*stretch, fabric.shear if self.shear is None else self.shear])
+        shear = fabric.shear if self.shear is None else self.shear
+        return np.array([*stretch, shear])
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ = (C11, C22, C66, C12, C16, C26) [N/m] at rest with b = 1; for p = ½."""
@@ -132,9 +133,18 @@ class BaraffWitkin:
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
         stiffness = np.array(panel.each(self.stiffness))
-        data = cloth.stencil, constants, stiffness, self.damping * stiffness
-        own = "BaraffWitkin", KERNELS, (1, 1, 0)
-        return BoundBaraffWitkin.bind(*own, panel, slots, *data, tangent=self.tangent)
+        return BoundBaraffWitkin.bind(
+            "BaraffWitkin",
+            KERNELS,
+            convex=(True, True, False),
+            panel=panel,
+            slots=slots,
+            nodes=cloth.stencil,
+            constants=constants,
+            stiffness=stiffness,
+            damping=self.damping * stiffness,
+            tangent=self.tangent,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,14 +157,22 @@ class BoundBaraffWitkin(LengthCondition):
         return self.constants[:, 4:].reshape(-1, 3, 2).swapaxes(1, 2)
 
     def rest_over_step(self, e0: Array, e: Array) -> Array:
-        """b_u, b_v as of springs along w_u, w_v; b_s so that w_u·w_v is the mean of both ends."""
+        """The constants with other values at rest, for the force over the step.
+
+        b_u and b_v are as for springs along w_u and w_v. b_s is chosen so that w_u·w_v − b_s is
+        the mean of w_u·w_v at both ends of the step.
+        """
         rest = self.constants.copy()
         rest[:, 1:3] *= mean_ratio(e0, e)
         rest[:, 3] = -np.sum(np.prod(e - e0, axis=1), axis=1)
         return rest
 
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
-        """a²ᵖ times k_u, k_v on the diagonal, and k_s (w̃_r ⊗ w̃₁_s + S̄ (1 − δ_rs) I), w̃_u = w_v."""
+        """a²ᵖ times the moduli of both springs and of the shear.
+
+        The springs k_u and k_v are on the diagonal. The shear has k_s (w̃_r ⊗ w̃₁_s + S̄ (1 −
+        δ_rs) I) with w̃_u = w_v, w̃_v = w_u and the mean S̄ of w_u·w_v.
+        """
         k = np.einsum("err->er", self.stiffness) * self.constants[:, :1] ** 2
         S = np.sum(np.prod(e, axis=1), axis=1) - self.rest_over_step(e0, e)[:, 3]
         other = e[:, ::-1, None, :, None] * (2.0 * e - e0)[:, None, ::-1, None, :]
@@ -206,7 +224,12 @@ def conditions(y, c, order, C, g, H):
     C[2] = scale * (wu[0] * wv[0] + wu[1] * wv[1] + wu[2] * wv[2] - c[3])
     if order == 0:
         return
-    iu, iv = (1.0 / lu if lu > 0.0 else 0.0), (1.0 / lv if lv > 0.0 else 0.0)
+    iu = 0.0  # 1/|w_u|
+    if lu > 0.0:
+        iu = 1.0 / lu
+    iv = 0.0  # 1/|w_v|
+    if lv > 0.0:
+        iv = 1.0 / lv
     for a in range(3):
         Gu, Gv = scale * G[2 * a], scale * G[2 * a + 1]
         for i in range(3):

@@ -1,6 +1,8 @@
-"""Measured curves of a fabric as stress over strain: read, checked, splined, packed for the law.
+"""Measured curves of a fabric: read, checked, interpolated, and packed for the compiled law.
 
-A curve is S(E): E11 or E22 and S = P/λ; or the engineering shear 2 E12 = sin γ and S = τ/cos γ.
+A curve is a stress S over a strain E. For warp and weft E is E11 or E22, and S = P/λ of the
+force P at the stretch λ. For shear E is the engineering shear 2 E12 = sin γ, and S = τ/cos γ of the
+force τ at the angle γ.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,19 +24,34 @@ CurveData = str | Path | Mapping[str, Any] | Sequence[Sequence[float]] | np.ndar
 """A file, columns by name or a KES sheet, or rows."""
 
 WHERE = "MembraneTable"
-LEAST_END = 0.1  # of the secant beside it: the least slope at an end, where PCHIP may have 0
-LONGEST = 4.0  # stretch; more is taken for a strain in percent
-CELLS = 8  # for each point
-ROUND_OFF = 1e-12  # relative, of where a cell begins
-PIECE = 8  # numbers of a piece: begin, energy there, four coefficients, next begin and its place
+LEAST_END_SLOPE = 0.1
+"""Least slope at an end of a curve, relative to the secant beside it.
+
+PCHIP may have the slope 0 there, where a curve shaped like a J begins: the cloth would have no
+stiffness at rest.
+"""
+STRETCH_LIMIT = 4.0
+"""From this stretch on a column of stretches is taken for strains in percent, and refused.
+
+5 % of strain is the stretch 1.05, so that a column in percent soon has larger numbers.
+"""
+CELLS_PER_POINT = 8
+"""Equal cells into which `pack` cuts a curve, for each of its points.
+
+Only speed depends on it: where points crowd, the law follows several pieces from one cell.
+"""
+PIECE_SIZE = 8
+"""Numbers of a piece in `pack`: those of `Curve.pieces`, and begin and place of the next."""
 
 
 def read_rows(name: str, data: Any) -> Rows:
-    """The points of `warp`, `weft` or `shear`, with the one at rest, from what a user may give."""
-    if name == "shear":
-        along, unit, rest = ("angle", "rad", 0.0)
-    else:
-        along, unit, rest = ("stretch", "", 1.0)
+    """Read the points of `warp`, `weft` or `shear` from what a user may give.
+
+    The point at rest is added where it is missing. Raises `InputError` for data that cannot be
+    read, and for a curve that `_check` refuses.
+    """
+    along, rest = _abscissa(name)
+    unit = "rad" if name == "shear" else ""
     if isinstance(data, str | Path):
         label = f"{name} of {data}, line"
     else:
@@ -44,21 +61,32 @@ def read_rows(name: str, data: Any) -> Rows:
     elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
+    has_stiffness = "stiffness" in table
     x = table.numbers(along, unit, True)
     labels = [f"{label} {line}" for line in table.lines]
-    force = table.numbers("stiffness" if "stiffness" in table else "force", "N/m", True)
+    force = table.numbers("stiffness" if has_stiffness else "force", "N/m", True)
     if len(x) and x[0] > rest:
         x = np.append(rest, x)
         force = np.append(0.0, force)
         labels = [name, *labels]
-    if "stiffness" in table:
-        E, over = _strain(name, x)
-        force = over * np.cumsum(force * np.diff(E, prepend=0.0))
+    if has_stiffness:
+        stiffness = force  # dS/dE from the point before
+        E, force_per_stress = _strain(name, x)
+        S = np.cumsum(stiffness * np.diff(E, prepend=0.0))
+        force = force_per_stress * S
     _check(name, along, x, force, labels)
     return tuple(zip(x.tolist(), force.tolist(), strict=True))
 
 
+def _abscissa(name: str) -> tuple[str, float]:
+    """What a curve is measured over, and its value at rest."""
+    if name == "shear":
+        return "angle", 0.0
+    return "stretch", 1.0
+
+
 def _columns(name: str, along: str, rows: Any) -> dict[str, Any]:
+    """The columns of rows (k, 2); raises `InputError` for anything else."""
     try:
         x, force = zip(*np.array(rows, dtype=float).tolist(), strict=True)
     except (TypeError, ValueError):
@@ -68,27 +96,17 @@ def _columns(name: str, along: str, rows: Any) -> dict[str, Any]:
 
 
 def _strain(name: str, x: Array) -> tuple[Array, Array]:
-    """E of the stretches or angles x, and force/S there."""
+    """E at the stretches or angles x, and the ratio force/S there."""
     if name == "shear":
-        return (np.sin(x), np.cos(x))
-    return (0.5 * (x * x - 1.0), x)
+        return np.sin(x), np.cos(x)
+    return 0.5 * (x * x - 1.0), x
 
 
 def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str]) -> None:
-    """Refuse a curve that does not begin at rest, that does not rise, or that ends beyond π/2."""
-    rest, ratio = (0.0, "cos(angle)") if name == "shear" else (1.0, "stretch")
-    if x[0] != rest or force[0] != 0.0 or len(x) < 2:
-        what = f"{labels[0]}: {along} = {x[0]:g}, force = {force[0]:g} N/m"
-        allowed = f"must begin at {along} = {rest:g} with force 0, and have a second row"
-        remedy = "A strain e is the stretch 1 + e. Leave out compression, and what the start has."
-        raise InputError(what, allowed, WHERE, remedy)
-    most = LONGEST
-    allowed = f"must be below {LONGEST:g}: at rest it is 1, with 5 % strain 1.05"
-    if name == "shear":
-        most = np.pi / 2
-        allowed = "must be below π/2 [rad]; degrees have the column angle [deg]"
-    if x[-1] >= most:
-        raise InputError(f"{labels[-1]}: {along} = {x[-1]:g}", allowed, WHERE)
+    """Raise `InputError` unless a curve begins at rest, rises, and ends below the limit."""
+    _check_begin(name, along, x, force, labels[0])
+    _check_end(name, along, x[-1], labels[-1])
+    ratio = "cos(angle)" if name == "shear" else "stretch"
     for what, values in ((along, x), (f"S = force/{ratio}", force / _strain(name, x)[1])):
         if (falls := np.flatnonzero(np.diff(values) <= 0)).size:
             row = 1 + int(falls[0])
@@ -97,29 +115,67 @@ def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str])
             raise InputError(said, "must rise from row to row", WHERE, remedy)
 
 
+def _check_begin(name: str, along: str, x: Array, force: Array, label: str) -> None:
+    """Raise `InputError` for a curve that does not begin at rest, or has one point only."""
+    _, rest = _abscissa(name)
+    if x[0] != rest or force[0] != 0.0 or len(x) < 2:
+        what = f"{label}: {along} = {x[0]:g}, force = {force[0]:g} N/m"
+        allowed = f"must begin at {along} = {rest:g} with force 0, and have a second row"
+        advice = "A strain e is the stretch 1 + e."
+        remedy = f"{advice} Leave out compression, and what the start has."
+        raise InputError(what, allowed, WHERE, remedy)
+
+
+def _check_end(name: str, along: str, last: float, label: str) -> None:
+    """Raise `InputError` for a stretch in percent, or an angle of a right angle or more."""
+    limit = STRETCH_LIMIT
+    allowed = f"must be below {STRETCH_LIMIT:g}: at rest it is 1, with 5 % strain 1.05"
+    if name == "shear":
+        limit = np.pi / 2
+        allowed = "must be below π/2 [rad]; degrees have the column angle [deg]"
+    if last >= limit:
+        raise InputError(f"{label}: {along} = {last:g}", allowed, WHERE)
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """S(E) from E = 0 to the last point, and straight on beyond both."""
+    """A stress S(E) through k points, from E = 0 on, and straight beyond both ends.
 
-    E: Array  # (k,)
-    S: Array  # (k,) [N/m]
-    slopes: Array  # (k,) dS/dE [N/m]
-    end: float  # E up to which it was measured
+    Between the points S is the cubic with the given slopes at both points.
+
+    Attributes
+    ----------
+    E
+        (k,) The strains of the points, rising from 0.
+    S
+        (k,) The stresses there [N/m].
+    slopes
+        (k,) dS/dE there [N/m].
+    end
+        The strain up to which the curve was measured; infinite for a straight line.
+    """
+
+    E: Array
+    S: Array
+    slopes: Array
+    end: float
 
     @classmethod
     def through(cls, name: str, rows: Rows) -> Self:
-        """The curve through points by PCHIP, whose slope at an end may not be 0."""
+        """The curve through points by PCHIP, with the slopes at both ends kept above 0."""
         x, force = np.array(rows).T
-        E, over = _strain(name, x)
-        S = force / over
+        E, force_per_stress = _strain(name, x)
+        S = force / force_per_stress
         slopes = scipy.interpolate.PchipInterpolator(E, S)(E, 1)
         secants = np.diff(S) / np.diff(E)
-        slopes[[0, -1]] = np.maximum(slopes[[0, -1]], LEAST_END * secants[[0, -1]])
-        return cls(E, S, slopes, float(E[-1]))
+        slopes[[0, -1]] = np.maximum(slopes[[0, -1]], LEAST_END_SLOPE * secants[[0, -1]])
+        return cls(E, S, slopes, end=float(E[-1]))
 
     @classmethod
     def straight(cls, stiffness: float) -> Self:
-        return cls(np.array([0.0, 1.0]), np.array([0.0, stiffness]), np.full(2, stiffness), np.inf)
+        """The line S = stiffness · E."""
+        E = np.array([0.0, 1.0])
+        return cls(E, stiffness * E, np.full(2, stiffness), end=np.inf)
 
     @property
     def rest(self) -> float:
@@ -127,37 +183,55 @@ class Curve:
         return float(self.slopes[0])
 
     def pieces(self) -> Array:
-        """(k, 6) between the points and beyond the last one: E₀, w₀, and S by powers of E − E₀."""
+        """(k, 6) the pieces of the curve: E₀, w₀, a₀, a₁, a₂, a₃.
+
+        A piece begins at E₀ with the energy w₀, and S = Σ aᵢ (E − E₀)ⁱ. The last piece is the
+        straight line beyond the last point.
+        """
         spline = scipy.interpolate.CubicHermiteSpline(self.E, self.S, self.slopes)
         beyond = [[self.S[-1]], [self.slopes[-1]], [0.0], [0.0]]
         powers = np.hstack([spline.c[::-1], beyond])
         return np.vstack([self.E, spline.antiderivative()(self.E), powers]).T
 
     def least_slope(self) -> float:
-        """min dS/dE [N/m]: of the parabola a₁ + 2 a₂ t + 3 a₃ t² in each piece, and of its ends."""
+        """min dS/dE [N/m] over the whole curve.
+
+        In a piece the slope is the parabola a₁ + 2 a₂ t + 3 a₃ t² of t = E − E₀. It is least at
+        an end of the piece or, if a₃ > 0, at the vertex t = −a₂/(3 a₃) where that lies inside.
+        """
         a1, a2, a3 = self.pieces()[:-1, 3:].T
-        t = np.clip(-a2 / np.where(a3 > 0, 3 * a3, np.inf), 0.0, np.diff(self.E))
-        return float(min(self.slopes.min(), (a1 + t * (2 * a2 + 3 * a3 * t)).min()))
+        vertex = -a2 / np.where(a3 > 0, 3 * a3, np.inf)
+        t = np.clip(vertex, 0.0, np.diff(self.E))
+        inside = a1 + t * (2 * a2 + 3 * a3 * t)
+        return float(min(self.slopes.min(), inside.min()))
 
 
 def pack(coupling: float, curves: Sequence[Curve]) -> Array:
-    """(p,) what the compiled law reads: c, cells per E of each curve, their number, and pieces.
+    """Lay out the curves of a fabric as one array (p,) of constants for the compiled law.
 
-    Each curve is cut into equal cells up to its last point. A cell has the piece in which it
-    begins; so the law needs no search, whose branches a processor guesses wrong where strains
-    jump. Points inside of a cell lead on to the pieces of `Curve.pieces`, which follow the
-    cells. First come the cells 0 of all curves, then the cells 1, …
+    It begins with the coupling c [N/m], the number of cells per unit of E for each curve, and
+    the number of cells. Then come rows of `PIECE_SIZE` numbers, which are the pieces.
+
+    Each curve is cut into equal cells up to its last point. The row of a cell is the piece in
+    which the cell begins. So the law finds a piece by one division and needs no search, whose
+    branches a processor guesses wrong where strains jump. Where points lie inside a cell, the
+    row leads on to the next pieces of `Curve.pieces`, which follow the cells. First come the
+    cells 0 of all curves, then the cells 1, …
     """
     most = max(len(curve.E) for curve in curves)
-    cells = CELLS * most
+    cells = CELLS_PER_POINT * most
+    per_strain = [cells / curve.E[-1] for curve in curves]
     first = 2 + len(curves)
-    rows = np.full((cells + 1 + most, len(curves), PIECE), np.nan)  # E is never beyond NaN
+    # NaN in unused rows: no strain is beyond the NaN of a next piece.
+    rows = np.full((cells + 1 + most, len(curves), PIECE_SIZE), np.nan)
     for k, curve in enumerate(curves):
         n = len(curve.E)
-        places = first + PIECE * (k + len(curves) * (cells + 2 + np.arange(n)))  # of the next piece
-        pieces = np.column_stack([curve.pieces(), np.append(curve.E[1:], np.nan), places])
-        begins = np.linspace(0.0, (1 - ROUND_OFF) * curve.E[-1], cells + 1)[:-1]
+        next_row = cells + 2 + np.arange(n)
+        next_place = first + PIECE_SIZE * (k + len(curves) * next_row)
+        next_begin = np.append(curve.E[1:], np.nan)
+        pieces = np.column_stack([curve.pieces(), next_begin, next_place])
+        begins = np.linspace(0.0, curve.E[-1], cells + 1)[:-1]
         rows[:cells, k] = pieces[np.searchsorted(curve.E, begins, "right") - 1]
         rows[cells, k] = pieces[-1]
         rows[cells + 1 :][:n, k] = pieces
-    return np.concatenate([[coupling], *([cells / c.E[-1]] for c in curves), [cells], rows.ravel()])
+    return np.concatenate([[coupling], per_strain, [cells], rows.ravel()])

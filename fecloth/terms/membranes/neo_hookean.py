@@ -38,18 +38,19 @@ class NeoHookean:
 
     For plane stress the fabric gives μ = Y/(2 (1 + ν)) and λ = Yν/(1 − ν²), so that the law
     agrees with `StVK` at rest. In the metric of C the eigenvalues of ℂ are 2 (μ − λ ln J),
-    twice, and 2 (λ + μ − λ ln J): W is convex in E up to ln J = μ/λ = (1 − ν)/(2ν), an area
-    ratio of 3.2 at ν = 0.3. Beyond, a definite tangent raises those eigenvalues to zero.
+    twice, and 2 (λ + μ − λ ln J). So W is convex in E up to ln J = μ/λ = (1 − ν)/(2ν), which
+    is an area ratio of 3.2 at ν = 0.3. Beyond, a definite tangent raises negative eigenvalues
+    to zero.
 
     Source: "incompressible" is Treloar (1975), The Physics of Rubber Elasticity,
     W = ½ G (λ₁² + λ₂² + λ₃² − 3), here with λ₃ = 1/(λ₁λ₂); "compressible" Bonet and Wood (2008),
     Nonlinear Continuum Mechanics for Finite Element Analysis, section 6.4.3 (S is its eq. 6.28),
     for two dimensions: their W with λ₃ = 1.
 
-    Valid for isotropic fabrics at any stretch, as a law; as a rubber to strains of some 20 %,
-    as it has no limit at which chains, or yarns, are straight. Compressed, S grows at least as
-    1/J and W without bound, so that no equilibrium has a collapsed triangle; but J has no
-    sign, and a large step may turn a triangle over.
+    Valid for isotropic fabrics. The law is defined at any stretch; it describes rubber up to
+    strains of some 20 %, as it has no limit at which chains, or yarns, are straight. In
+    compression S grows at least as 1/J and W without bound, so that no equilibrium has a
+    collapsed triangle. But J has no sign, and a large step may turn a triangle over.
 
     Cost relative to `StVK`: force 1.2 (incompressible) and 1.8 (compressible), tangent 1.2 and
     1.4.
@@ -98,8 +99,10 @@ class NeoHookean:
 
     def constants(self, fabric: Fabric) -> np.ndarray:
         """(1,) μ, or (2,) μ and λ [N/m]."""
+        if self.mu is not None and self.lam is not None:
+            return np.array([self.mu, self.lam])
         if self.mu is not None:
-            return np.array([self.mu] if self.lam is None else [self.mu, self.lam])
+            return np.array([self.mu])
         Y, nu = fabric.isotropic("NeoHookean")
         if self.kind == "incompressible":
             return np.array([Y / 3])
@@ -112,7 +115,8 @@ class NeoHookean:
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ at E = 0 [N/m]."""
         mu, lam = self.constants(fabric)[[0, -1]]
-        lam = 2 * mu if self.kind == "incompressible" else lam
+        if self.kind == "incompressible":
+            lam = 2 * mu
         return np.array([lam + 2 * mu, lam + 2 * mu, mu, lam, 0.0, 0.0])
 
     traits = OF_FABRIC
@@ -134,9 +138,14 @@ def invariants(E):
 
 @inner
 def positive(D):
-    """D, or NaN where D ≤ 0, which only an interpolated strain has, in a long step."""
-    # Newton's line search then takes a shorter step; W would be below W of the cloth at rest.
-    return D if D > 0.0 else math.nan
+    """D, or NaN where D ≤ 0, which only an interpolated strain has, in a long step.
+
+    With NaN Newton's line search takes a shorter step. Otherwise W would be less than W of the
+    cloth at rest, and the step would be taken.
+    """
+    if D > 0.0:
+        return D
+    return math.nan
 
 
 @inner
@@ -166,8 +175,9 @@ def incompressible(E, c):
     trace, determinant, d = invariants(E)
     D = positive(1.0 + d)
     W = mu * (trace * d - 2.0 * determinant) / D
-    s, both = mu / (D * D), d * (2.0 + d)  # both = D² − 1
-    S = s * (both - 2.0 * E[1]), s * (both - 2.0 * E[0]), s * 2.0 * E[2]
+    s = mu / (D * D)
+    square_less_one = d * (2.0 + d)  # D² − 1
+    S = s * (square_less_one - 2.0 * E[1]), s * (square_less_one - 2.0 * E[0]), s * 2.0 * E[2]
     return W, S, moduli(2.0 * mu / D, mu / D, inverse(E, D))
 
 

@@ -19,16 +19,16 @@ from fecloth.terms.traits import MEMBRANE, OF_FABRIC
 
 @dataclass(frozen=True)
 class StVK:
-    """W = ½ E:ℂ:E, S = ℂ:E with the plane-stress moduli ℂ of the fabric, isotropic or orthotropic.
+    """W = ½ E:ℂ:E and S = ℂ:E with the plane-stress moduli ℂ of the fabric.
 
-    Energy per reference area W [J/m²], stress resultant S [N/m], in the material axes warp and
-    weft:
+    W is the energy per reference area [J/m²] and S the stress resultant [N/m], along warp and
+    weft. The fabric may be isotropic or orthotropic:
 
         isotropic    W = Y/(2 (1 − ν²)) (E11² + E22² + 2 ν E11 E22 + 2 (1 − ν) E12²)
         orthotropic  W = (Y₁ E11² + Y₂ E22² + 2 ν₁₂ Y₂ E11 E22)/(2 (1 − ν₁₂ ν₂₁)) + 2 G E12²
 
-    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it bears the nominal
-    stress P = Y λ (λ² − 1)/2 [N/m].
+    with ν₂₁ = ν₁₂ Y₂/Y₁. Pulled to the stretch λ with its sides free, it has the nominal stress
+    P = Y λ (λ² − 1)/2 [N/m].
 
     Source: Bonet and Wood (2008), Nonlinear Continuum Mechanics for Finite Element Analysis,
     chapter 6, with plane-stress moduli (`Fabric.moduli`).
@@ -61,8 +61,8 @@ class StVK:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        C = panel.each(self.moduli)
-        return membrane.bind("StVK", KERNELS, C, panel, slots, self.strain)
+        moduli = panel.each(self.moduli)
+        return membrane.bind("StVK", KERNELS, moduli, panel, slots, self.strain)
 
 
 @inner
@@ -113,5 +113,5 @@ class TensorCondition:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
-        C = panel.each(self.moduli)
-        return membrane.bind("TensorCondition", KERNELS, C, panel, slots, self.strain)
+        moduli = panel.each(self.moduli)
+        return membrane.bind("TensorCondition", KERNELS, moduli, panel, slots, self.strain)

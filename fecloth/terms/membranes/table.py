@@ -11,32 +11,38 @@ from fecloth.fabric.fabric import Fabric
 from fecloth.fabric.panel import Panel
 from fecloth.terms.loops import membrane, membrane_loops
 from fecloth.terms.loops.regge_strain import check_strain
-from fecloth.terms.membranes.curves import PIECE, Curve, CurveData, pack, read_rows
+from fecloth.terms.membranes.curves import PIECE_SIZE, Curve, CurveData, pack, read_rows
 from fecloth.terms.protocol import element_nodes
 from fecloth.terms.traits import MEMBRANE
 
 CURVES = ("warp", "weft", "shear")
-BEYOND = 1 + 1e-6  # of the last strain: a specimen may be drawn to its last point
-FIRST = 2 + len(CURVES)  # the place of the first piece, see `pack`
+BEYOND_LAST = 1 + 1e-6
+"""Strain, relative to a curve's last strain, from which on it counts as beyond the curve.
+
+A simulated specimen may be drawn to the last point itself, up to round-off.
+"""
+FIRST_PIECE = 2 + len(CURVES)
+"""The place of the first piece in the constants, see `pack`."""
 
 
 @dataclass(frozen=True)
 class MembraneTable:
     """W = w₁(E11) + w₂(E22) + w₁₂(2 E12) + c E11 E22 with measured curves w′ = S.
 
-    With the stretch λ and the force P per width of the flat cloth along warp and weft, and the
-    shear force τ per width at the angle γ that is lost between them, whose work per area is ∫
-    τ dγ:
+    λ is the stretch and P the force per width of the flat cloth, along warp and weft. γ is the
+    shear angle, by which the angle between warp and weft has become smaller, and τ the shear
+    force per width, whose work per area is ∫ τ dγ:
 
         S₁ = P/λ      at E11 = (λ² − 1)/2, likewise S₂ of the weft at E22
         S₁₂ = τ/cos γ at 2 E12 = sin γ, mirrored for E12 < 0
         S11 = S₁ + c E22,  S22 = S₂ + c E11,  c = ν √(S₁′ S₂′) at rest
 
-    Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. The slope
-    at rest goes on in compression, the last slope beyond the last point, with a warning of a
-    run that went there. A slope at an end is at least a tenth of the secant beside it, as
-    PCHIP may have 0 where a J begins. As all S rise, W is convex; c is lowered to √(min S₁′
-    min S₂′), with a warning, where it would be more.
+    Between the points S is a monotone cubic in E (PCHIP), and w its exact integral. In
+    compression S goes on with the slope at rest, and beyond the last point with the last
+    slope; a run that went there gives a warning. A slope at an end is at least a tenth of the
+    secant beside it, as PCHIP may have the slope 0 where a curve like a J begins. As all S
+    rise, W is convex as long as c is at most √(min S₁′ min S₂′). Where c would be more, it is
+    lowered to that, with a warning.
 
     Source: Fritsch and Butland (1984), A method for constructing local monotone piecewise
     cubic interpolants, SIAM J. Sci. Stat. Comput. 5, 300–304, and for the ends Moler (2004),
@@ -57,9 +63,9 @@ class MembraneTable:
     ----------
     warp, weft
         A CSV file with the columns `stretch` and `force [N/m]`, rows (k, 2) of both, a mapping
-        of columns, or a KES sheet with EMT and LT or WT as in `Fabric.from_kes`. A column
-        `stiffness` in place of `force` has dS/dE [N/m] from the point before, which `fit` may
-        choose. The point (1, 0) is added. Left out: straight, from the fabric.
+        of columns, or a KES sheet with EMT and LT or WT as in `Fabric.from_kes`. In place of
+        `force` there may be a column `stiffness`: dS/dE [N/m] from the point before, which
+        `fit` may choose. The point (1, 0) is added. Left out: a straight line, from the fabric.
     shear
         The same with `angle [rad]` (or [deg]) and `force [N/m]`, or a sheet with G.
     poisson
@@ -92,14 +98,17 @@ class MembraneTable:
 
     def curves(self, fabric: Fabric) -> list[Curve]:
         """S₁, S₂ and S₁₂ over E11, E22 and 2 E12."""
-        given = ((name, getattr(self, name)) for name in CURVES)
-        return [
-            Curve.straight(stiffness) if rows is None else Curve.through(name, rows)
-            for (name, rows), stiffness in zip(given, fabric.moduli(), strict=False)
-        ]
+        curves = []
+        for name, stiffness in zip(CURVES, fabric.moduli()[:3], strict=True):
+            rows = getattr(self, name)
+            if rows is None:
+                curves.append(Curve.straight(stiffness))
+            else:
+                curves.append(Curve.through(name, rows))
+        return curves
 
     def coupling(self, fabric: Fabric) -> tuple[float, float]:
-        """c [N/m], and the largest |c| for which W is convex."""
+        """c [N/m] for the given ν, and the largest |c| for which W is convex."""
         C = fabric.moduli()
         if self.poisson is None:
             nu = C[3] / math.sqrt(C[0] * C[1])
@@ -112,7 +121,8 @@ class MembraneTable:
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ at E = 0 [N/m]."""
         c, most = self.coupling(fabric)
-        return np.array([*(s.rest for s in self.curves(fabric)), np.clip(c, -most, most), 0.0, 0.0])
+        at_rest = [curve.rest for curve in self.curves(fabric)]
+        return np.array([*at_rest, np.clip(c, -most, most), 0.0, 0.0])
 
     def constants(self, fabric: Fabric) -> np.ndarray:
         """(p,) the coefficients of the curves, see `pack`."""
@@ -131,17 +141,23 @@ class MembraneTable:
 
 @dataclass(frozen=True, eq=False)
 class BoundTable(membrane.BoundMembrane):
-    """`MembraneTable` on a cloth."""
+    """`MembraneTable` on a cloth.
 
-    ends: np.ndarray  # (3,) E11, E22 and 2 E12 up to which the curves were measured
+    Attributes
+    ----------
+    ends
+        (3,) The strains E11, E22 and 2 E12 up to which the curves were measured.
+    """
+
+    ends: np.ndarray
 
     def beyond(self, x: Array, t: float) -> float:
-        """Area [m²] at rest of where a strain is beyond its measured curve."""
+        """Area [m²], at rest, of the cloth whose strain is beyond a measured curve."""
         nodes, A, w, _, rest = self.elements
         E = np.zeros(rest.shape)
-        self.kernels.add_strain(*self.strain.shape, nodes, A, rest, 1.0, x, E)
+        self.kernels.add_strain(*self.strain.shape, nodes, A, rest, 1.0, x, x, E)
         E[:, :, 2] = 2 * abs(E[:, :, 2])
-        share = (self.ends * BEYOND < E).any(axis=2).mean(axis=1)
+        share = (self.ends * BEYOND_LAST < E).any(axis=2).mean(axis=1)
         return float(self.loop.select(share * w.sum(axis=1)).sum())
 
 
@@ -150,8 +166,10 @@ def above_rest(c, k, E):
     """w, S and dS/dE of the curve k at E ≥ 0."""
     at = E * c[1 + k]
     last = c[1 + len(CURVES)]
-    cell = np.uintp(at if at < last else last)  # the last one also for NaN
-    q = np.uintp(FIRST + PIECE * k) + np.uintp(PIECE * len(CURVES)) * cell
+    if not at < last:  # also for NaN
+        at = last
+    cell = np.uintp(at)
+    q = np.uintp(FIRST_PIECE + PIECE_SIZE * k) + np.uintp(PIECE_SIZE * len(CURVES)) * cell
     while c[q + np.uintp(6)] <= E:  # a point lies in the cell, below E
         q = np.uintp(c[q + np.uintp(7)])
     t = E - c[q]
@@ -165,16 +183,18 @@ def above_rest(c, k, E):
 @inlined
 def on_curve(c, k, E):
     """w, S and dS/dE of the curve k at E, with the slope at rest in compression."""
-    above = E if E > 0.0 else 0.0
+    above = 0.0
+    if E > 0.0:
+        above = E
     w, S, slope = above_rest(c, k, above)
     below = E - above
-    rest = c[np.uintp(FIRST + PIECE * k + 3)]
+    rest = c[np.uintp(FIRST_PIECE + PIECE_SIZE * k + 3)]
     return w + 0.5 * rest * below * below, S + rest * below, slope
 
 
 @inlined
 def law(E, c):
-    """c as `pack` lays it out."""
+    """W, S and ℂ of the curves; the constants c are as `pack` lays them out."""
     c = contiguous(c)
     w1, S1, C11 = on_curve(c, 0, E[0])
     w2, S2, C22 = on_curve(c, 1, E[1])

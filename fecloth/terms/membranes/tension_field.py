@@ -17,19 +17,20 @@ from fecloth.terms.traits import OF_FABRIC
 
 @dataclass(frozen=True)
 class TensionField:
-    """`StVK` relaxed: W(E) = min over A ⪰ 0 of ½ (E + A):ℂ:(E + A), A what the wrinkles hide.
+    """`StVK` relaxed: W(E) = min over A ⪰ 0 of ½ (E + A):ℂ:(E + A), with the wrinkle strain A.
 
-    With the principal strains E₁ ≥ E₂, n the direction of E₁ and t across it, a point is
+    A is the strain that wrinkles hide. With the principal strains E₁ ≥ E₂, the direction n
+    of E₁ and t across it, a point is
 
         taut      E₂ + νE₁ > 0         W = ½ E:ℂ:E,   S = ℂ:E
         wrinkled  E₂ + νE₁ ≤ 0 < E₁    W = ½ Y E₁²,   S = Y E₁ n⊗n
         slack     E₁ ≤ 0               W = 0,         S = 0
 
-    the mixed criterion: taut by the smaller principal stress, slack by the larger principal
-    strain. Within the wrinkled state ∂S/∂E is Y on the strain along n and
-    Y E₁/(E₁ − E₂) on the shear of n and t (twice the usual C66), as the wrinkles turn with n.
-    W and S are continuous and ℂ jumps between the states, W is convex in E, S ⪰ 0 and ℂ ⪰ 0: the
-    tangent is semi-definite at any state, and a definite one is the exact one.
+    This is the mixed criterion: taut by the smaller principal stress, slack by the larger
+    principal strain. In the wrinkled state ∂S/∂E is Y on the strain along n, and Y E₁/(E₁ − E₂)
+    on the shear of n and t (twice the usual C66), as the wrinkles turn with n. Between the
+    states W and S are continuous, and ℂ jumps. W is convex in E, S ⪰ 0 and ℂ ⪰ 0. So the
+    tangent is semi-definite at any state, and the definite tangent is the exact one.
 
     Source: Pipkin (1986), The relaxed energy density for isotropic elastic membranes, IMA J.
     Appl. Math. 36, 85–99, and Steigmann (1990), Tension-field theory, Proc. R. Soc. Lond. A
@@ -38,10 +39,10 @@ class TensionField:
 
     Valid where wrinkles are finer than the shapes of interest: it gives the mean surface and
     the stress, not the wrinkles, and does not depend on the mesh where `StVK` would fold at
-    the width of a triangle. A slack region has no stiffness, a wrinkled one none across its
-    wrinkles: a static solution needs a load or a mass there, and where much is slack
+    the width of a triangle. A slack region has no stiffness, and a wrinkled region has none
+    across its wrinkles: a static solution needs a load or a mass there. Where much is slack,
     `equilibrium` may need ``max_iterations=600``, or the end of a damped run as its start. In
-    tension it holds for the small strains of `StVK`. Isotropic fabrics only: for an
+    tension it is valid for small strains, as `StVK` is. Isotropic fabrics only: for an
     orthotropic fabric the direction of tension is not the direction of E₁.
 
     Cost relative to `StVK`: force 1.7, tangent 1.2.
@@ -77,13 +78,14 @@ class TensionField:
 
 @inner
 def law(E, c):
-    """c = (Y, ν)."""
+    """W, S and ℂ of the state of the point; c = (Y, ν)."""
     Y = c[0]
     nu = c[1]
     mean = 0.5 * (E[0] + E[1])
     half = 0.5 * (E[0] - E[1])
     radius = math.sqrt(half * half + E[2] * E[2])
-    E1, E2 = mean + radius, mean - radius
+    E1 = mean + radius
+    E2 = mean - radius
     if E2 + nu * E1 > 0.0:
         return taut(E, Y, nu)
     if E1 > 0.0:  # then radius > 0, as E2 ≤ −νE1 < E1

@@ -1,4 +1,4 @@
-"""The velocity of the air: gusts."""
+"""The velocity of the air: gusts, and the gradient of a field."""
 
 import numpy as np
 import pytest
@@ -47,3 +47,12 @@ def test_gusts_have_no_divergence_and_move_with_the_mean(rng):
     np.testing.assert_allclose(gradient, difference, atol=1e-8 * abs(gradient).max())
     later = gusts.velocity(x + 2.0 * np.array(gusts.mean), 2.0)
     np.testing.assert_allclose(later, gusts.velocity(x, 0.0), rtol=1e-9)
+
+
+def test_the_step_of_the_gradient_keeps_its_error_small(rng):
+    """A step 10 times as long leaves out too much of the field, a shorter one loses digits."""
+    x = rng.uniform(-3.0, 3.0, (500, 3))
+    field = air_velocity.Field(lambda y, t: 10.0 * np.sin(y))
+    exact = 10.0 * np.cos(x)
+    error = np.einsum("mii->mi", field.gradient(x, 0.0)) - exact
+    assert np.abs(error).max() < 6e-11 * 10.0

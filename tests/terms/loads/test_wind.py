@@ -77,3 +77,10 @@ def test_hanging_sheet_in_the_wind_has_the_angle_of_the_formula(orthotropic):
     assert result.energies["kinetic"][-1] < 1e-10
     # the strain ρ g L/Y = 5e-5 turns the force on the area by as much
     np.testing.assert_allclose(np.arctan2(bottom[:, 1], -bottom[:, 2]), theta, atol=1e-4)
+
+
+def test_a_turbulence_in_percent_is_refused():
+    """The largest intensity is 2."""
+    fc.Wind((1.0, 0.0, 0.0), 1.0, gusts=1.9)
+    with pytest.raises(fc.InputError, match="must be in 0 … 2"):
+        fc.Wind((1.0, 0.0, 0.0), 1.0, gusts=2.1)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from conftest import rough
 from scipy.integrate import quad
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from support.planned import warnings_before
 
 import fecloth as fc
 from fecloth.errors import FeclothWarning, InputError
 from fecloth.simulation.beyond_curve import LEAST_AREA, doubt_curve
-from fecloth.terms.membranes.curves import LEAST_END, Curve
+from fecloth.terms.membranes.curves import LEAST_END_SLOPE, Curve
 from fecloth.terms.membranes.table import law
 from fecloth.verify import check_term
 
@@ -238,11 +238,28 @@ def test_percent_and_degrees_are_refused(name, most):
 
 @pytest.mark.parametrize(("share", "slope"), [(0.8, 1.0), (1.25, 1.25), (-20.0, 1.0)])
 def test_a_steep_j_keeps_a_stiffness_at_rest(share, slope):
-    """PCHIP has (3 δ₀ − δ₁)/2 at rest, or 0 where that is negative; LEAST_END δ₀ is the least."""
-    first, second = 10.0, 10.0 * (3 - 2 * share * LEAST_END)
+    """PCHIP has (3 δ₀ − δ₁)/2 at rest, or 0 where that is negative; the least is a share of δ₀."""
+    first, second = 10.0, 10.0 * (3 - 2 * share * LEAST_END_SLOPE)
     data = {"stretch": np.sqrt([1.2, 1.4]), "stiffness": [first, second]}
     curve = Curve.through("warp", fc.MembraneTable(data).warp)
-    assert curve.rest == pytest.approx(slope * LEAST_END * first)
+    assert curve.rest == pytest.approx(slope * LEAST_END_SLOPE * first)
+
+
+SLOPES = {
+    "least inside the first piece": (2.0, 1.5, 3.0),
+    "least inside the second piece": (3.0, 3.0, 1.0),
+    "least at the first point": (0.8, 1.2, 1.6),
+    "least at the end": (1.2, 1.0, 0.3),
+}
+
+
+@pytest.mark.parametrize("slopes", SLOPES.values(), ids=SLOPES.keys())
+def test_the_least_slope_is_found_inside_a_piece_too(slopes):
+    """Against the least one of many samples, for cubics whose slopes have a vertex, or none."""
+    E, S = np.array([0.0, 1.0, 1.5]), np.array([0.0, 1.0, 1.7])
+    curve = Curve(E, S, np.array(slopes), end=1.5)
+    sampled = CubicHermiteSpline(E, S, slopes)(np.linspace(0.0, 1.5, 30001), 1)
+    assert curve.least_slope() == pytest.approx(sampled.min(), abs=1e-8)
 
 
 def test_curves_are_convex_in_strain_and_coupling_is_lowered_to_keep_w_so(rng):
