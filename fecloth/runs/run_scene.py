@@ -5,19 +5,16 @@ The page fecloth/runs/README.md lists its files.
 
 import os
 import platform
-import warnings
 from collections.abc import Callable
-from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import replace
+from contextlib import ExitStack, nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
-from fecloth.errors import FeclothError, InputError, amount
-from fecloth.mesh.cloth import Cloth
+from fecloth.errors import InputError, amount
 from fecloth.output.atomic_files import lock_folder, writing
-from fecloth.output.frame_arrays import fields
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import Watch
+from fecloth.runs.first_calls import compile_kernels
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
 from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, count_sizes
@@ -25,11 +22,8 @@ from fecloth.runs.recorder import Recorder
 from fecloth.runs.restart import Restart
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
-from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.march import StepInfo
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.run import run
-from fecloth.simulation.setup import Setup
 from fecloth.system.system import System
 
 
@@ -136,32 +130,3 @@ def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
         if str(steps) == found.method:
             return problem.taking(steps)
     raise InputError(f"the run used {found.method}", "is none of Auto's methods")
-
-
-def compile_kernels(problem: Setup) -> None:
-    """Compile what the run will call, on two triangles, before the first step."""
-    # Compiled code is cached on disk; later runs load it.
-    whole = problem.system
-    halves = {"lower": [0], "upper": [1]}
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    triangles = [(0, 1, 2), (0, 2, 3)]
-    sets = {"left": [0, 3]}
-    element = whole.cloth.element
-    cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
-    # two triangles may have no equilibrium, and nothing new is compiled in a long search for it
-    steps = problem.steps
-    if isinstance(steps, LoadSteps):
-        steps = replace(steps, load_steps=1, tolerance=0.5, max_iterations=4)
-    first, *others = whole.panel.fabrics  # constants by triangle have another array layout
-    fabric = {"lower": first, "upper": others[0]} if others else first
-    # SuperLU compiles all that PARDISO needs, without loading the MKL
-    automatic = ("superlu",) if problem.is_static else ("pcg", "superlu")
-    for linear in automatic if problem.linear == "auto" else (problem.linear,):
-        with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
-            # failures and warnings there say nothing about the scene
-            system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
-            start = system.state(1.01 * system.rest().x)
-            fields(system, start)
-            # four steps: the estimate of the error in time needs as many
-            number = 1 if problem.is_static else 4
-            run(system, steps, start, t_end=number * (steps.dt or 1e-4), solver=linear)
