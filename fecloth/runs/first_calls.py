@@ -51,9 +51,11 @@ class FirstCall:
 def compile_kernels(problem: Setup) -> None:
     """Compile the kernels that the steps of a run call, or load their machine code from disk.
 
-    Errors and warnings of the calls are those of the scene: nothing is suppressed.
+    The calls have the terms and the start of the run, so no error and no warning of theirs is
+    suppressed. One thread makes them: a team of threads would count the time of compiling as the
+    time of its loops.
     """
-    with problem.system.team.pinned():  # or the time of compiling would count as the time of a loop
+    with problem.system.team.pinned():
         for call in list_first_calls(problem):
             call.function(*call.arguments)
 
@@ -81,7 +83,7 @@ def list_first_calls(problem: Setup) -> list[FirstCall]:
 
 
 def find_method(problem: Setup) -> Any:
-    """Return the method of the steps; of `Auto` the candidate that calls all that the others do."""
+    """Return the method of the steps; of `Auto` the candidate whose kernels the others share."""
     steps = problem.steps
     if not isinstance(steps, Auto):
         return steps.method
@@ -147,9 +149,10 @@ def list_calls_of_records(problem: Setup) -> list[FirstCall]:
         FirstCall("rms_without_rigid", rms_without_rigid, (mass, start.x, start.x)),
         FirstCall("hinge_angles", hinge_angles, (cloth, start.x)),
     ]
+    at = start.x, start.t
     for name, term in system.named:
         if term.recovers_strain:
-            calls.append(FirstCall(f"{name}.strain_error", term.strain_error, (start.x, start.t)))
+            calls.append(FirstCall(f"{name}.strain_error", term.strain_error, at))
     return calls
 
 

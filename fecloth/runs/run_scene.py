@@ -6,7 +6,7 @@ The page fecloth/runs/README.md lists its files.
 import os
 import platform
 from collections.abc import Callable
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 
@@ -68,29 +68,50 @@ def run_scene(
     with ExitStack() as locks:
         if path.is_dir():
             locks.enter_context(lock_folder(path))
-        calls = announce, report, warn, closed
-        return _run_scene(scene, path, overwrite, resume, *calls, locks, make_system)
+        return _run_scene(
+            scene,
+            path,
+            overwrite,
+            resume,
+            announce=announce,
+            report=report,
+            warn=warn,
+            closed=closed,
+            locks=locks,
+            make_system=make_system,
+        )
 
 
 def _run_scene(
-    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack, make_system
+    scene: Scene,
+    path: Path,
+    overwrite: bool,
+    resume: bool,
+    *,
+    announce: Callable[[Problem, str, list[str]], None],
+    report: Callable[[StepInfo], None],
+    warn: Callable[[str], None],
+    closed: Callable[[], object],
+    locks: ExitStack,
+    make_system: Callable[..., System],
 ) -> SceneResult:
+    """Run a scene as `run_scene` does; `locks` takes the lock of a folder that it makes."""
     watch = Watch()
     existed = path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
-    found = restarts.find(path) if resume else None
+    earlier = restarts.find(path) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
         problem = scene.build(cloth, make_system)
         start = restarts.digest(cloth, problem.start)
-    if found:
-        restarts.refuse_another(found, scene.to_toml(), start, path)
+    if earlier:
+        restarts.refuse_another(earlier, scene.to_toml(), start, path)
     with watch.phase("compile"):
         compile_kernels(problem)
     with watch.phase("choose"):
-        problem, (solver, why) = _with_earlier_method(problem, found).choose()
+        problem, (solver, why) = _with_earlier_method(problem, earlier).choose()
     warnings = problem.warnings()
     announce(problem, why, warnings)
     with interruptible() as interrupted:
@@ -98,21 +119,26 @@ def _run_scene(
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
             locks.enter_context(lock_folder(path))
-        if found:
-            folder = RunFolder.reopen(path, found.progress.tables)
-        else:
-            folder = RunFolder.create(path, overwrite)
-        with nullcontext() if found else remove_on_failure(path, is_new=not existed):
+        with ExitStack() as failing:
+            if earlier:
+                folder = RunFolder.reopen(path, earlier.progress.tables)
+            else:
+                folder = RunFolder.create(path, overwrite)
+                failing.enter_context(remove_on_failure(path, is_new=not existed))
             folder.text("scene.resolved.toml", scene.to_toml())
-            folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-            sizes = count_sizes(problem.system)
-            terms = ", ".join(problem.system.names)
-            counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
-            folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
+            _log_setup(folder, problem, why)
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
-            given = scene.to_toml(), start, found, warnings
-            recorder = Recorder(folder, problem, watch, solver, *given)
+            recorder = Recorder(
+                folder,
+                problem,
+                watch,
+                solver,
+                scene=scene.to_toml(),
+                start=start,
+                found=earlier,
+                foreseen=warnings,
+            )
         error = recorder.march(report, warn, interrupted)
         if recorder.progress.state.t < problem.t_end:
             stopped = INTERRUPTED
@@ -123,10 +149,20 @@ def _run_scene(
         return outcome
 
 
-def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
-    if not found or not isinstance(problem.steps, Auto):
+def _log_setup(folder: RunFolder, problem: Problem, why: str) -> None:
+    """Log the process, the sizes, the terms, and the solver with the reason for it."""
+    folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
+    sizes = count_sizes(problem.system)
+    terms = ", ".join(problem.system.names) or "no terms"
+    counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
+    folder.log(f"{counts}; {terms}; solver {why}")
+
+
+def _with_earlier_method(problem: Problem, earlier: Restart | None) -> Problem:
+    """Return the problem with the method that `Auto` chose when the run began."""
+    if not earlier or not isinstance(problem.steps, Auto):
         return problem
     for steps in problem.steps.candidates:
-        if str(steps) == found.method:
+        if str(steps) == earlier.method:
             return problem.taking(steps)
-    raise InputError(f"the run used {found.method}", "is none of Auto's methods")
+    raise InputError(f"the run used {earlier.method}", "is none of Auto's methods")
