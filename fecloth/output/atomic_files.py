@@ -39,16 +39,15 @@ def ending_of(error: Exception) -> tuple[int, str]:
     `error` is a `FeclothError`, an OSError or a MemoryError. A full disk is no mistake of the
     user.
     """
-    words = str(error)
-    status = FAILED
+    if isinstance(error, MemoryError):
+        return FAILED, f"failed: memory is full ({error}). Take a coarser mesh."
     if isinstance(error, OSError):  # of the system, as where Numba keeps machine code
-        status = FAILED if error.errno in _REMEDIES else BAD_INPUT
-        words += f". {_REMEDIES[error.errno]}" if error.errno in _REMEDIES else ""
-    elif isinstance(error, MemoryError):
-        words = f"memory is full ({error}). Take a coarser mesh."
-    elif isinstance(error, InputError) and not isinstance(error, DiskFull):
-        status = BAD_INPUT
-    return status, f"{'error' if status == BAD_INPUT else 'failed'}: {words}"
+        if error.errno in _REMEDIES:
+            return FAILED, f"failed: {error}. {_REMEDIES[error.errno]}"
+        return BAD_INPUT, f"error: {error}"
+    if isinstance(error, InputError) and not isinstance(error, DiskFull):
+        return BAD_INPUT, f"error: {error}"
+    return FAILED, f"failed: {error}"
 
 
 def replace_file(path: Path, data: bytes) -> None:

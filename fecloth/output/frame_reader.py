@@ -18,12 +18,27 @@ from fecloth.mesh.elements import QUARTERS
 from fecloth.output.vtu_writer import Arrays, read_vtu
 from fecloth.validation import known
 
-LARGEST = 1e300  # differences of larger values overflow
+# The span between larger values, or an axis that is a little longer, would overflow.
+LARGEST_DRAWABLE = np.finfo(float).max / 4
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One time of a series: points (n, 3), arrays at the nodes and in the triangles."""
+    """One time of a series.
+
+    Attributes
+    ----------
+    t
+        The time [s].
+    points
+        (n, 3) positions of the nodes [m].
+    cells
+        (m, 3) or (m, 6) nodes of the triangles.
+    point_data
+        Arrays with a row for each node.
+    cell_data
+        Arrays with a row for each triangle.
+    """
 
     t: float
     points: np.ndarray
@@ -34,7 +49,19 @@ class Frame:
 
 @dataclass(frozen=True)
 class Field:
-    """Title, unit and array of a field, and the function `of` from that array to its values."""
+    """A field that can be drawn.
+
+    Attributes
+    ----------
+    title
+        Its name in words.
+    unit
+        Its unit, or "".
+    array
+        The array of the frame that it is made of; "" for the positions.
+    of
+        The function from that array to the values, one for each node or triangle.
+    """
 
     title: str
     unit: str
@@ -78,38 +105,60 @@ def field_values(frame: Frame, name: str) -> np.ndarray:
     arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
     if field.array not in arrays:
         there = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
-        raise InputError(f"field {name!r}", "is not in these frames", remedy=f"There are {there}.")
+        remedy = f"There are {there}."
+        raise InputError(f"field {name!r}", "is not in these frames", remedy=remedy)
     return field.of(arrays[field.array])
 
 
 def drawable(values: np.ndarray) -> np.ndarray:
     """Return which values can be drawn; the values of a cloth that blows up may overflow."""
-    return np.abs(values) < LARGEST  # NaN is not
+    return np.abs(values) < LARGEST_DRAWABLE  # False for NaN
 
 
 def clip_to_drawable(values: np.ndarray) -> np.ndarray:
-    """Return the values as float64; values that cannot be drawn become extremes of the others."""
+    """Return the values as float64, clipped to the extremes of those that can be drawn.
+
+    NaN becomes the largest of them; without any, all values become 0.
+    """
     values = np.asarray(values, dtype=float)
     numbers = values[drawable(values)]
-    low, high = (numbers.min(), numbers.max()) if numbers.size else (0.0, 0.0)
+    if not numbers.size:
+        return np.zeros_like(values)
+    low = numbers.min()
+    high = numbers.max()
     return np.clip(np.where(np.isnan(values), high, values), low, high)
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The frames of a run, or of `write_vtk`, read one at a time."""
+    """The frames of a run, or of `write_vtk`, read one at a time.
+
+    Attributes
+    ----------
+    folder
+        The folder of the frames.
+    times
+        The times of the frames [s].
+    read
+        The function from the number of a frame, from 0, to the `Frame`.
+    """
 
     folder: Path
-    times: tuple[float, ...]  # times of the frames [s]
-    read: Callable[[int], Frame]  # function from i to frame i, a `Frame`
+    times: tuple[float, ...]
+    read: Callable[[int], Frame]
 
     @classmethod
-    def open(cls, folder: str | Path) -> Self:
-        given = folder = Path(folder)
+    def open(cls, path: str | Path) -> Self:
+        """Open the folder of a run, or the path that `write_vtk` was given or has returned.
+
+        Raises `InputError` if there are no frames, or their list cannot be read.
+        """
+        given = folder = Path(path)
         listed = folder / "run.vtu.series"
         single = folder / "run.vtkhdf"
-        if not (listed.is_file() or single.is_file()):  # what `write_vtk` was given, or returned
-            folder, listed = folder.parent, Path(f"{folder}.vtu.series".replace(".pvd.", "."))
+        if not (listed.is_file() or single.is_file()):  # the path is of `write_vtk`
+            folder = given.parent
+            listed = Path(f"{given}.vtu.series".replace(".pvd.", "."))
         if listed.is_file():
             try:
                 entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
@@ -121,7 +170,8 @@ class Series:
             return cls(folder, times, lambda i: _read_vtu(files[i], times[i]))
         if single.is_file():
             return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
-        raise InputError(f"{given}", "has no frames", "", "Give the folder of a run, as out/flag.")
+        remedy = "Give the folder of a run, as out/flag."
+        raise InputError(f"{given}", "has no frames", "", remedy)
 
     def at(self, time: float | None) -> int:
         """Return the number of the frame closest to a time [s]; the last for None."""
@@ -129,9 +179,10 @@ class Series:
         return int(np.argmin(np.abs(np.array(self.times) - wanted)))
 
     def spread(self, most: int) -> list[int]:
-        """Return the numbers of at most `most` frames, evenly spread, with the first and last."""
+        """Return the numbers of up to `most` frames, evenly spread from the first to the last."""
         count = min(max(most, 1), len(self.times))
-        return np.unique(np.round(np.linspace(len(self.times) - 1, 0, count)).astype(int)).tolist()
+        numbers = np.round(np.linspace(len(self.times) - 1, 0, count)).astype(int)
+        return np.unique(numbers).tolist()
 
 
 def straight(cells: np.ndarray) -> np.ndarray:

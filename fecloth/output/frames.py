@@ -101,6 +101,7 @@ class Frames:
         return f"{self.stem}_{number:06d}.vtu"
 
     def _fields(self, state):
+        """Return the point and cell data of a state; raise `InputError` for another cloth's."""
         shape = (len(self.cloth.X), 3)
         if not isinstance(state, State):
             what = f"a {type(state).__name__}"
@@ -167,13 +168,13 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     mesh = read_vtu(path)
     where = str(path)
     cells = mesh.cells_dict.get(MESHIO[cloth.element], np.empty((0, cloth.cells.shape[1]), int))
-    for what, found, known in (
+    for what, count, expected in (
         ("nodes", len(mesh.points), len(cloth.X)),
         (f"{cloth.element} triangles", len(cells), len(cloth.cells)),
     ):
-        if found != known:
+        if count != expected:
             remedy = "Read it onto the cloth that it was written for."
-            raise InputError(f"{found} {what}", f"the cloth has {known}", where, remedy)
+            raise InputError(f"{count} {what}", f"the cloth has {expected}", where, remedy)
     if not np.array_equal(cells, cloth.cells):
         remedy = "Make the cloth from the same mesh."
         raise InputError("its triangles join other nodes than the cloth's", "", where, remedy)

@@ -34,18 +34,34 @@ def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
     surfaces = [surface for surface in shown if surface is not None]
     if not surfaces:
         return None
-    first = np.cumsum([0, *(len(points) for points, _ in surfaces)])
-    triangles = [cells + i for (_, cells), i in zip(surfaces, first, strict=False)]
-    return Obstacles(np.vstack([points for points, _ in surfaces]), np.vstack(triangles))
+    points = [points for points, _ in surfaces]
+    ends = np.cumsum([len(own) for own in points])
+    begins = ends - [len(own) for own in points]  # number of each surface's first point
+    triangles = [own + begin for (_, own), begin in zip(surfaces, begins, strict=True)]
+    return Obstacles(np.vstack(points), np.vstack(triangles))
 
 
 @dataclass(eq=False)
 class ObstacleFrames:
-    """Writes the obstacles of a system beside the frames of a run."""
+    """Writes the obstacles of a system beside the frames of a run.
 
-    folder: Path  # of the run
-    system: System  # whose terms are asked for obstacles
-    around: np.ndarray  # (n, 3) positions about which endless obstacles are drawn [m]
+    Attributes
+    ----------
+    folder
+        The folder of the run.
+    system
+        Its terms are asked for obstacles.
+    around
+        (n, 3) positions about which endless obstacles are drawn [m].
+    listed
+        The files written so far, each with its time [s].
+    last
+        The obstacles that were written last, or None.
+    """
+
+    folder: Path
+    system: System
+    around: np.ndarray
     listed: list[tuple[str, float]] = field(default_factory=list)
     last: Obstacles | None = None
 

@@ -73,7 +73,8 @@ def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
     count = len(times)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = count
-    steps["Values"], steps["NumberOfParts"] = np.array(times), np.ones(count, np.int64)
+    steps["Values"] = np.array(times)
+    steps["NumberOfParts"] = np.ones(count, np.int64)
     steps["PartOffsets"] = np.zeros(count, np.int64)
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         steps[name] = np.zeros((count, 1), np.int64)
@@ -81,8 +82,13 @@ def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
     for name, data in arrays.items():
         kind, _, own = name.partition("/")
         offsets = f"{kind}Offsets/{own}" if own else "PointOffsets"
-        steps[offsets] = np.arange(count) * (0 if _is_static(name) else len(data))
-        shape = len(data) * (1 if _is_static(name) else count), *data.shape[1:]
-        rows = max(1, CHUNK // (8 * math.prod(shape[1:])))
-        chunks = min(rows, shape[0]), *shape[1:]
-        root.create_dataset(name, shape, data.dtype, chunks=chunks, **packing)
+        if _is_static(name):
+            steps[offsets] = np.zeros(count, np.int64)
+            rows = len(data)
+        else:
+            steps[offsets] = np.arange(count) * len(data)
+            rows = len(data) * count
+        row = data.shape[1:]
+        rows_of_chunk = max(1, CHUNK // (8 * math.prod(row)))
+        chunks = (min(rows_of_chunk, rows), *row)
+        root.create_dataset(name, (rows, *row), data.dtype, chunks=chunks, **packing)

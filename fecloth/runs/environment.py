@@ -14,13 +14,13 @@ PACKAGES = ("numpy", "scipy", "scikit-fem", "gmsh", "meshio", "numba", "pypardis
 
 def versions() -> dict[str, str]:
     """Return the versions of fecloth, Python and installed packages, and the platform."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
+    known = {"python": platform.python_version(), "platform": platform.platform()}
     for name in ("fecloth", *PACKAGES):
         try:
-            found[name] = metadata.version(name)
+            known[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return known
 
 
 def peak_memory() -> float | None:
@@ -47,6 +47,7 @@ class Watch:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
+        """Add the seconds of a block to the phase of a name."""
         begin = time.perf_counter()
         try:
             yield
@@ -54,9 +55,11 @@ class Watch:
             self.add({name: time.perf_counter() - begin})
 
     def add(self, seconds: dict[str, float]) -> None:
+        """Add seconds to phases, by their names."""
         for name, spent in seconds.items():
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
 
     @property
     def total(self) -> float:
+        """The seconds since the watch was made."""
         return time.perf_counter() - self.begin

@@ -37,14 +37,19 @@ class Table:
             self._stream = path.open("ab" if size else "wb", buffering=0)
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Write one row; raise `InputError` for other keys than the first row's, or a full disk."""
+        """Write one row.
+
+        Raises `InputError` if its keys are not the keys of the first row, or the disk is full.
+        """
         header = self._header or tuple(row)
         if row.keys() != set(header):
             odd = ", ".join(sorted(row.keys() ^ set(header)))
             raise InputError(f"keys {odd}", "must be the keys of the first row", str(self.path))
-        line = [row[key] for key in header]
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([line] if self._header else [header, line])
+        writer = csv.writer(text, lineterminator="\n")
+        if not self._header:
+            writer.writerow(header)
+        writer.writerow([row[key] for key in header])
         data = text.getvalue().encode()
         with writing(self.path):
             try:
@@ -54,7 +59,8 @@ class Table:
                 with suppress(OSError):  # report the first error
                     self.cut(self.size)
                 raise
-        self._header, self.size = header, self._stream.tell()
+        self._header = header
+        self.size = self._stream.tell()
 
     def cut(self, size: int) -> None:
         """Remove the bytes beyond the first `size`."""
@@ -68,6 +74,7 @@ class Table:
             return [float(row[name]) for row in csv.DictReader(stream)]
 
     def close(self) -> None:
+        """Close the file."""
         with writing(self.path):
             self._stream.close()
 
@@ -75,8 +82,8 @@ class Table:
 TABLES = ("steps.csv", "energies.csv", "observed.csv", "strains.csv")
 PAGES = ("report.html", "view.html")
 TEXTS = ("summary.json", "scene.resolved.toml", "run.log", *PAGES, "run.vtkhdf")
-LISTS = ("*.pvd", "*.vtu.series")  # only lists of these files:
-FRAMES = ("frame_", "obstacles_")  # in frames/
+FRAMES = ("frame_", "obstacles_")  # how the names of the files in frames/ begin
+LISTS = ("*.pvd", "*.vtu.series")  # a run's folder is cleared of such lists of these files only
 
 
 class FolderMoved(WriteError):
@@ -99,10 +106,10 @@ class RunFolder:
     def check_in_place(self) -> None:
         """Raise `FolderMoved` if this is no longer the folder that was opened."""
         try:
-            found = self.path.stat().st_ino
+            inode = self.path.stat().st_ino
         except OSError:
-            found = -1
-        if self.inode not in (None, found):
+            inode = -1
+        if self.inode not in (None, inode):
             remedy = (
                 "What was written is in it under its new name, where --resume continues the run."
             )
@@ -136,7 +143,7 @@ class RunFolder:
 
     @staticmethod
     def refuse(path: str | Path, overwrite: bool = False) -> None:
-        """Raise the `InputError` of `create` for a folder that is not empty, without a change."""
+        """Raise the `InputError` of `create` for a folder that is not empty; change nothing."""
         path = Path(path)
         with writing(path):
             if not path.exists() or {LOCK} >= {file.name for file in path.iterdir()}:
@@ -153,13 +160,16 @@ class RunFolder:
                 raise InputError(what, "contains other files than a run's", remedy=remedy)
 
     def table(self, name: str) -> Table:
-        """Open a table, e.g. "steps.csv", with the keys of its first row as header."""
-        # It is empty; in a continued run it has its earlier rows.
+        """Open a table, e.g. "steps.csv", with the keys of its first row as header.
+
+        It is empty; in a continued run it has its earlier rows.
+        """
         return Table(self.path / name, self.sizes.get(Path(name).stem))
 
     def summary(self, values: Mapping) -> None:
         """Replace summary.json; arrays become lists and numbers that are not finite null."""
-        self.text("summary.json", json.dumps(_plain(values), indent=2, ensure_ascii=False) + "\n")
+        text = json.dumps(_plain(values), indent=2, ensure_ascii=False)
+        self.text("summary.json", f"{text}\n")
 
     def text(self, name: str, text: str) -> None:
         """Replace a text file, e.g. "scene.resolved.toml"."""
@@ -167,6 +177,7 @@ class RunFolder:
         replace_file(self.path / name, text.encode())
 
     def log(self, message: str) -> None:
+        """Append a line with the time of day to run.log."""
         self.check_in_place()
         file = self.path / "run.log"
         with writing(file), file.open("a", encoding="utf-8") as stream:
@@ -175,7 +186,7 @@ class RunFolder:
 
 @contextmanager
 def remove_on_failure(path: Path, is_new: bool) -> Iterator[None]:
-    """Remove a run's files if the block raises, and the folder if `is_new`: made for this run."""
+    """Remove a run's files if the block raises; also the folder if it `is_new`, of this run."""
     try:
         yield
     except BaseException:
@@ -197,7 +208,7 @@ def _clear(path):
 
 
 def _files_of_run(path):
-    """Yield the files that fecloth wrote; last the files by which a run's folder is recognised."""
+    """Yield the files that fecloth wrote; the tables, which tell a run's folder, are the last."""
     for pattern in LISTS:
         for file in [*path.glob(pattern), *path.glob(f"{pattern}.part")]:
             text = file.read_bytes()
@@ -213,7 +224,7 @@ def _files_of_run(path):
 
 
 def _plain(value):
-    """The same in JSON's types."""
+    """Return the value in JSON's types; a number that is not finite becomes None."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

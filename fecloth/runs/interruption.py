@@ -34,8 +34,11 @@ def stop_at_once(number: int, frame: object) -> None:
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """Yield an event that a signal sets, to stop between two steps; a second one stops at once."""
-    # At the end the earlier handlers return, unless another one was set in between.
+    """Yield an event that a signal sets, to stop between two steps.
+
+    A second signal stops at once. At the end the earlier handlers return, unless another one was
+    set in between.
+    """
     requested = threading.Event()
 
     def request(number, frame):

@@ -75,6 +75,7 @@ class SceneResult(Result):
 
 
 def count_sizes(system: System) -> dict:
+    """Return the numbers of nodes, triangles and free degrees of freedom, as summary.json."""
     return {
         "nodes": len(system.cloth.X),
         "triangles": len(system.cloth.triangles),
@@ -90,28 +91,30 @@ def place_in_words(t: float, unit: str) -> str:
 
 
 def finished_message(outcome: SceneResult) -> str:
-    """Return how wrong a run is in time and space, its cost, the file to open, and its warnings."""
-    counts = outcome.summary
-    seconds = outcome.summary["seconds"]
-    threads = counts.get("threads", 1)
-    errors = "".join(f"{words}\n" for words in outcome.accounts.words())
-    return (
-        f"{_shape_message(counts)}\n"
-        f"{errors}"
-        f"{amount(counts['steps'], 'step')} and {amount(counts['newton'], 'Newton iteration')} in "
-        f"{seconds['total']:.1f} s{f' on {threads} threads' if threads > 1 else ''}; "
-        f"open {outcome.folder / counts['open']} in ParaView"
-        f"{warning_count(outcome)}"
-    )
+    """Return the errors of a run in time and space, its cost, and the file to open."""
+    summary = outcome.summary
+    lines = [_shape_message(summary), *outcome.accounts.words()]
+    steps = amount(summary["steps"], "step")
+    iterations = amount(summary["newton"], "Newton iteration")
+    cost = f"{steps} and {iterations} in {summary['seconds']['total']:.1f} s"
+    threads = summary.get("threads", 1)
+    if threads > 1:
+        cost += f" on {threads} threads"
+    opens = outcome.folder / summary["open"]
+    lines.append(f"{cost}; open {opens} in ParaView{warning_count(outcome)}")
+    return "\n".join(lines)
 
 
 def _shape_message(summary: Mapping) -> str:
+    """Return the stretches, and how many triangles are turned over or intersect."""
+    least = summary["least_stretch"]
+    largest = summary["largest_stretch"]
+    stretch = f"stretch {least:.4g} to {largest:.4g}"
     pairs = summary["intersecting_pairs"]
     inverted = f"at most {amount(summary['inverted_triangles'], 'triangle')} turned over"
-    counts = f"{inverted} and {amount(pairs, 'intersecting pair')}, in any frame"
     if pairs is None:
-        counts = f"{inverted} in any frame; intersections were not counted"
-    return f"stretch {summary['least_stretch']:.4g} to {summary['largest_stretch']:.4g}, {counts}"
+        return f"{stretch}, {inverted} in any frame; intersections were not counted"
+    return f"{stretch}, {inverted} and {amount(pairs, 'intersecting pair')}, in any frame"
 
 
 def warning_count(outcome: SceneResult) -> str:
@@ -149,6 +152,7 @@ def failure_message(outcome: SceneResult) -> str:
 
 
 def ledger_text(ledger: Ledger, unit: str = " s") -> str:
+    """Return the energies of a ledger, a line for each column."""
     row = ledger.row() | {"start": ledger.start}
     shown = {key: value for key, value in row.items() if key not in ("t", "total")}
     lines = [f"  {key:<28} {value: .6e} J" for key, value in shown.items()]

@@ -33,15 +33,42 @@ from fecloth.system.state import State
 from fecloth.view.html_report import read_table, write_report
 
 _PCG = 'use linear = "pcg" in [solver], or a coarser mesh.'
-APART = {True: 150, False: 6}  # fewest steps between two counts, explicit or not: a tenth of them
+# By `explicit`: the fewest steps between two counts of intersections. A count then takes about a
+# tenth of the time of these steps.
+STEPS_BETWEEN_COUNTS = {True: 150, False: 6}
 LAST = (Solves, Shapes)  # in this order in the log and among the warnings
 ORDER = (  # of the keys of summary.json; keys of other accounts follow
-    *("status", "error", "warnings", "warning", "doubts", "t", "t_end", "unit"),
-    *("time_error", "time_error_in_words", "least_eigenvalue"),
-    *("space_error", "space_error_in_words", "contact_in_words"),
-    *("nodes", "triangles", "free_dofs", "method", "steps", *SUMMED, "newton_error_in_words"),
-    *("least_stretch", "largest_stretch", "inverted_triangles", "intersecting_pairs"),
-    *("frames", "open", "solver", "threads", "seconds", "ledger"),
+    "status",
+    "error",
+    "warnings",
+    "warning",
+    "doubts",
+    "t",
+    "t_end",
+    "unit",
+    "time_error",
+    "time_error_in_words",
+    "least_eigenvalue",
+    "space_error",
+    "space_error_in_words",
+    "contact_in_words",
+    "nodes",
+    "triangles",
+    "free_dofs",
+    "method",
+    "steps",
+    *SUMMED,
+    "newton_error_in_words",
+    "least_stretch",
+    "largest_stretch",
+    "inverted_triangles",
+    "intersecting_pairs",
+    "frames",
+    "open",
+    "solver",
+    "threads",
+    "seconds",
+    "ledger",
 )
 
 
@@ -83,7 +110,8 @@ class Recorder:
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
         accounts = self._frame(problem.start, memory, accounts)
-        check_space(self.folder.path, problem, self.files.frames.files(0)[0].stat().st_size)
+        first_frame = self.files.frames.files(0)[0]
+        check_space(self.folder.path, problem, size=first_frame.stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
         self.files.add_rows({name: rows[name] for name in ("energies", "observed")})
         return self._progress(problem.start, memory, accounts)
@@ -132,7 +160,8 @@ class Recorder:
             if isinstance(failure, StepFailed) and failure.state:
                 self.progress = replace(self.progress, state=failure.state)
             if isinstance(failure, MemoryError):
-                return FeclothError(f"memory is full ({failure}). Close other programs, or {_PCG}")
+                words = f"memory is full ({failure}). Close other programs, or {_PCG}"
+                return FeclothError(words)
             return failure
         except BaseException:  # the second Ctrl-C; errors of report or of a user's term
             with suppress(InputError):
@@ -146,8 +175,9 @@ class Recorder:
         if before.state.t >= problem.t_end:  # it was killed while it closed
             return
         steps = problem.march(self.solver, before.state, before.memory, before.wanted)
-        given = self.run, problem.observer, before.accounts, problem.next_row
-        for record in record_steps(steps, *given):
+        accounts = before.accounts
+        next_row = problem.next_row
+        for record in record_steps(steps, self.run, problem.observer, accounts, next_row):
             info = record.info
             if info.step > MOST_STEPS:
                 allowed = f"must be at most {MOST_STEPS}"
@@ -198,8 +228,9 @@ class Recorder:
         cells = self.files.add_frame(state, memory)
         shape = accounts[Shapes]
         step = accounts[Solves].steps
-        apart = APART[self.problem.method.traits.explicit]
-        counts = self.problem.output.intersections and (ended or step - shape.counted >= apart)
+        apart = STEPS_BETWEEN_COUNTS[self.problem.method.traits.explicit]
+        is_due = ended or step - shape.counted >= apart
+        counts = self.problem.output.intersections and is_due
         shape, row = shape.at_frame(self.run, state, cells, step, counts)
         self.files.add_rows({"strains": row})
         return accounts.with_record(shape)
@@ -212,6 +243,7 @@ class Recorder:
             warn(str(doubt))
 
     def _is_restart_due(self, info: StepInfo) -> bool:
+        """Whether the scene asks for a restart file after this step."""
         if not (every := self.problem.output.restarts):
             return False
         if isinstance(every, int):
@@ -223,9 +255,13 @@ class Recorder:
         return due or info.t >= self.problem.t_end
 
     def _is_frame_due(self, info: StepInfo) -> bool:
+        """Whether the scene asks for a frame after this step, or the run has reached its end."""
+        if info.t >= self.problem.t_end:
+            return True
         every = self.problem.frame_steps
-        ended = info.t >= self.problem.t_end
-        return (info.t in self.problem.stops if every is None else not info.step % every) or ended
+        if every is None:
+            return info.t in self.problem.stops
+        return info.step % every == 0
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write the last good state as a frame, the summary, the last line of the log."""

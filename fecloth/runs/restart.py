@@ -31,25 +31,37 @@ from fecloth.simulation.steps import Memory
 from fecloth.system.state import State
 from fecloth.terms.records import RECORDS, remembered
 
-FORMAT = 11
+FORMAT = 11  # of the files: another number for other fields of a record
 FOLDER = "restart"
 PATTERN = "restart_*.npz"
-KEPT = 2  # files
+FILES_KEPT = 2  # so that a run can continue where the newest file cannot be read
 FREE = ("title", "expect", "interest", "uncertain", "measured")  # keys that do not change a run
 
 
 @remembered
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """A run between two steps. It is replaced whole, so that a step is in all of it or in none."""
+    """A run between two steps. It is replaced whole: a step is in all of it or in none.
 
-    # After the last step.
+    Attributes
+    ----------
+    state, memory, accounts
+        After the last step.
+    doubts
+        The doubts since the first step.
+    wanted
+        The next step to record; None: each.
+    frames
+        Number of frames.
+    tables
+        Number of bytes of each table.
+    """
+
     state: State
     memory: Memory
     accounts: Accounts
-    doubts: tuple[Doubt, ...]  # since the first step
-    wanted: Wanted | None  # the next step to record; None: each
-    # Number of frames, and the bytes of each table.
+    doubts: tuple[Doubt, ...]
+    wanted: Wanted | None
     frames: int
     tables: Mapping[str, int]
 
@@ -57,21 +69,38 @@ class Progress:
 @remembered
 @dataclass(frozen=True, eq=False)
 class Restart:
-    """The progress of a run, and what it is the progress of."""
+    """The progress of a run, and the run to which it belongs.
 
-    scene: str  # the resolved scene
-    start: str  # `digest` of the mesh and the start
-    method: str  # the method that takes the steps, as text; for "auto" the chosen one
+    Attributes
+    ----------
+    scene
+        The resolved scene.
+    start
+        The `digest` of the mesh and the start.
+    method
+        The method that takes the steps, as text; for "auto" the chosen one.
+    progress
+        The run between two steps.
+    exact
+        Whether a run continued from it equals the unbroken run bit for bit: the solver held no
+        factor, or dropped it here.
+    made_on
+        Versions and threads.
+    """
+
+    scene: str
+    start: str
+    method: str
     progress: Progress
-    # Whether a run continued from it equals the unbroken one bit for bit: the solver held no
-    # factor, or dropped it here.
     exact: bool
-    made_on: Mapping[str, str]  # versions and threads
+    made_on: Mapping[str, str]
 
 
 def write(folder: Path, restart: Restart) -> Path:
-    """Write the file in one go and remove all but the last two; return its path."""
-    # It is flushed to the disk before others are removed, so that a power cut leaves one.
+    """Write the file in one go and remove all but the last two; return its path.
+
+    It is flushed to the disk before others are removed, so that a power cut leaves one.
+    """
     path = folder / FOLDER / f"restart_{restart.progress.memory.step:09d}.npz"
     arrays: list[np.ndarray] = []
     header = json.dumps({"format": FORMAT, "run": _pack(restart, arrays)})
@@ -81,7 +110,7 @@ def write(folder: Path, restart: Restart) -> Path:
     replace_file(path, stream.getvalue())
     flush_to_disk(path, path.parent, folder)
     with writing(path):
-        for old in files(folder)[KEPT:]:
+        for old in files(folder)[FILES_KEPT:]:
             old.unlink()
     return path
 
@@ -101,33 +130,35 @@ def read(path: Path) -> Restart:
         if header.keys() != {"format", "run"} or header["format"] != FORMAT:
             words = f"it has format {header.get('format')}, and this fecloth reads {FORMAT}"
             raise ValueError(f"{words}; the fecloth that wrote it can resume the run")
-        found = _unpack(header["run"], arrays)
-        _check(found, arrays)
+        restart = _unpack(header["run"], arrays)
+        _check(restart, arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         what = f"cannot be read ({error})"
         remedy = "Remove this file to resume from another one."
         raise InputError(what, where=str(path), remedy=remedy) from error
-    return found
+    return restart
 
 
-def _check(found, arrays) -> None:
-    """Raise `ValueError` unless this is a restart with finite times and arrays of float64."""
-    # All arrays but the history of terms must have the shape (n, 3) of the positions.
-    if not isinstance(found, Restart):
+def _check(restart, arrays) -> None:
+    """Raise `ValueError` unless this is a restart with finite times and arrays of float64.
+
+    All arrays but the history of terms must have the shape (n, 3) of the positions.
+    """
+    if not isinstance(restart, Restart):
         raise ValueError("it is no restart of a run")
-    state = found.progress.state
-    memory = found.progress.memory
+    state = restart.progress.state
+    memory = restart.progress.memory
     for name, t in (("t", state.t), ("the first t", memory.start)):
         if not is_number(t):
             raise ValueError(f"{name} = {t!r} is not finite")
     shape = state.x.shape
-    free: list[np.ndarray] = []
-    _pack(memory.term_history, free)
-    kept = {id(array) for array in free}
+    of_terms: list[np.ndarray] = []
+    _pack(memory.term_history, of_terms)
+    of_any_shape = {id(array) for array in of_terms}
     for array in arrays:
         if array.dtype != np.float64 or not np.isfinite(array).all():
             raise ValueError("an array is not finite, or not float64")
-        if array.shape != shape and id(array) not in kept:
+        if array.shape != shape and id(array) not in of_any_shape:
             raise ValueError(f"an array is not of shape {shape}")
 
 
@@ -135,8 +166,9 @@ def _pack(value, arrays: list):
     """Return the value in JSON's types; append its arrays."""
     name = type(value).__name__
     if RECORDS.get(name) is type(value):
-        names = [each.name for each in fields(RECORDS[name])]
-        return {"record": name, "fields": {n: _pack(getattr(value, n), arrays) for n in names}}
+        keys = [field.name for field in fields(RECORDS[name])]
+        values = {key: _pack(getattr(value, key), arrays) for key in keys}
+        return {"record": name, "fields": values}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -168,7 +200,7 @@ def _unpack(value, arrays: list):
         case {"mapping": dict(items)}:
             return {key: _unpack(item, arrays) for key, item in items.items()}
         case {"record": str(name), "fields": dict(values)}:
-            if values.keys() != {one.name for one in fields(RECORDS[name])}:
+            if values.keys() != {field.name for field in fields(RECORDS[name])}:
                 raise ValueError(f"a {name} has other fields")
             return RECORDS[name](**{key: _unpack(item, arrays) for key, item in values.items()})
     raise ValueError("its header has an unknown part")
@@ -176,21 +208,22 @@ def _unpack(value, arrays: list):
 
 def find(folder: Path) -> Restart:
     """Return the newest readable restart of a run, an exact one if there is any."""
-    found = []
-    broken = None
+    restarts = []
+    first_error = None
     for path in files(folder):
         try:
-            found.append(read(path))
+            restarts.append(read(path))
         except InputError as error:
-            broken = broken or error
-    if not found and broken:
-        raise broken
-    if not found:
+            first_error = first_error or error
+    if not restarts and first_error:
+        raise first_error
+    if not restarts:
         raise _missing_restart_error(folder)
-    return next((one for one in found if one.exact), found[0])
+    return next((restart for restart in restarts if restart.exact), restarts[0])
 
 
 def _missing_restart_error(folder: Path) -> InputError:
+    """Return the error of a folder without a restart file, with what to do there."""
     if not folder.is_dir():
         remedy = "Give the folder of a run; -o names the folder of a new run."
         return InputError(f"--resume {folder}", "there is no such folder", remedy=remedy)
@@ -216,14 +249,18 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
     `time.t_end` may differ, and so may the keys that do not change a motion (`FREE`). But the
     run must not be complete: it must have steps left, or its last summary.json still to write.
     """
-    then, now = (flatten(tomllib.loads(text)) for text in (restart.scene, scene))
-    keys = [key for key in {**then, **now} if then.get(key) != now.get(key)]
-    keys = [key for key in keys if key.split(".")[0] not in FREE and key != "time.t_end"]
-    if keys:
-        nothing = "nothing"
-        each = (f"{k} = {then.get(k, nothing)} there, {now.get(k, nothing)} here" for k in keys)
+    then = flatten(tomllib.loads(restart.scene))
+    now = flatten(tomllib.loads(scene))
+    changes = []
+    for key in {**then, **now}:
+        is_free = key.split(".")[0] in FREE or key == "time.t_end"
+        if then.get(key) != now.get(key) and not is_free:
+            there = then.get(key, "nothing")
+            here = now.get(key, "nothing")
+            changes.append(f"{key} = {there} there, {here} here")
+    if changes:
         remedy = "Resume with the scene of that run, or start another run."
-        raise InputError(f"{folder} belongs to another scene", "; ".join(each), remedy=remedy)
+        raise InputError(f"{folder} belongs to another scene", "; ".join(changes), remedy=remedy)
     if restart.start != start:
         allowed = "the mesh or the frame of the start has changed"
         raise InputError(f"{folder} has another start", allowed)
@@ -241,10 +278,12 @@ def refuse_another(restart: Restart, scene: str, start: str, folder: Path) -> No
 def _summary(folder: Path) -> dict:
     """Return the content of summary.json, empty if there is none."""
     try:
-        found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    if isinstance(summary, dict):
+        return summary
+    return {}
 
 
 def digest(cloth, state: State) -> str:
@@ -264,5 +303,9 @@ def differences(restart: Restart) -> str:
     """Return in words what has changed since, or ""."""
     then = restart.made_on
     now = machine()
-    keys = [key for key in then.keys() & now.keys() if "None" != then[key] != now[key] != "None"]
-    return "; ".join(f"{key} was {then[key]}, is {now[key]}" for key in sorted(keys))
+    changes = []
+    for key in sorted(then.keys() & now.keys()):
+        is_known = "None" not in (then[key], now[key])
+        if is_known and then[key] != now[key]:
+            changes.append(f"{key} was {then[key]}, is {now[key]}")
+    return "; ".join(changes)

@@ -23,7 +23,7 @@ from fecloth.view.web_page import keep_shown
 
 GATHERED = "run.vtkhdf"
 TABLES = ("steps", "energies", "observed", "strains")
-MOST_FRAMES = 100_000
+MOST_FRAMES = 100_000  # of a run: more are taken for a mistake
 _FEWER = "Raise every, or lower frames, in [output]."
 
 
@@ -50,6 +50,7 @@ class RunFiles:
 
     @property
     def sizes(self) -> dict[str, int]:
+        """Number of bytes of each table."""
         return {name: table.size for name, table in self.tables.items()}
 
     def cut(self, progress: Progress) -> None:
@@ -108,13 +109,15 @@ class RunFiles:
 
     def remove_gathered(self) -> None:
         """Remove the frames, first the lists of them, if they are in one file."""
-        for file in reversed(self.frames.files(0) if self.opens != self.frames.opens else []):
-            with writing(file):
-                file.unlink()
+        if self.opens != self.frames.opens:
+            for file in reversed(self.frames.files(0)):
+                with writing(file):
+                    file.unlink()
         with suppress(OSError):  # it holds frames, or obstacles
             (self.folder.path / "frames").rmdir()
 
     def close(self) -> None:
+        """Close the tables."""
         for table in self.tables.values():
             table.close()
 

@@ -5,19 +5,16 @@ The page fecloth/runs/README.md lists its files.
 
 import os
 import platform
-import warnings
 from collections.abc import Callable
-from contextlib import ExitStack, nullcontext, suppress
-from dataclasses import replace
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
 
-from fecloth.errors import FeclothError, InputError, amount
-from fecloth.mesh.cloth import Cloth
+from fecloth.errors import InputError, amount
 from fecloth.output.atomic_files import lock_folder, writing
-from fecloth.output.frame_arrays import fields
 from fecloth.runs import restart as restarts
 from fecloth.runs.environment import Watch
+from fecloth.runs.first_calls import compile_kernels
 from fecloth.runs.folder import RunFolder, remove_on_failure
 from fecloth.runs.interruption import interruptible
 from fecloth.runs.outcome import DONE, FAILED, INTERRUPTED, SceneResult, count_sizes
@@ -26,10 +23,7 @@ from fecloth.runs.restart import Restart
 from fecloth.scene.problem import Problem
 from fecloth.scene.scene import Scene
 from fecloth.simulation.doubts.doubt import in_words
-from fecloth.simulation.load_steps import LoadSteps
 from fecloth.simulation.method_choice import Auto
-from fecloth.simulation.run import run
-from fecloth.simulation.setup import Setup
 from fecloth.simulation.steps import StepInfo
 from fecloth.system.system import System
 
@@ -75,29 +69,50 @@ def run_scene(
     with ExitStack() as locks:
         if path.is_dir():
             locks.enter_context(lock_folder(path))
-        calls = announce, report, warn, closed
-        return _run_scene(scene, path, overwrite, resume, *calls, locks, make_system)
+        return _run_scene(
+            scene,
+            path,
+            overwrite,
+            resume,
+            announce=announce,
+            report=report,
+            warn=warn,
+            closed=closed,
+            locks=locks,
+            make_system=make_system,
+        )
 
 
 def _run_scene(
-    scene, path, overwrite, resume, announce, report, warn, closed, locks: ExitStack, make_system
+    scene: Scene,
+    path: Path,
+    overwrite: bool,
+    resume: bool,
+    *,
+    announce: Callable[[Problem, str, list[str]], None],
+    report: Callable[[StepInfo], None],
+    warn: Callable[[str], None],
+    closed: Callable[[], object],
+    locks: ExitStack,
+    make_system: Callable[..., System],
 ) -> SceneResult:
+    """Run a scene as `run_scene` does; `locks` takes the lock of a folder that it makes."""
     watch = Watch()
     existed = path.is_dir()
     if not resume:
         RunFolder.refuse(path, overwrite)
-    found = restarts.find(path) if resume else None
+    earlier = restarts.find(path) if resume else None
     with watch.phase("mesh"):
         cloth = scene.mesh()
     with watch.phase("bind"):
         problem = scene.build(cloth, make_system)
         start = restarts.digest(cloth, problem.start)
-    if found:
-        restarts.refuse_another(found, scene.to_toml(), start, path)
+    if earlier:
+        restarts.refuse_another(earlier, scene.to_toml(), start, path)
     with watch.phase("compile"):
         compile_kernels(problem)
     with watch.phase("choose"):
-        problem, (solver, why) = _with_earlier_method(problem, found).choose()
+        problem, (solver, why) = _with_earlier_method(problem, earlier).choose()
     doubts = problem.doubts()
     warnings = list(in_words(doubts))
     announce(problem, why, warnings)
@@ -106,21 +121,26 @@ def _run_scene(
             with writing(path):
                 path.mkdir(parents=True, exist_ok=True)
             locks.enter_context(lock_folder(path))
-        if found:
-            folder = RunFolder.reopen(path, found.progress.tables)
-        else:
-            folder = RunFolder.create(path, overwrite)
-        with nullcontext() if found else remove_on_failure(path, is_new=not existed):
+        with ExitStack() as failing:
+            if earlier:
+                folder = RunFolder.reopen(path, earlier.progress.tables)
+            else:
+                folder = RunFolder.create(path, overwrite)
+                failing.enter_context(remove_on_failure(path, is_new=not existed))
             folder.text("scene.resolved.toml", scene.to_toml())
-            folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
-            sizes = count_sizes(problem.system)
-            terms = ", ".join(problem.system.names)
-            counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
-            folder.log(f"{counts}; {terms or 'no terms'}; solver {why}")
+            _log_setup(folder, problem, why)
             for line in (*problem.notes(), *(f"warning: {words}" for words in warnings)):
                 folder.log(line)
-            given = scene.to_toml(), start, found, doubts
-            recorder = Recorder(folder, problem, watch, solver, *given)
+            recorder = Recorder(
+                folder,
+                problem,
+                watch,
+                solver,
+                scene=scene.to_toml(),
+                start=start,
+                found=earlier,
+                foreseen=doubts,
+            )
         error = recorder.march(report, warn, interrupted)
         if recorder.progress.state.t < problem.t_end:
             stopped = INTERRUPTED
@@ -131,39 +151,20 @@ def _run_scene(
         return outcome
 
 
-def _with_earlier_method(problem: Problem, found: Restart | None) -> Problem:
-    if not found or not isinstance(problem.steps, Auto):
+def _log_setup(folder: RunFolder, problem: Problem, why: str) -> None:
+    """Log the process, the sizes, the terms, and the solver with the reason for it."""
+    folder.log(f"process {os.getpid()} on {platform.node()}; fecloth {version('fecloth')}")
+    sizes = count_sizes(problem.system)
+    terms = ", ".join(problem.system.names) or "no terms"
+    counts = f"{sizes['nodes']} nodes, {amount(sizes['triangles'], 'triangle')}"
+    folder.log(f"{counts}; {terms}; solver {why}")
+
+
+def _with_earlier_method(problem: Problem, earlier: Restart | None) -> Problem:
+    """Return the problem with the method that `Auto` chose when the run began."""
+    if not earlier or not isinstance(problem.steps, Auto):
         return problem
     for steps in problem.steps.candidates:
-        if str(steps) == found.method:
+        if str(steps) == earlier.method:
             return problem.taking(steps)
-    raise InputError(f"the run used {found.method}", "is none of Auto's methods")
-
-
-def compile_kernels(problem: Setup) -> None:
-    """Compile what the run will call, on two triangles, before the first step."""
-    # Compiled code is cached on disk; later runs load it.
-    whole = problem.system
-    halves = {"lower": [0], "upper": [1]}
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    triangles = [(0, 1, 2), (0, 2, 3)]
-    sets = {"left": [0, 3]}
-    element = whole.cloth.element
-    cloth = Cloth.from_arrays(corners, triangles, sets, regions=halves, element=element)
-    # two triangles may have no equilibrium, and nothing new is compiled in a long search for it
-    steps = problem.steps
-    if isinstance(steps, LoadSteps):
-        steps = replace(steps, load_steps=1, tolerance=0.5, max_iterations=4)
-    first, *others = whole.panel.fabrics  # constants by triangle have another array layout
-    fabric = {"lower": first, "upper": others[0]} if others else first
-    # SuperLU compiles all that PARDISO needs, without loading the MKL
-    automatic = ("superlu",) if problem.is_static else ("pcg", "superlu")
-    for linear in automatic if problem.linear == "auto" else (problem.linear,):
-        with suppress(FeclothError), warnings.catch_warnings(action="ignore"):
-            # failures and warnings there say nothing about the scene
-            system = System(cloth, fabric, whole.terms, ["left"], whole.mass_kind)
-            start = system.state(1.01 * system.rest().x)
-            fields(system, start)
-            # four steps: the estimate of the error in time needs as many
-            number = 1 if problem.is_static else 4
-            run(system, steps, start, t_end=number * (steps.dt or 1e-4), solver=linear)
+    raise InputError(f"the run used {earlier.method}", "is none of Auto's methods")

@@ -37,9 +37,13 @@ from fecloth.system.system import System
 from fecloth.terms.protocol import has_own
 from fecloth.validation import FARTHEST
 
-FASTEST, STRONGEST = 1e6, 1e15  # m/s, N on a node: no cloth
-MOST_PLACES = 1_000_000  # times × nodes at which a motion of t, X, Y is evaluated before a run
+# No cloth has larger values. They are refused by the name of their key, not by a failed step.
+LARGEST_SPEED = 1e6  # m/s of a node at the start
+LARGEST_FORCE = 1e15  # N of a term on a node at the start
+# Times × nodes at which a motion of t, X and Y is checked before a run: it limits the work.
+MOST_CHECKED_PLACES = 1_000_000
 
+AnyTime = Time | EquilibriumTable
 At = Callable[[str], AbstractContextManager[None]]  # names the key of the scene in errors
 
 
@@ -52,7 +56,11 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     steps = scene.schedule.steps()
     _check_method(scene, system, state, steps, at)
     probes = tuple(table.probe() for table in scene.probes)
-    pattern = getattr(scene.cloth, "pattern", "")
+    if scene.expect:
+        pattern = getattr(scene.cloth, "pattern", "")
+        note = bending_note(pattern, [term.type for term in scene.terms])
+    else:
+        note = ""
     problem = Problem(
         system,
         state,
@@ -65,7 +73,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         memory=Memory(0, state.t, None),  # the start is checked above
         frame_steps=scene.output.steps(scene.schedule),
         stops=scene.output.stops(scene.schedule),
-        note=bending_note(pattern, [t.type for t in scene.terms]) if scene.expect else "",
+        note=note,
         output=scene.output,
     )
     _check_columns(scene, problem, probes, at)
@@ -73,47 +81,64 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
 
 
 def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
+    """Bind the terms and pins of a scene; an error names the table with the mistake."""
     pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
     if scene.fabric:
         fabric = scene.fabric.make()
     else:
-        fabric = _each(scene.fabrics, lambda t: t.make())
-    grain = _each(scene.grain_degrees, math.radians)
+        fabric = {region: table.make() for region, table in scene.fabrics.items()}
+    grain = _in_radians(scene.grain_degrees)
     terms = [term.make() for term in scene.terms]
     threads = scene.solver.threads
     with at("solver.threads"):
         number_of_threads(threads)
     try:
         return make_system(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
-    except InputError:  # make its parts one by one, to name the table with the mistake
-        with at("pins"):
-            Constraints.bind(pins, cloth)
-        written = {"terms": [{"type": table.type} for table in scene.terms], "pins": scene.pins}
-        for i, pin in enumerate(pins):
-            with errors_at(f"pins.{i}", scene.source, written, scene.text):
-                find_clamps(Constraints.bind([pin], cloth), cloth, start)
-        with at("fabric" if scene.fabric else "fabrics"):
-            Panel.cut(cloth, fabric)
-        with at("grain_degrees"):
-            Panel.cut(cloth, fabric, grain)
-        with at("mass"):
-            System(cloth, fabric, (), (), scene.mass, grain)
-        for i, term in enumerate(terms):
-            with errors_at(f"terms.{i}", scene.source, written, scene.text):
-                System(cloth, fabric, [term], (), scene.mass, grain)
+    except InputError:
+        _refuse_parts(scene, cloth, start, fabric, grain, pins, terms, at)
         with at("terms"):
             raise
 
 
-def _each(value: Any, function: Callable) -> Any:
-    if isinstance(value, Mapping):
-        return {name: function(one) for name, one in value.items()}
-    return function(value)
+def _refuse_parts(
+    scene: Any,
+    cloth: Cloth,
+    start: State,
+    fabric: Any,
+    grain: Any,
+    pins: list[Pin],
+    terms: list,
+    at: At,
+) -> None:
+    """Make the parts of a system one by one: the error names the table with the mistake."""
+    with at("pins"):
+        Constraints.bind(pins, cloth)
+    written = {"terms": [{"type": table.type} for table in scene.terms], "pins": scene.pins}
+    for i, pin in enumerate(pins):
+        with errors_at(f"pins.{i}", scene.source, written, scene.text):
+            find_clamps(Constraints.bind([pin], cloth), cloth, start)
+    with at("fabric" if scene.fabric else "fabrics"):
+        Panel.cut(cloth, fabric)
+    with at("grain_degrees"):
+        Panel.cut(cloth, fabric, grain)
+    with at("mass"):
+        System(cloth, fabric, (), (), scene.mass, grain)
+    for i, term in enumerate(terms):
+        with errors_at(f"terms.{i}", scene.source, written, scene.text):
+            System(cloth, fabric, [term], (), scene.mass, grain)
 
 
-def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Cloth, at: At) -> Pin:
+def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float]:
+    """Return an angle, or the angle of each region, in radians."""
+    if isinstance(degrees, Mapping):
+        return {region: math.radians(angle) for region, angle in degrees.items()}
+    return math.radians(degrees)
+
+
+def _pin(number: int, table: PinTable, time: AnyTime, cloth: Cloth, at: At) -> Pin:
     """Return the pin of a table after evaluating its motion at all times of the run."""
-    with at(f"pins.{number}.{'inside' if table.where is None else 'where'}"):
+    key = "inside" if table.where is None else "where"
+    with at(f"pins.{number}.{key}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
@@ -121,14 +146,15 @@ def _pin(number: int, table: PinTable, time: Time | EquilibriumTable, cloth: Clo
         end = time.t_end
         dt = (end - start) / 1000 if time.dt == "auto" else time.dt
         times = np.append(start, step_times(start, dt, end))
-        if pin.motion.by_place:  # at some of them, to limit the work
-            times = times[:: 1 + len(times) * len(X) // MOST_PLACES]
+        if pin.motion.by_place:  # at some of the times, to limit the work
+            times = times[:: 1 + len(times) * len(X) // MOST_CHECKED_PLACES]
         with at(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin
 
 
 def _start(scene: Any, cloth: Cloth, at: At) -> State:
+    """Return the state at the start; refuse a node that is too far away or too fast."""
     start = scene.start
     if start.frame:
         with at("start.frame"):
@@ -138,21 +164,21 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
             x = scene.cloth.x(cloth)
         else:
             x = start.x(cloth.X)
-        if np.abs(x).max() > FARTHEST:
+        if (distance := np.abs(x).max()) > FARTHEST:
             if start.shift and max(map(abs, start.shift)) > FARTHEST:
                 key = "shift"
             else:
                 key = "position"
-            what = f"start.{key}: a node {np.abs(x).max():g} m away"
+            what = f"start.{key}: a node {distance:g} m away"
             raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
     with at("start.velocity"):
         if isinstance(scene.cloth, Pieces):
             v = scene.cloth.v(cloth)
         else:
             v = start.v(cloth.X)
-        if np.abs(v).max() > FASTEST:
-            what = f"start.velocity: a node with {np.abs(v).max():g} m/s"
-            raise SceneError(what, f"must be at most {FASTEST:g} m/s", scene.source)
+        if (speed := np.abs(v).max()) > LARGEST_SPEED:
+            what = f"start.velocity: a node with {speed:g} m/s"
+            raise SceneError(what, f"must be at most {LARGEST_SPEED:g} m/s", scene.source)
     with at("start"):
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
@@ -171,14 +197,15 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
             if name.startswith("Gas"):
                 remedy = "A Gas needs a volume: give it a dome."
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
-        if (largest := np.abs(f).max()) > STRONGEST:
+        if (largest := np.abs(f).max()) > LARGEST_FORCE:
             what = f"terms: {name}: {largest:.1e} N on a node at the start"
-            raise SceneError(what, f"must be at most {STRONGEST:g} N", scene.source)
+            raise SceneError(what, f"must be at most {LARGEST_FORCE:g} N", scene.source)
 
 
 def _check_method(
     scene: Any, system: System, state: State, steps: StepChoice | Auto, at: At
 ) -> None:
+    """Refuse a method that cannot step the system, and a linear solver that cannot solve it."""
     with at("terms"):
         check_terms(system, steps, "terms")
     if not system.is_whole and (isinstance(steps, Auto) or steps.traits.explicit):
@@ -202,8 +229,9 @@ def _check_method(
 def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
     """Refuse a term whose force changes with t, at positions that feel it from any direction."""
     x = state.x
-    still = np.zeros_like(state.x)
-    x = x + 0.02 * system.cloth.extent * np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
+    still = np.zeros_like(x)
+    waves = np.sin(5 * x[:, [1, 2, 0]] + 3 * x + [1, 2, 3])
+    x = x + 0.02 * system.cloth.extent * waves
     for name, term in system.named:
         if term.limits_direction or has_own(term, "work_of_clamps"):
             continue  # it may depend on t, as what it touches, or the normals of clamps, move
@@ -217,8 +245,11 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
 
 
 def _on_request(scene: Any) -> tuple[str, ...]:
-    interest = scene.interest.all if scene.interest else ()
-    return on_request([*scene.expect, *(quantity.column for quantity in interest)])
+    """Return the names of columns that the run has only because the scene names them."""
+    names = list(scene.expect)
+    if scene.interest:
+        names += [quantity.column for quantity in scene.interest.all]
+    return on_request(names)
 
 
 def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: At) -> None:
@@ -227,7 +258,8 @@ def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: 
         _ = problem.observer
     except InputError:  # bind the probes one by one, to name the one with the mistake
         for i, probe in enumerate(probes):
-            with at(f"probes.{i}.{'where' if probe.point is None else 'point'}"):
+            key = "where" if probe.point is None else "point"
+            with at(f"probes.{i}.{key}"):
                 probe.weights(problem.cloth)
         with at("interest" if scene.interest else "expect"):
             raise

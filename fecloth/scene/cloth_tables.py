@@ -42,8 +42,15 @@ class Rectangle(Table):
     grading: Gradings = ()
 
     def cloth(self) -> Cloth:
-        sizes = self.width, self.height, self.h
-        return Cloth.rectangle(*sizes, self.pattern, self.element, _made(self.grading))
+        """Mesh the rectangle."""
+        return Cloth.rectangle(
+            self.width,
+            self.height,
+            self.h,
+            pattern=self.pattern,
+            element=self.element,
+            grading=_make_gradings(self.grading),
+        )
 
 
 class Disk(Table):
@@ -58,7 +65,9 @@ class Disk(Table):
     grading: Gradings = ()
 
     def cloth(self) -> Cloth:
-        return Cloth.disk(self.radius, self.h, self.element, _made(self.grading))
+        """Mesh the disk."""
+        grading = _make_gradings(self.grading)
+        return Cloth.disk(self.radius, self.h, element=self.element, grading=grading)
 
 
 class MeshFile(Table):
@@ -75,12 +84,19 @@ class MeshFile(Table):
     remedies: ClassVar = {"file": MESH_FILE}
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
-        reading = self.element, trust, time_limit, _made(self.grading)
-        return Cloth.read(self.path, self.h, *reading)
+        """Read or mesh the file; see `Cloth.read` for `trust` and `time_limit` [s]."""
+        return Cloth.read(
+            self.path,
+            self.h,
+            element=self.element,
+            trust=trust,
+            time_limit=time_limit,
+            grading=_make_gradings(self.grading),
+        )
 
 
-def _made(grading: tuple) -> tuple[Grading, ...]:
-    return tuple(table.make() for table in grading)
+def _make_gradings(tables: tuple) -> tuple[Grading, ...]:
+    return tuple(table.make() for table in tables)
 
 
 _START = {"start": (Start, Field(Start(plane="xy"), description="Where the piece starts."))}
@@ -99,19 +115,23 @@ Piece: Any = one_of(
 
 
 class Pieces(Table):
-    """``shape = "join"``: several pieces, each with its shape, sets and start."""
+    """``shape = "join"``: several pieces, each with its shape, sets and start.
+
+    It has no `h` and no `grading`: each piece has its own.
+    """
 
     shape: Annotated[Literal["join"], Kind]
     pieces: dict[str, Piece]
     """A table for each piece, as [cloths.NAME] or [cloth.pieces.NAME], see above."""
 
-    h: ClassVar[None] = None  # each piece has its own
+    h: ClassVar[None] = None
     grading: ClassVar[tuple] = ()
 
     @model_validator(mode="after")
     def _several_of_one_element(self):
         if len(self.pieces) < 2:
-            raise InputError(amount(len(self.pieces), "piece"), "must be at least two, or [cloth]")
+            what = amount(len(self.pieces), "piece")
+            raise InputError(what, "must be at least two, or [cloth]")
         if len({piece.element for piece in self.pieces.values()}) > 1:
             raise InputError("pieces of P1 and of P2", "must have one element")
         for name, piece in self.pieces.items():
@@ -121,36 +141,42 @@ class Pieces(Table):
 
     @property
     def element(self) -> str:
+        """The element of all pieces, "P1" or "P2"."""
         return next(iter(self.pieces.values())).element
 
     @property
     def paths(self) -> list[str]:
+        """The mesh files of the pieces."""
         return [piece.path for piece in self.pieces.values() if piece.shape == "file"]
 
     def cloth(self, trust: bool = False, time_limit: float = TIME_LIMIT) -> Cloth:
+        """Mesh the pieces and join them; raise `InputError` with the name of the piece."""
         meshed = []
         for name, piece in self.pieces.items():
-            reading = (trust, time_limit) if piece.shape == "file" else ()
             try:
-                meshed.append(piece.cloth(*reading))
+                if piece.shape == "file":
+                    meshed.append(piece.cloth(trust, time_limit))
+                else:
+                    meshed.append(piece.cloth())
             except InputError as error:
                 if piece.shape == "file":
                     place = f"pieces.{name}: {error.where}: "
                 else:
-                    place = ""
-                what = place or f"pieces.{name}."
-                raise InputError(what + error.what, error.allowed, "", error.remedy) from error
+                    place = f"pieces.{name}."
+                what = place + error.what
+                raise InputError(what, error.allowed, "", error.remedy) from error
         return Cloth.join(meshed, list(self.pieces))
 
     def x(self, cloth: Cloth) -> np.ndarray:
         """Return the positions (n, 3) at the start [m]."""
-        return self._of_all(cloth, "x")
+        return self._join_values(cloth, "x")
 
     def v(self, cloth: Cloth) -> np.ndarray:
         """Return the velocities (n, 3) at the start [m/s]."""
-        return self._of_all(cloth, "v")
+        return self._join_values(cloth, "v")
 
-    def _of_all(self, cloth: Cloth, name: str) -> np.ndarray:
+    def _join_values(self, cloth: Cloth, name: str) -> np.ndarray:
+        """Return x or v (n, 3) of the whole cloth from the starts of the pieces."""
         values = np.zeros((len(cloth.X), 3))
         for piece, table in self.pieces.items():
             nodes = cloth.nodes(piece)

@@ -1,4 +1,7 @@
-"""Messages for mistakes in a scene: pydantic's errors and refusals of objects, with their keys."""
+"""Messages for mistakes in a scene, with the key of each mistake.
+
+The mistakes are errors of pydantic, and errors that objects raise when they are made.
+"""
 
 import re
 import reprlib
@@ -17,15 +20,17 @@ _KEY = re.compile(r"[^\W\d]\w*(\.\w+)*")
 
 
 def scene_error(error: ValidationError, data: Any, where: str, text: str = "") -> SceneError:
-    """Return the first mistake of the scene `data` from the file `where`, and the others in it."""
-    found = (
-        words
-        for item in error.errors(include_url=False)
-        for words in _describe(item, *_locate(item["loc"], data))
-    )
+    """Return the first mistake in the tables `data` of a scene; its `also` has the others.
+
+    `where` is the file of the scene, and `text` its text, for the number of the line.
+    """
+    mistakes: list[tuple[str, str, str]] = []
+    for item in error.errors(include_url=False):
+        key, written = _locate(item["loc"], data)
+        mistakes += _describe(item, key, written)
     first, *others = (
         SceneError(what, allowed, where, f"{remedy} {place(what, data, text)}".strip())
-        for what, allowed, remedy in dict.fromkeys(found)
+        for what, allowed, remedy in dict.fromkeys(mistakes)
     )
     first.also = tuple(others)
     return first
@@ -52,27 +57,27 @@ def place(key: str, data: Any, text: str = "") -> str:
 
 
 def _describe(item, key: str, written: Any) -> list[tuple[str, str, str]]:
-    """Return what, allowed and remedy of each mistake; `written` is the file's value at `key`."""
+    """Return (what, allowed, remedy) of each mistake; `written` is the value at `key`."""
     value = item["input"]
     cause = item.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
-        each = (cause, *cause.also)
-        return [(with_key(key, error, value), error.allowed, error.remedy) for error in each]
-    return [_of_type(item, key, written, value)]
+        errors = (cause, *cause.also)
+        return [(with_key(key, error, value), error.allowed, error.remedy) for error in errors]
+    return [_describe_wrong_type(item, key, written, value)]
 
 
-def _of_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
+def _describe_wrong_type(item, key: str, written: Any, value: Any) -> tuple[str, str, str]:
     if item["type"] == "kind":
-        return _kind(key, written, *item["msg"].split(": "))
-    listed = "tuple" in item["type"] and "." not in key
-    return (
-        f"{key} = {shorten(value)}",
-        f"must be a {'list of tables' if listed else 'table'}",
-        f"Write [[{key}]] above each of them." if listed else "",
-    )
+        name, kinds = item["msg"].split(": ")
+        return _describe_wrong_kind(key, written, name, kinds)
+    what = f"{key} = {shorten(value)}"
+    if "tuple" in item["type"] and "." not in key:
+        return what, "must be a list of tables", f"Write [[{key}]] above each of them."
+    return what, "must be a table", ""
 
 
-def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
+def _describe_wrong_kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
+    """Describe a table whose key `name` is none of the `kinds`, a text with commas."""
     allowed = f"must be one of {kinds}"
     if value in kinds.split(", "):  # where no name may replace a table
         remedy = f'Write {{ {name} = "{value}" }}.'
@@ -82,9 +87,10 @@ def _kind(key: str, value: Any, name: str, kinds: str) -> tuple[str, str, str]:
     if not isinstance(value, dict):
         return f"{key} = {shorten(value)}", f"must be a table whose {name} is one of {kinds}", ""
     if name not in value:
-        return f"{key}.{name} is missing", allowed, MESH_FILE if name == "shape" else ""
+        remedy = MESH_FILE if name == "shape" else ""
+        return f"{key}.{name} is missing", allowed, remedy
     own = value[name]
-    remedy = did_you_mean(value[name], kinds.split(", "))
+    remedy = did_you_mean(own, kinds.split(", "))
     is_name = isinstance(own, str) and own.isidentifier()
     if is_name and key.startswith("terms") and not key.endswith(".shape"):
         how = f'For a term of your own: fc.load_scene("….toml", terms={{"{own}": {own}}}).'
@@ -104,15 +110,18 @@ def with_key(key: str, error: InputError, value: Any = None) -> str:
 
 @contextmanager
 def errors_at(key: str, where: str, data: Any = None, text: str = "") -> Iterator[None]:
-    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key."""
-    # `data` and `text`, of the scene and its file, add the type and the line of the table.
+    """Turn an `InputError` of an object into a `SceneError` with the scene's file and key.
+
+    With `data`, the tables of the scene, and `text`, the text of its file, the error also has
+    the type and the line of the table.
+    """
     try:
         yield
     except SceneError:
         raise
     except InputError as error:
         what = with_key(key, error)
-        if isinstance(error, MeshError) and key == "cloth":  # where: the mesh file
+        if isinstance(error, MeshError) and key == "cloth":  # its `where` is the mesh file
             what = f"{key}: {error.where}: {error.what}"
         remedy = f"{error.remedy} {place(key, data, text)}".strip()
         raise SceneError(what, error.allowed, where, remedy) from error
@@ -127,9 +136,13 @@ def _locate(location: tuple, data: Any) -> tuple[str, Any]:
     """Return the key of an error, without pydantic's entries for kinds, and the value there."""
     keys = []
     for entry in location:
-        inside = isinstance(data, dict) and entry in data and data.get("shape") != entry
-        inside |= isinstance(data, (list, tuple)) and isinstance(entry, int) and entry < len(data)
-        if inside:
+        if isinstance(data, dict):
+            is_inside = entry in data and data.get("shape") != entry
+        elif isinstance(data, (list, tuple)):
+            is_inside = isinstance(entry, int) and entry < len(data)
+        else:
+            is_inside = False
+        if is_inside:
             data = data[entry]
             keys.append(str(entry))
     return ".".join(keys), data

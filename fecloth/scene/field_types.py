@@ -12,6 +12,11 @@ from fecloth.validation import file_problem
 
 
 def formula_text(*variables: str, condition: bool = False) -> Any:
+    """Return the type of a key with a formula of these variables, or a condition on them.
+
+    A plain number is allowed in place of a formula, but not in place of a condition.
+    """
+
     def check(text: str) -> str:
         try:
             Formula(text, variables, condition)
@@ -34,15 +39,19 @@ def formula_text(*variables: str, condition: bool = False) -> Any:
 
 
 def _check_name(name: str) -> str:
-    if not name or not all(c.isalnum() or c in "_- " for c in name):
+    is_allowed = all(letter.isalnum() or letter in "_- " for letter in name)
+    if not name or not is_allowed:
         raise InputError("", "must consist of letters, digits, spaces, _ and -")
     return name
 
 
 def resolve_path(value: str, info: ValidationInfo) -> str:
-    path = Path((info.context or {}).get("folder", ".")) / value
+    """Return the absolute path of a file; raise `InputError` if there is no such file."""
+    folder = Path((info.context or {}).get("folder", "."))
+    path = folder / value
     if problem := file_problem(path):
-        raise InputError("", f"{path}: {problem[0]}", "", problem[1])
+        reason, remedy = problem
+        raise InputError("", f"{path}: {reason}", "", remedy)
     return str(path.resolve())
 
 

@@ -52,8 +52,9 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
     scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
     scene["fabrics"]["additionalProperties"] = one_fabric
-    either = {"anyOf": [{"$ref": "#/$defs/Expectation"}, scene["expect"]["additionalProperties"]]}
-    scene["expect"]["additionalProperties"] = either
+    one_value = {"$ref": "#/$defs/Expectation"}
+    several = scene["expect"]["additionalProperties"]
+    scene["expect"]["additionalProperties"] = {"anyOf": [one_value, several]}
     scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
     del schema["required"]

@@ -59,8 +59,9 @@ class Start(Table):
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        complete = not isinstance(data, dict) or {"plane", "position", "frame"} & set(data)
-        return data if complete else {"plane": "xy", **data}
+        if not isinstance(data, dict) or {"plane", "position", "frame"} & set(data):
+            return data
+        return {"plane": "xy", **data}
 
     @model_validator(mode="after")
     def _one_place(self):
@@ -72,34 +73,41 @@ class Start(Table):
 
     def x(self, X: np.ndarray) -> np.ndarray:
         """Return positions (n, 3) [m] of material points (n, 2); not for a frame."""
-        x = np.zeros((len(X), 3))
         if self.position:
-            x = _at(self.position, X)
+            x = _evaluate(self.position, X)
         else:
+            x = np.zeros((len(X), 3))
             x[:, _PLANES[cast(str, self.plane)]] = X
-        x = self.rotate.apply(x) if self.rotate else x
-        return x + self.shift if self.shift else x
+        if self.rotate:
+            x = self.rotate.apply(x)
+        if self.shift:
+            x = x + self.shift
+        return x
 
     def v(self, X: np.ndarray) -> np.ndarray:
         """Return velocities (n, 3) [m/s]."""
         if self.velocity:
-            return _at(self.velocity, X)
+            return _evaluate(self.velocity, X)
         return np.zeros((len(X), 3))
 
 
-def _at(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
+def _evaluate(texts: tuple[str, ...], X: np.ndarray) -> np.ndarray:
+    """Return the values (n, 3) of three formulas at material points (n, 2)."""
     formulas = [Formula(text, ("X", "Y")) for text in texts]
     return np.stack([formula(X=X[:, 0], Y=X[:, 1]) for formula in formulas], axis=1)
 
 
 @dataclass(frozen=True)
 class Region:
-    """A condition on X and Y as a predicate on material points (n, 2) [m]."""
+    """A condition on X and Y as a predicate on material points (n, 2) [m].
+
+    Its `repr` is the text of the condition, because messages name a pin by it.
+    """
 
     formula: Formula
 
     def __repr__(self) -> str:
-        return repr(self.formula.text)  # as messages name it
+        return repr(self.formula.text)
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
         return np.asarray(self.formula(X=X[:, 0], Y=X[:, 1]))
@@ -156,11 +164,16 @@ class PinTable(Table):
     def _make_pin(self) -> Pin:
         where: str | Region
         if self.where is None:
-            where = Region(Formula(cast(str, self.inside), ("X", "Y"), True))
+            condition = Formula(cast(str, self.inside), ("X", "Y"), condition=True)
+            where = Region(condition)
         else:
             where = self.where
-        rotate = self.rotate.make() if self.rotate else None
-        if not (self.direction or self.normal):
-            return Pin(where, self.motion, None, self.name, self.clamp, rotate)
-        free = {"direction": self.direction, "normal": self.normal}
-        return Slide(where, self.motion, None, self.name, self.clamp, rotate, **free)
+        common: dict[str, Any] = {
+            "motion": self.motion,
+            "name": self.name,
+            "clamp": self.clamp,
+            "rotate": self.rotate.make() if self.rotate else None,
+        }
+        if self.direction or self.normal:
+            return Slide(where, direction=self.direction, normal=self.normal, **common)
+        return Pin(where, **common)

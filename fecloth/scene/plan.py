@@ -16,15 +16,25 @@ from fecloth.terms.loops.bound_condition import BoundCondition
 # Bytes of a factor for each block and log₂ n. Midpoints of edges are eliminated with little
 # fill.
 FILL = {"P1": 47, "P2": 30}
-SHARED, WHOLE = 750, 370  # bytes for each block of a process, and each triangle, with GAMG
-MULTIGRID = 2200, 20  # bytes of its levels for each node and block, at the peak; P2: 0.7 of that
+# Bytes of the levels of multigrid at the peak; P2 needs 0.7 of that. For P1 within 12 %, tested.
+MULTIGRID_PER_NODE = 2200
+MULTIGRID_PER_BLOCK = 20
+# Bytes of the first of several processes with GAMG, fitted to two runs: see `memory_of_each`.
+GAMG_PER_OWN_BLOCK = 750
+GAMG_PER_TRIANGLE = 370
 
 
 def plan(problem: Problem, why: str) -> list[str]:
-    """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps."""
+    """Return lines on sizes, terms, method, solver, threads, memory, weight and explicit steps.
+
+    `why` says which linear solver was chosen, and why.
+    """
     system = problem.system
     n = len(problem.system.cloth.X)
-    name = f"{'quadratic ' * (system.cloth.element == 'P2')}triangle"
+    if system.cloth.element == "P2":
+        name = "quadratic triangle"
+    else:
+        name = "triangle"
     lines = [
         f"{n} nodes, {amount(len(system.cloth.triangles), name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
@@ -36,7 +46,9 @@ def plan(problem: Problem, why: str) -> list[str]:
         *_length_lines(system),
         *problem.notes(),
     ]
-    limit = math.inf if problem.is_static else problem.planned.explicit_limit
+    if problem.is_static:
+        return lines
+    limit = problem.planned.explicit_limit
     if math.isfinite(limit):
         speed = max(map(dimensionless.wave_speed, system.panel.fabrics))
         fastest = f"fastest wave in the fabric {speed:.3g} m/s"
@@ -48,10 +60,11 @@ def plan(problem: Problem, why: str) -> list[str]:
 
 
 def _pins(system: System) -> str:
-    counts = [
-        f"{name} ({amount(len(nodes), 'node')}{', clamped' if pin.clamp else ''})"
-        for name, (pin, nodes) in system.constraints.groups.items()
-    ]
+    """Return how many nodes each pin holds, and whether the cloth can turn about them."""
+    counts = []
+    for name, (pin, nodes) in system.constraints.groups.items():
+        clamped = ", clamped" if pin.clamp else ""
+        counts.append(f"{name} ({amount(len(nodes), 'node')}{clamped})")
     turns = not system.panel.clamps and rotation_about_pins(system, system.rest().x) is not None
     words = ", ".join(counts) or "none"
     if turns:
@@ -60,18 +73,16 @@ def _pins(system: System) -> str:
 
 
 def _course(problem: Problem) -> str:
+    """Return the method, how the steps are chosen, and the end."""
     if problem.is_static:
         return str(problem.method)
     steps = problem.steps
-    dt = problem.dt
-    if isinstance(steps, Adaptive | Auto):
-        by = f"rtol = {steps.rtol:g}"
+    if problem.dt:
+        words = f"dt = {problem.dt:g} s"
+    elif isinstance(steps, Adaptive | Auto):
+        words = f'steps chosen by rtol = {steps.rtol:g}, as dt is left out or "auto",'
     else:
-        by = "stability"
-    if dt:
-        words = f"dt = {dt:g} s"
-    else:
-        words = f'steps chosen by {by}, as dt is left out or "auto",'
+        words = 'steps chosen by stability, as dt is left out or "auto",'
     return f"{problem.method}, {words} to t = {problem.t_end:g} s"
 
 
@@ -82,17 +93,18 @@ def _threads_and_memory(problem: Problem) -> str:
     if problem.linear in ("pcg", "multigrid"):
         return f"{loops}, about {estimate_memory(problem.system, problem.linear):.0f} MB"
     iterated = estimate_memory(problem.system, "pcg")
-    factored, count = estimate_memory(problem.system), mkl_pardiso.threads()  # None: not loaded
-    words = f"{loops}{f', {count} in factorisations' if count else ''}"
-    return f"{words}; about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
+    factored = estimate_memory(problem.system)
+    count = mkl_pardiso.threads()  # None: the MKL is not loaded
+    shares = f", {count} in factorisations" if count else ""
+    memory = f"about {iterated:.0f} MB, with a factor of the matrix {factored:.0f} MB"
+    return f"{loops}{shares}; {memory}"
 
 
 def _length_lines(system: System) -> Iterator[str]:
     """Yield weight over bending stiffness, which tells whether bending matters, and wrinkles."""
     if number := dimensionless.weight_over_stiffness(system):
         length = dimensionless.unsupported_length(system)
-        is_around = dimensionless.is_surrounded_by_pins(system)
-        if is_around:
+        if dimensionless.is_surrounded_by_pins(system):
             reach = "twice the reach from the pins around"
         else:
             reach = "the reach from the pins"
@@ -113,26 +125,29 @@ def estimate_memory(system: System, solver: str = "direct") -> float:
     runs.
     """
     n = len(system.cloth.X)
-    blocks = 0 if solver == "explicit" else len(system.pattern.indices)
+    is_explicit = solver == "explicit"
+    blocks = 0 if is_explicit else len(system.pattern.indices)
     used: float = 258 * n + 157 * math.prod(system.cloth.gradients.shape[:3]) + 150 * blocks
     used += 500 * len(system.cloth.triangles)
     for term in system.bound:  # the arrays of interpolated strains and of plates
-        used += term.nbytes(explicit=solver == "explicit")
-        if solver == "explicit" and isinstance(term, BoundCondition):
+        used += term.nbytes(explicit=is_explicit)
+        if is_explicit and isinstance(term, BoundCondition):
             used += 150 * len(term.nodes)
     used += 18 * blocks  # less than the matrix: what binding takes is free by then
     if solver == "pcg":
         used += 110 * blocks  # the matrices of the error in time
     if solver == "multigrid":
-        used += MULTIGRID[0] * n + MULTIGRID[1] * blocks
+        used += MULTIGRID_PER_NODE * n + MULTIGRID_PER_BLOCK * blocks
     if solver == "direct":
         used += (FILL[system.cloth.element] * math.log2(n) + 130) * blocks + 23e6
     return 225 + used / 1e6
 
 
 def memory_of_each(system: System, count: int) -> float:
-    """Estimate the peak memory [MB] of the first of `count` processes that share a system."""
-    # Within 10 % of StVK with hinges, 200,000 and 2,000,000 triangles on two processes.
-    blocks = len(system.pattern.indices)
+    """Estimate the peak memory [MB] of the first of `count` processes that share a system.
+
+    It is within 10 % for StVK with hinges, on 200,000 and 2,000,000 triangles and two processes.
+    """
+    own_blocks = len(system.pattern.indices) / count
     triangles = len(system.cloth.triangles)
-    return 220 + (SHARED * blocks / count + WHOLE * triangles) / 1e6
+    return 220 + (GAMG_PER_OWN_BLOCK * own_blocks + GAMG_PER_TRIANGLE * triangles) / 1e6

@@ -35,6 +35,7 @@ class ProbeTable(Table):
         return self
 
     def probe(self) -> Probe:
+        """Return the probe that records the path."""
         return Probe(self.name, self.where, self.point)
 
 
@@ -110,11 +111,12 @@ class Interest(Table):
     @property
     def at_end_only(self) -> bool:
         """Whether the motion before the end does not matter."""
-        return all(one.how == "value" and one.at is None for one in self.all)
+        return all(quantity.how == "value" and quantity.at is None for quantity in self.all)
 
     @property
     def all(self) -> tuple[Quantity, ...]:
-        return tuple(one for group in self.parsed.values() for one in group)
+        """The quantities under all keys."""
+        return tuple(quantity for group in self.parsed.values() for quantity in group)
 
 
 def _as_tuple(value: Any) -> Any:
@@ -126,18 +128,31 @@ def _as_tuple(value: Any) -> Any:
 
 
 Expectations = Annotated[tuple[Expectation, ...], BeforeValidator(_as_tuple)]
-
-
 Expected = Mapping[str, tuple[Expectation, ...]]
 
 
-def refuse_times(expect: Expected, start: float, end: float, source: str, unit: str = " s") -> None:
-    """Raise `SceneError` for a value expected at a t outside the run."""
-    most = f"time.t_end = {end} [s]" if unit == " s" else f"{end:g}{unit}"
+def refuse_times(
+    expect: Expected,
+    start: float,
+    end: float,
+    source: str,
+    unit: str = " s",
+) -> None:
+    """Raise `SceneError` for a value expected at a t outside the run.
+
+    `unit` follows a value of t in words: " s", or " of the loads" of a static scene.
+    """
     for name, expectations in expect.items():
-        for at in (e.at for e in expectations if e.at is not None and not start <= e.at <= end):
-            least = f"must be at least time.t_start = {start} [s]"
-            allowed = f"must be at most {most}" if at > end else least
+        for expectation in expectations:
+            at = expectation.at
+            if at is None or start <= at <= end:
+                continue
+            if at < start:
+                allowed = f"must be at least time.t_start = {start} [s]"
+            elif unit == " s":
+                allowed = f"must be at most time.t_end = {end} [s]"
+            else:
+                allowed = f"must be at most {end:g}{unit}"
             raise SceneError(f"expect.{name}.at = {at}", allowed, source)
 
 
@@ -149,7 +164,9 @@ def refuse_unknown(
         if name not in names:
             allowed = f"unknown quantity; this run has {', '.join(names)}"
             raise SceneError(f"expect.{name}", allowed, source, did_you_mean(name, names))
-    for key, quantities in interest.parsed.items() if interest else ():
+    if interest is None:
+        return
+    for key, quantities in interest.parsed.items():
         for quantity in quantities:
             with errors_of(source, kind=SceneError):
                 quantity.require_known(names, f"interest.{key}")
@@ -157,17 +174,33 @@ def refuse_unknown(
 
 @dataclass(frozen=True)
 class Verdict:
-    """A line of ``fecloth check``: the value of a column and the expected one."""
+    """A line of ``fecloth check``: the value of a column and the expected one.
 
-    # Column and time [s]; the end of the run if the scene gives no time.
+    Attributes
+    ----------
+    name
+        The column.
+    at
+        The time [s], or the part of the loads; the end of the run if the scene gives none.
+    value
+        The value of the run, in the unit of the column.
+    expected
+        The expected value.
+    tolerance
+        The allowed difference.
+    passed
+        Whether ``|value − expected| <= tolerance``.
+    unit
+        What follows `at` in words: " s", or " of the loads" of a static scene.
+    """
+
     name: str
     at: float
-    # In the column's unit; `tolerance` is the allowed difference.
     value: float
     expected: float
     tolerance: float
-    passed: bool  # whether ``|value − expected| <= tolerance``
-    unit: str = " s"  # of `at`: " s", or " of the loads" of a static scene
+    passed: bool
+    unit: str = " s"
 
     def __str__(self) -> str:
         return (
@@ -190,9 +223,12 @@ def check(
     """
     columns = {**energies, **observed}
     verdicts = []
-    for name, each in ((name, each) for name, several in expect.items() for each in several):
-        at = float(times[-1]) if each.at is None else each.at
-        value = float(np.interp(at, times, columns[name], left=np.nan, right=np.nan))
-        passed = abs(value - each.value) <= each.tolerance
-        verdicts.append(Verdict(name, at, value, each.value, each.tolerance, passed, unit))
+    for name, expectations in expect.items():
+        for expectation in expectations:
+            at = float(times[-1]) if expectation.at is None else expectation.at
+            value = float(np.interp(at, times, columns[name], left=np.nan, right=np.nan))
+            expected = expectation.value
+            tolerance = expectation.tolerance
+            passed = abs(value - expected) <= tolerance
+            verdicts.append(Verdict(name, at, value, expected, tolerance, passed, unit))
     return verdicts

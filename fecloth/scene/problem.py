@@ -13,13 +13,27 @@ from fecloth.simulation.steps import StepInfo
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Setup):
-    """The objects of a scene, ready to run, and what a run of it writes."""
+    """The objects of a scene, ready to run, and what a run of it writes.
+
+    Attributes
+    ----------
+    t_end
+        The end [s]; in static scenes the part of the loads, 1.
+    frame_steps
+        Steps between two frames of the output; None: there are frames at the `stops`.
+    output
+        The table [output] of the scene.
+    note
+        A line to print before the run, or "".
+    unit
+        What follows a value of t in words: " s" or " of the loads".
+    """
 
     t_end: float
-    frame_steps: int | None  # steps between two frames of the output; None: frames at `stops`
+    frame_steps: int | None
     output: Output
-    note: str = ""  # a line to print before the run, or ""
-    unit: str = " s"  # what follows a value of t in words: " s" or " of the loads"
+    note: str = ""
+    unit: str = " s"
 
     @property
     def dt(self) -> float | None:
@@ -28,8 +42,8 @@ class Problem(Setup):
 
     def notes(self) -> list[str]:
         """Return lines to print before the run: facts that are easily overlooked."""
-        noted = (f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES))
-        return [*filter(None, [self.note]), *noted]
+        notes = [self.note] if self.note else []
+        return notes + [f"note: {doubt}" for doubt in find_doubts(self.planned, NOTES)]
 
     def next_row(self, info: StepInfo) -> Wanted:
         """Return the next step after `info` that must have a row, a frame or a restart file."""
@@ -43,5 +57,6 @@ class Problem(Setup):
         if isinstance(every, int):
             step = min(step, info.step + every - info.step % every)
         elif every:
-            t = min(t, start + every * (math.floor((info.t - start) / every + 1e-9) + 1))
+            passed = math.floor((info.t - start) / every + 1e-9)
+            t = min(t, start + every * (passed + 1))
         return Wanted(step, t)

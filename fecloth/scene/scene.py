@@ -40,9 +40,9 @@ class Scene(Table):
 
     title: str | None = None
     """A name for reports."""
-    mass: Literal["lumped", "consistent"] = "lumped"  # "consistent" for P2: see `_lists_as_tuples`
-    """How the mass is put on the nodes. The default for P2 is "consistent". Explicit methods need
-    "lumped"."""
+    mass: Literal["lumped", "consistent"] = "lumped"
+    """How the mass is put on the nodes. The default for P2 is "consistent".
+    Explicit methods need "lumped"."""
     cloth: tables.Shape
     """The cloth: shape and mesh."""
     fabric: FabricTable | None = None
@@ -57,7 +57,7 @@ class Scene(Table):
     """What holds or moves nodes, as [[pins]]."""
     start: Start = Start(plane="xy")
     """Where the cloth starts."""
-    time: Time = None  # type: ignore[assignment]  # None with [equilibrium]: use `schedule`
+    time: Time = None  # type: ignore[assignment]  # None if static
     """Method, step and duration of a motion."""
     equilibrium: EquilibriumTable | None = None
     """In place of `time`: the scene is static."""
@@ -72,32 +72,39 @@ class Scene(Table):
     interest: Interest | None = None
     """The quantities of interest: what studies compare."""
     uncertain: dict = Field({})
-    """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %" or in their units;
-    start = 5 for disturbed starts."""
+    """For `fecloth budget`: standard uncertainties of numbers by key, as "10 %"
+    or in their units; start = 5 for disturbed starts."""
     measured: dict = Field({})
     """For `fecloth budget`: by quantity, the measured value and its standard uncertainty."""
 
     _source: str = PrivateAttr("scene")
     _text: str = PrivateAttr("")
-    _reading: tuple[bool, float] = PrivateAttr((False, TIME_LIMIT))  # trust, and its time limit
+    _trusts_geo: bool = PrivateAttr(False)
+    _mesh_time: float = PrivateAttr(TIME_LIMIT)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self.model_dump() == other.model_dump()
 
     @model_validator(mode="before")
     @classmethod
-    def _lists_as_tuples(cls, data: dict[str, Any]) -> dict[str, Any]:
+    def _set_defaults(cls, data: dict[str, Any]) -> dict[str, Any]:
+        """Return the data with tuples for lists, and with the default mass of its element."""
         data = as_tuples(data)
         if "time" in data and "equilibrium" in data:
             allowed = (
                 "a scene has one of them; with [equilibrium] it is static, without time and dt"
             )
-            raise InputError("time and equilibrium are given", allowed, "", "Leave out the other.")
-        if isinstance(cloth := data.get("cloth"), dict):
-            pieces = cloth.get("pieces")
-            table = next(iter(pieces.values()), {}) if isinstance(pieces, dict) else cloth
-            is_quadratic = isinstance(table, dict) and table.get("element") == "P2"
-            data.setdefault("mass", "consistent" if is_quadratic else "lumped")
+            remedy = "Leave out the other."
+            raise InputError("time and equilibrium are given", allowed, "", remedy)
+        cloth = data.get("cloth")
+        if not isinstance(cloth, dict):
+            return data
+        pieces = cloth.get("pieces")
+        table: Any = cloth
+        if isinstance(pieces, dict):
+            table = next(iter(pieces.values()), {})
+        is_quadratic = isinstance(table, dict) and table.get("element") == "P2"
+        data.setdefault("mass", "consistent" if is_quadratic else "lumped")
         return data
 
     @model_validator(mode="after")
@@ -122,6 +129,7 @@ class Scene(Table):
         return self
 
     def _refuse_time(self) -> None:
+        """Raise `InputError` for keys that only a scene with [time] may have."""
         static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
             raise InputError("start.velocity is given", static, "", "Leave it out.")
@@ -138,25 +146,30 @@ class Scene(Table):
 
     def _follow_friction(self, static: EquilibriumTable) -> None:
         """Take at least 20 load steps where a fabric has friction inside."""
-        fabrics = [self.fabric] if self.fabric else (self.fabrics or {}).values()
+        if self.fabric:
+            fabrics = [self.fabric]
+        else:
+            fabrics = list((self.fabrics or {}).values())
         has_friction = any(term.type == "BendingFriction" for term in self.terms)
         if static.friction != "laid" and not has_friction:
             what = f'equilibrium.friction = "{static.friction}"'
             allowed = "needs BendingFriction"
             raise InputError(what, allowed, "", 'Add { type = "BendingFriction" } to terms.')
-        if has_friction and any(any(each.make().hysteresis or ()) for each in fabrics):
+        if has_friction and any(any(fabric.make().hysteresis or ()) for fabric in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
             followed = static.model_copy(update={"load_steps": number})
             object.__setattr__(self, "equilibrium", followed)
 
     @property
     def schedule(self) -> Time | EquilibriumTable:
-        """[time] or [equilibrium]: what t is, and the steps."""
+        """The table [time], or [equilibrium] of a static scene: what t is, and the steps."""
         return self.equilibrium or self.time
 
     def require_expectations(self) -> None:
-        """Raise `SceneError` if [expect] is empty or has a time outside the run."""
-        # Called by `check`; `run` allows a run that is shorter than [expect].
+        """Raise `SceneError` if [expect] is empty or has a time outside the run.
+
+        The command `check` asks for this. `run` allows a run that is shorter than [expect].
+        """
         if not self.expect:
             remedy = "Add one, as in: sag = { value = 0.1, relative = 0.01 }"
             raise SceneError("no [expect] table", "nothing to check", self._source, remedy)
@@ -171,7 +184,7 @@ class Scene(Table):
     @property
     def trusts_geo(self) -> bool:
         """Whether the .geo file that it names may hold any command."""
-        return self._reading[0]
+        return self._trusts_geo
 
     @property
     def text(self) -> str:
@@ -183,26 +196,35 @@ class Scene(Table):
         data = self.model_dump(exclude_none=True)
         if self.time and len(data["time"]["method"]) == 1:
             data["time"]["method"] = data["time"]["method"]["type"]
-        data["expect"] = {k: v[0] if len(v) == 1 else v for k, v in data["expect"].items()}
+        for name, expectations in data["expect"].items():
+            if len(expectations) == 1:
+                data["expect"][name] = expectations[0]
         return toml_text.without_empty(data)
 
     def to_toml(self) -> str:
-        """Return the scene as TOML with all defaults; it loads again to an equal scene."""
-        # Paths are absolute, so that the text can be in any folder.
+        """Return the scene as TOML with all defaults; it loads again to an equal scene.
+
+        Paths are absolute, so that the text can be in any folder.
+        """
         return toml_text.to_toml(self.to_tables())
 
     def mesh(self) -> Cloth:
         """Return the cloth alone; raise `SceneError` if it cannot be meshed."""
         with errors_at("cloth", self._source):
             if isinstance(self.cloth, tables.MeshFile | tables.Pieces):
-                return self.cloth.cloth(*self._reading)
+                return self.cloth.cloth(self._trusts_geo, self._mesh_time)
             return self.cloth.cloth()
 
     def build(
         self, cloth: Cloth | None = None, make_system: Callable[..., System] = System
     ) -> Problem:
-        """Mesh the cloth (unless given), bind terms and pins by `make_system`, place the start."""
-        return build(self, self.mesh() if cloth is None else cloth, make_system)
+        """Bind terms and pins to the cloth by `make_system`, and place the start.
+
+        Without a `cloth` the scene is meshed. `make_system` takes the arguments of `System`.
+        """
+        if cloth is None:
+            cloth = self.mesh()
+        return build(self, cloth, make_system)
 
 
 def load_scene(
@@ -242,17 +264,21 @@ def load_scene(
     if terms:  # a class of scenes that may also have these
         term: Any = tables.terms_with(terms)[1]
         kind = create_model("Scene", __base__=Scene, terms=(tuple[term, ...], ()))
-    return _check(kind, data, source, text, (trust_geo, mesh_time), path.parent)
+    scene = _check(kind, data, source, text, path.parent)
+    scene._trusts_geo = trust_geo
+    scene._mesh_time = mesh_time
+    return scene
 
 
 def scene_of(tables: dict, trust_geo: bool = False) -> Scene:
     """Check the tables of a scene whose paths are absolute; errors name no file."""
-    return _check(Scene, toml_text.without_empty(tables), "", "", (trust_geo, TIME_LIMIT), Path())
+    scene = _check(Scene, toml_text.without_empty(tables), source="", text="", folder=Path())
+    scene._trusts_geo = trust_geo
+    return scene
 
 
-def _check(
-    kind: type[Scene], data: dict, source: str, text: str, reading: tuple[bool, float], folder: Path
-) -> Scene:
+def _check(kind: type[Scene], data: dict, source: str, text: str, folder: Path) -> Scene:
+    """Return the scene of these tables; raise `SceneError` with the `source` for any mistake."""
     with errors_at("", source):
         data = join_pieces(data)
     try:
@@ -261,5 +287,4 @@ def _check(
         raise scene_error(error, data, source, text) from None
     scene._source = source or "the scene"
     scene._text = text
-    scene._reading = reading
     return scene

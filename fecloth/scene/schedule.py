@@ -1,4 +1,4 @@
-"""The tables [time] or [equilibrium], and [output], of a scene: its steps, and what it writes."""
+"""The tables [time], [equilibrium] and [output] of a scene: its steps, and what it writes."""
 
 import math
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,7 +17,7 @@ from fecloth.simulation.record_steps import ROWS
 from fecloth.simulation.resolve import choose_steps
 from fecloth.simulation.step_times import EARLIER, coarse_clock
 
-MOST_STEPS = 10_000_000
+MOST_STEPS = 10_000_000  # of a scene: more are taken for a mistake, such as dt in ms
 CHOSEN = ("rtol", "atol", "longest")  # parameters of `Adaptive` and `Auto`
 _METHODS = METHODS | EXPLICIT
 
@@ -28,7 +28,9 @@ class AutoMethod(Table):
     type: Literal["auto"]
 
 
-METHOD_TABLES = {name: table_of(cls, name) for name, cls in _METHODS.items()} | {"auto": AutoMethod}
+METHOD_TABLES: dict[str, type[Table]]
+METHOD_TABLES = {name: table_of(cls, name) for name, cls in _METHODS.items()}
+METHOD_TABLES["auto"] = AutoMethod
 _MethodTable: Any = one_of("type", METHOD_TABLES)
 
 
@@ -94,10 +96,12 @@ class Time(Table):
 
     def steps(self) -> StepChoice | Auto:
         """Return the method with the choice of its steps, as `march` takes it."""
-        tolerances = {k: getattr(self, k) for k in CHOSEN if getattr(self, k) is not None}
+        values = {key: getattr(self, key) for key in CHOSEN}
+        tolerances = {key: value for key, value in values.items() if value is not None}
         if self.method.type == "auto":
             return Auto(**tolerances)
-        return choose_steps(self.method.make(), None if self.dt == "auto" else self.dt, tolerances)
+        dt = None if self.dt == "auto" else self.dt
+        return choose_steps(self.method.make(), dt, tolerances)
 
 
 class EquilibriumTable(Table):
@@ -106,28 +110,30 @@ class EquilibriumTable(Table):
     Frames, tables and restart files are as for a run in time, with the part of the loads, from
     0 to 1, as t; pins and obstacles that move are where their motion has them at that t. The
     last row and frame are the equilibrium; the first is the start. Whether it is stable is
-    reported: the least eigenvalue of K on the free directions.
+    reported: the least eigenvalue of K on the free directions. The `unit` follows a value of t
+    in words.
     """
 
     tolerance: Annotated[float, Field(ge=1e-13, lt=1)] | Literal["auto"] = "auto"
-    """On the sum of all forces, relative to them. "auto": the error left in the positions is below
-    1e-6 of the largest displacement, or as small as round-off allows."""
+    """On the sum of all forces, relative to them. "auto": the error left in the positions
+    is below 1e-6 of the largest displacement, or as small as round-off allows."""
     load_steps: int = Field(1, ge=1)
     """Equal steps in which the loads grow to their value; at least 20 with `BendingFriction`."""
     friction: Literal["laid", "shaken"] = "laid"
-    """Of `BendingFriction`. "laid": as the loads grow; "shaken": then its moments sink to zero in
-    ten more steps, and the elastic equilibrium is left."""
+    """Of `BendingFriction`. "laid": as the loads grow; "shaken": then its moments sink
+    to zero in ten more steps, and the elastic equilibrium is left."""
     max_iterations: int = Field(500, ge=1)
     """Newton iterations of a load step after which it has failed."""
 
-    unit: ClassVar[str] = " of the loads"  # of t
+    unit: ClassVar[str] = " of the loads"
     t_start: ClassVar[float] = 0.0
     t_end: ClassVar[float] = 1.0
 
     @model_validator(mode="after")
     def _not_too_many(self):
         if self.load_steps > MOST_STEPS:
-            raise InputError(f"load_steps = {self.load_steps}", f"must be at most {MOST_STEPS:.0e}")
+            allowed = f"must be at most {MOST_STEPS:.0e}"
+            raise InputError(f"load_steps = {self.load_steps}", allowed)
         return self
 
     @property
@@ -161,8 +167,8 @@ class Output(Table):
     restart_every: Annotated[float | None, TIME] = Field(default=None, gt=0)
     """In place of `restart_steps`: time of the motion between two restart files [s]."""
     rows: int = Field(default=ROWS, ge=1)
-    """Rows of the tables of a long explicit run, evenly spread; more where the error in time needs
-    them."""
+    """Rows of the tables of a long explicit run, evenly spread; more where the error
+    in time needs them."""
     intersections: bool = True
     """Whether the pairs of triangles that intersect are counted at frames."""
     error_density: bool = False
@@ -171,8 +177,9 @@ class Output(Table):
     @model_validator(mode="before")
     @classmethod
     def _default(cls, data: Any) -> Any:
-        complete = not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}
-        return data if complete else {"frames": 50} | data
+        if not isinstance(data, dict) or data.keys() & {"frames", "every", "every_steps"}:
+            return data
+        return {"frames": 50} | data
 
     @model_validator(mode="after")
     def _one_spacing(self):
@@ -203,4 +210,5 @@ class Output(Table):
         return tuple(time.t_start + seconds * i for i in range(1, count))
 
     def _seconds(self, time: Time | EquilibriumTable) -> float:
+        """Return the time between two frames [s]."""
         return self.every or (time.t_end - time.t_start) / (self.frames or 1)

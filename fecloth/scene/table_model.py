@@ -78,23 +78,25 @@ class Table(BaseModel):
 
 
 def _unknown(data: dict, table: type[Table]) -> list[InputError]:
+    """Return an error for each key that the table does not have."""
     known = (*table.model_fields, *table.shorthands)
     at_top = {"title", "mass", "fabric", "grain_degrees"}  # TOML puts a late one into a table
-    return [
-        InputError(
-            f"{key} = {shorten(value)}",
-            f"unknown key; the keys are {', '.join(known)}",
-            "",
-            f"Write {key} before the first table."
-            if key in at_top
-            else table.remedies.get(key) or did_you_mean(key, known),
-        )
-        for key, value in data.items()
-        if key not in table.model_fields
-    ]
+    refusals = []
+    for key, value in data.items():
+        if key in table.model_fields:
+            continue
+        if key in at_top:
+            remedy = f"Write {key} before the first table."
+        else:
+            remedy = table.remedies.get(key) or did_you_mean(key, known)
+        what = f"{key} = {shorten(value)}"
+        allowed = f"unknown key; the keys are {', '.join(known)}"
+        refusals.append(InputError(what, allowed, "", remedy))
+    return refusals
 
 
 def _missing(data: dict, table: type[Table]) -> list[InputError]:
+    """Return an error for each required key that is not in the data."""
     return [
         InputError(f"{key} is missing", f"must be {phrase(field)}", "", meaning(field))
         for key, field in table.model_fields.items()
@@ -121,23 +123,27 @@ class Made(Table):
 
     @model_validator(mode="after")
     def _make_object(self):
-        names = [field.name for field in dataclasses.fields(self.makes) if field.init]
-        values = {name: getattr(self, name) for name in names}
-        values = {k: v.make() if isinstance(v, Made) else v for k, v in values.items()}
+        values = {}
+        for field in dataclasses.fields(self.makes):
+            if field.init:
+                value = getattr(self, field.name)
+                values[field.name] = value.make() if isinstance(value, Made) else value
         self._object = self.makes(**values)
         return self
 
     def make(self):
+        """Return the object."""
         return self._object
 
 
 def table_of(cls: type, name: str = "", **more) -> type[Made]:
-    """Return the table of a dataclass: its fields are the keys; with a name, `type` is that name.
+    """Return the table of a dataclass: its fields are the keys.
 
-    The text of the table and the meanings of its keys come from the dataclass's docstring. A
-    field annotated ``object`` holds another term, such as the law of a damping. What no file
-    can hold, such as functions, is removed from the types of fields. `more` has types and
-    defaults in place of a field's own.
+    With a `name` the table also has the key `type`, whose value must be that name. The text of
+    the table and the meanings of its keys come from the dataclass's docstring. A field annotated
+    ``object`` holds another term, such as the law of a damping. What no file can hold, such as
+    functions, is removed from the types of fields. `more` has types and defaults in place of a
+    field's own.
     """
     text, meanings = parts_of_docstring(cls)
     hints = typing.get_type_hints(cls, include_extras=True)
@@ -146,11 +152,15 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
         if not field.init:
             continue
         hint = writable(hints[field.name])
-        hint = Union[ForwardRef("Term"), None] if hint is object else hint  # noqa: UP007
-        default = field.default
+        if hint is object:
+            hint = Union[ForwardRef("Term"), None]  # noqa: UP007
         if field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        fields[field.name] = (hint, ... if default is dataclasses.MISSING else default)
+        elif field.default is not dataclasses.MISSING:
+            default = field.default
+        else:
+            default = ...
+        fields[field.name] = (hint, default)
     described: dict[str, Any] = {
         key: (hint, Field(default, description=meanings.get(key)))
         for key, (hint, default) in (fields | more).items()
@@ -167,12 +177,14 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
 
 
 def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
-    """Return the text before the first section, and what Parameters says of each name."""
-    # Names of a base stand in the docstring of the base.
+    """Return the text before the first section, and what Parameters says of each name.
+
+    Names of a base class are described in the docstring of the base class.
+    """
     text = ""
     meanings = dict[str, str]()
-    for each in reversed(cls.__mro__[:-1]):
-        text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(each) or "")
+    for base in reversed(cls.__mro__[:-1]):
+        text, *sections = re.split(r"\n\n(\w+)\n-{4,}\n", inspect.getdoc(base) or "")
         parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
         items = re.findall(r"^(\S.*)\n((?:(?: {4}.*)?(?:\n|$))+)", parameters, re.MULTILINE)
         for names, words in items:
@@ -181,20 +193,22 @@ def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
 
 
 def one_of(key: str, tables: Mapping[str, type[Table]]) -> Any:
-    """Return the type of a table of one of several kinds, distinguished by the string at `key`."""
+    """Return the type of a table that is one of several kinds; the text at `key` says which."""
 
     def tag(data):
         if isinstance(data, dict):
             value = data.get(key)
         else:
             value = getattr(data, key, None)
-        return value if isinstance(value, str) else None
+        if isinstance(value, str):
+            return value
+        return None
 
     tagged = tuple(Annotated[table, Tag(name)] for name, table in tables.items())
     discriminator = Discriminator(
         tag,
         custom_error_type="kind",
-        custom_error_message=f"{key}: {', '.join(tables)}",  # parsed by `error_words._kind`
+        custom_error_message=f"{key}: {', '.join(tables)}",  # parsed by `error_words`
     )
     return Annotated[Union[tagged], discriminator]  # noqa: UP007
 

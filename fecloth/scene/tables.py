@@ -35,9 +35,8 @@ _TURNED: dict[Any, Any] = {Rotation | None: (RotationTable | None, None)}
 
 
 def _read_curve(value: Any, info: ValidationInfo) -> Any:
-    """Rows in place of a file's name, so that copies of the scene and studies have the numbers."""
-    is_name = isinstance(value, str)
-    if is_name:
+    """Replace the name of a file by its rows, which copies of the scene then contain."""
+    if isinstance(value, str):
         return read_rows(info.field_name or "", resolve_path(value, info))
     return value
 
@@ -48,14 +47,19 @@ _Curve: Any = Annotated[
 ]
 
 
-def _more(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
-    """The fields of a class that hold tables of their own, or a file beside the scene."""
+def _find_nested(cls: type, tables: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the fields of a class whose type is a key of `tables`, with its value for them.
+
+    They hold tables of their own, or a file beside the scene.
+    """
     hints = typing.get_type_hints(cls, include_extras=True)
-    found = ((name, kind) for name, hint in hints.items() for kind in tables if kind == hint)
-    return {name: tables[kind] for name, kind in found}
+    pairs = ((name, kind) for name, hint in hints.items() for kind in tables if kind == hint)
+    return {name: tables[kind] for name, kind in pairs}
 
 
-SHAPE_TABLES = {name: table_of(cls, name, **_more(cls, _TURNED)) for name, cls in _SHAPES.items()}
+SHAPE_TABLES = {
+    name: table_of(cls, name, **_find_nested(cls, _TURNED)) for name, cls in _SHAPES.items()
+}
 ShapeTable: Any = one_of("type", SHAPE_TABLES)
 _FIELDS = _TURNED | {shapes.Shape: (ShapeTable, ...), str | Path: (File, ...)}
 _FIELDS |= {CurveData | None: (_Curve, None)}
@@ -96,7 +100,7 @@ def terms_with(own: Mapping[str, type]) -> tuple[dict[str, type[Made]], Any]:
             allowed = "must be the class of a term: a dataclass with stencil and bind"
             raise InputError(f"terms: {name!r} = {brief(cls)}", allowed, "load_scene")
     tables = {
-        name: table_of(cls, name, **_more(cls, _FIELDS))
+        name: table_of(cls, name, **_find_nested(cls, _FIELDS))
         for name, cls in (_TERMS | dict(own)).items()
     }
     term = one_of("type", tables)
@@ -111,13 +115,20 @@ TERM_TABLES, Term = terms_with({})
 
 
 def _check_uncertain(table: dict | None) -> dict | None:
-    read = Uncertainty.read(table)
-    return read.table() if read else None
+    uncertainty = Uncertainty.read(table)
+    if uncertainty is None:
+        return None
+    return uncertainty.table()
 
 
 _KEYS = [*CONSTANTS, *(f"{key}.{i}" for key in PAIRS for i in "01"), "correlation", "source"]
-_SCHEMA = {"type": "object", "properties": {k: {} for k in _KEYS}, "additionalProperties": False}
-_Uncertain: Any = Annotated[dict | None, AfterValidator(_check_uncertain), WithJsonSchema(_SCHEMA)]
+_SCHEMA = {
+    "type": "object",
+    "properties": {key: {} for key in _KEYS},
+    "additionalProperties": False,
+}
+_check: Any = AfterValidator(_check_uncertain)
+_Uncertain: Any = Annotated[dict | None, _check, WithJsonSchema(_SCHEMA)]
 # a base class made at run time
 _FabricFields: Any = table_of(Fabric, uncertainty=(_Uncertain, None))
 
@@ -136,7 +147,7 @@ class Shorthands(BaseModel, use_attribute_docstrings=True):
 
 
 class FabricTable(_FabricFields):
-    """A fabric's constants; a ``preset``, a ``file``, ``kes`` or ``fast`` gives what is left out.
+    """A fabric's constants. A ``preset``, a ``file``, ``kes`` or ``fast`` gives the others.
 
     `kes` and `fast` have the fields of `Fabric.from_kes` and `Fabric.from_fast`, in the
     units of the instruments, with `load` and `tensile` among them.
@@ -169,6 +180,7 @@ class FabricTable(_FabricFields):
 
 
 def _constants(key: str, value: Any, folder: Path) -> dict:
+    """Return the constants for which a shorthand, the `key`, stands."""
     if key == "preset":
         return presets.constants(value)
     if key == "file":
@@ -178,9 +190,9 @@ def _constants(key: str, value: Any, folder: Path) -> dict:
         raise InputError(f"{key} = {brief(value)}", allowed)
     make, names = _INSTRUMENTS[key]
     settings = {name: value[name] for name in names if name in value}
-    fields = {name: one for name, one in value.items() if name not in settings}
+    readings = {name: reading for name, reading in value.items() if name not in settings}
     with errors_of("", f"{key}."):
-        return dataclasses.asdict(make(fields, **settings))
+        return dataclasses.asdict(make(readings, **settings))
 
 
 def _from_file(name: Any, folder: Path) -> dict:
@@ -188,7 +200,8 @@ def _from_file(name: Any, folder: Path) -> dict:
     if not isinstance(name, str):
         raise InputError(f"file = {brief(name)}", "must be the path of a TOML file")
     if problem := file_problem(folder / name):
-        raise InputError(f"file = {name!r}", f"{folder / name}: {problem[0]}", "", problem[1])
+        reason, remedy = problem
+        raise InputError(f"file = {name!r}", f"{folder / name}: {reason}", "", remedy)
     with errors_of("", f"file = {name!r}: "):
         return constants_in(folder / name)
 

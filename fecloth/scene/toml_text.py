@@ -13,10 +13,11 @@ from fecloth.errors import SceneError
 from fecloth.quantities.units import is_quantity
 from fecloth.validation import file_problem
 
-LARGEST = 1_000_000  # bytes; larger files are no scenes
+MOST_BYTES = 1_000_000  # of a file: a scene has some kilobytes, so a larger file is a mistake
 
 
 def read(path: str | Path) -> dict:
+    """Return the tables of a TOML file; raise `SceneError` if it cannot be read."""
     path = Path(path)
     content = text(path)
     try:
@@ -43,12 +44,12 @@ def text(path: Path) -> str:
     if problem := file_problem(path):
         raise SceneError(problem[0], "must be a scene file", where, problem[1])
     try:
-        data = path.read_bytes() if path.stat().st_size <= LARGEST else None
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise SceneError(f"has {size} bytes", f"a scene has at most {MOST_BYTES}", where)
+        data = path.read_bytes()
     except OSError as error:
         raise SceneError(f"cannot be read ({error.strerror})", where=where) from None
-    if data is None:
-        allowed = f"a scene has at most {LARGEST}"
-        raise SceneError(f"has {path.stat().st_size} bytes", allowed, where)
     try:
         return data.decode("utf-8-sig")  # editors on Windows add a byte order mark
     except UnicodeDecodeError as error:
@@ -74,7 +75,7 @@ def _is_empty(value) -> bool:
     return value is None or (isinstance(value, dict | list | tuple) and not value)
 
 
-# --- single values replaced -----------------------------------------------------------------------
+# --- single values replaced ---------------------------------------------------------------
 
 
 _WORD = re.compile(r"[A-Za-z_][\w./-]*")
@@ -103,12 +104,16 @@ def flatten(data: object, key: str = "") -> dict[str, Any]:
     """Return the values of tables and lists by dotted keys: {"terms.0.type": "StVK", …}."""
     if not isinstance(data, Mapping | list | tuple):
         return {key: data}
-    items = data.items() if isinstance(data, Mapping) else enumerate(data)
-    inner = (flatten(value, f"{key}.{name}" if key else str(name)) for name, value in items)
-    return {name: value for part in inner for name, value in part.items()}
+    items: Iterable[tuple] = data.items() if isinstance(data, Mapping) else enumerate(data)
+    prefix = f"{key}." if key else ""
+    flat: dict[str, Any] = {}
+    for name, value in items:
+        flat |= flatten(value, f"{prefix}{name}")
+    return flat
 
 
 def _override(text: str) -> tuple[list[str], object]:
+    """Return the keys and the value of an override, "a.b=1"."""
     key, equals, value = text.partition("=")
     value = value.strip()
     where = f"override {text!r}"
@@ -135,14 +140,15 @@ def _keys(chain) -> list[str]:
 
 
 def _set(data: dict, keys: list[str], value, text: str) -> None:
+    """Set the value of a dotted key in tables and lists; `text` is the override."""
     place = data
     where = f"override {text!r}"
     for depth, key in enumerate(keys):
         if isinstance(place, list):
             if not (re.fullmatch("[0-9]{1,9}", key) and int(key) < len(place)):
                 what = f"item {key!r} of {'.'.join(keys[:depth])}"
-                last = len(place) - 1
-                raise SceneError(what, f"must be 0 to {last}" if place else "is empty", where)
+                allowed = f"must be 0 to {len(place) - 1}" if place else "is empty"
+                raise SceneError(what, allowed, where)
             key = int(key)
         elif not isinstance(place, dict):
             raise SceneError(f"{'.'.join(keys[:depth])} = {place!r}", "is no table", where)
@@ -158,7 +164,8 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
 
 def _table(value, key: str):
     """Return the value, or the table that a name replaces."""
-    for keys, name in _NAMED if isinstance(value, str) else ():
-        if keys.fullmatch(key):
-            return {name: value}
+    if isinstance(value, str):
+        for keys, name in _NAMED:
+            if keys.fullmatch(key):
+                return {name: value}
     return value

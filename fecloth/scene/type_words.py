@@ -59,7 +59,9 @@ def phrase(field: FieldInfo) -> str:
     """Describe the values of a field, e.g. "a finite number > 0 [s]"."""
     kinds = _words(field.annotation) + _limits(field.metadata)
     units = " or ".join(dimension.si for dimension in dimensions(field))
-    return f"{kinds} [{units}]" if units else kinds
+    if units:
+        return f"{kinds} [{units}]"
+    return kinds
 
 
 def meaning(field: FieldInfo) -> str:
@@ -68,17 +70,19 @@ def meaning(field: FieldInfo) -> str:
 
 
 def _limits(metadata) -> str:
-    flat = [one for item in metadata for one in getattr(item, "metadata", [item])]
+    """Describe the limits of a number: " > 0", " >= 0 and < 1", or ""."""
+    flat = [part for item in metadata for part in getattr(item, "metadata", [item])]
     limits = [
-        f" {sign} {getattr(item, name)}"
-        for item in flat
+        f" {sign} {getattr(part, name)}"
+        for part in flat
         for name, sign in _LIMITS
-        if hasattr(item, name)
+        if hasattr(part, name)
     ]
     return " and".join(limits)
 
 
 def _words(hint, many: bool = False) -> str:
+    """Describe the values of a type in words, in the plural for `many`."""
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
@@ -88,15 +92,19 @@ def _words(hint, many: bool = False) -> str:
             return f"one of {', '.join(map(str, args))}"
         return repr(args[0])
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_words(a, many) for a in args if a is not types.NoneType))
+        kinds = [_words(kind, many) for kind in args if kind is not types.NoneType]
+        return " or ".join(dict.fromkeys(kinds))
     if origin is tuple:
+        name = "lists" if many else "a list"
         items = _words(args[0], many=True)
-        count = "" if args[-1] is Ellipsis else f"{len(args)} "
-        return f"{'lists' if many else 'a list'} of {count}{items}"
-    if origin is dict and not holds_tables(hint):
-        return f"{'tables' if many else 'a table'} of {_words(args[1], many=True)}"
+        if args[-1] is Ellipsis:
+            return f"{name} of {items}"
+        return f"{name} of {len(args)} {items}"
+    table = "tables" if many else "a table"
     if holds_tables(hint):
-        return "tables" if many else "a table"
+        return table
+    if origin is dict:
+        return f"{table} of {_words(args[1], many=True)}"
     if hint in _WORDS:
         return _WORDS[hint][many]
     return "only in Python"

@@ -11,7 +11,7 @@ from fecloth.errors import InputError, errors_of
 from fecloth.integrators import EXPLICIT
 from fecloth.mesh.cloth import Cloth
 from fecloth.mesh.grading import Grading
-from fecloth.runs.run_scene import compile_kernels
+from fecloth.runs.first_calls import compile_kernels
 from fecloth.scene.scene import Scene, scene_of
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.quantity import Quantity

@@ -15,7 +15,7 @@ from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
 from fecloth.linalg.gauss_seidel import SweepOrder
 from fecloth.linalg.multigrid import ITERATIONS_PER_REBUILD, Multigrid, cycle
 from fecloth.linalg.pcg import PCG, invert_diagonal
-from fecloth.scene.plan import MULTIGRID
+from fecloth.scene.plan import MULTIGRID_PER_BLOCK, MULTIGRID_PER_NODE
 
 FABRIC = fc.Fabric(0.2, 1000.0, 0.3, bending_rigidity=1e-5)
 PINS = [
@@ -299,7 +299,7 @@ def test_memory_is_about_as_planned(bending):
     prepared(A, state.x).solve(b, rtol=0.1)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    planned = MULTIGRID[0] * len(state.x) + MULTIGRID[1] * len(A.values)
+    planned = MULTIGRID_PER_NODE * len(state.x) + MULTIGRID_PER_BLOCK * len(A.values)
     assert peak == pytest.approx(planned, rel=0.12)
     assert peak < 2500 * len(system.cloth.triangles)
 

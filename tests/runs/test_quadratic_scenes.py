@@ -1,4 +1,4 @@
-"""Scenes with quadratic triangles: their frames, steps, refusals, and what is compiled for them."""
+"""Scenes with quadratic triangles: their frames, steps and refusals."""
 
 import meshio
 import numpy as np
@@ -67,13 +67,3 @@ def test_a_scene_with_explicit_steps_on_quadratic_triangles(tmp_path, capsys):
         ends.append(cloth.load() @ last.x[:, 2])
     assert ends[0] < -5e-4
     assert ends[0] == pytest.approx(ends[1], rel=0.01)
-
-
-def test_run_compiles_all_kernels_before_the_first_step(tmp_path, monkeypatch):
-    file, seen = tmp_path / "s.toml", []
-    file.write_text(SCENE)
-    monkeypatch.setattr(
-        run_scene, "run", lambda system, *_, **__: seen.append(system.cloth.element)
-    )
-    run_scene.compile_kernels(load_scene(file).build())
-    assert set(seen) == {"P2"}

@@ -17,7 +17,6 @@ import fecloth as fc
 from fecloth.cli.main import main
 from fecloth.errors import SceneError
 from fecloth.linalg import mkl_pardiso
-from fecloth.runs import run_scene as running
 from fecloth.runs.run_scene import run_scene
 from fecloth.scene.plan import plan
 from fecloth.scene.scene import load_scene
@@ -370,17 +369,6 @@ def test_half_of_a_path_is_the_path_of_half_the_way(tmp_path):
     x = [fc.equilibrium(p.system, p.start, load_steps=n).x for p, n in ((problem, 4), (half, 2))]
     strains = [values[:, 0].max() - 0.2 for values in x]
     assert strains == pytest.approx([0.04, 0.02], abs=1e-12)
-
-
-@pytest.mark.parametrize("p", [-2.0, 3000.0])
-def test_compiling_first_takes_a_few_iterations_and_a_whole_run(p, scene, monkeypatch):
-    """On two triangles a large pressure has no equilibrium that could be found."""
-    scene.write_text(SHEET.replace("p = -2.0", f"p = {p}"))
-    results, original = [], running.run
-    monkeypatch.setattr(running, "run", lambda *a, **k: results.append(original(*a, **k)))
-    running.compile_kernels(load_scene(scene).build())
-    assert [result.steps for result in results] == [1]
-    assert 1 <= results[0].newton <= 4
 
 
 def test_the_plan_of_a_scene_loads_no_library(scene, monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 import fecloth as fc
 from fecloth.errors import InputError, MeshError
 from fecloth.simulation.step_times import coarse_clock, step_times
+from fecloth.system.pins import Motion
 
 SCENE = """
 cloth = { shape = "rectangle", width = 1.0, height = 0.5, h = 0.25, pattern = "right" }
@@ -36,6 +37,47 @@ def test_a_value_beyond_all_measure_is_refused_by_its_name(tmp_path, override, w
     (tmp_path / "sheet.toml").write_text(SCENE)
     with warnings.catch_warnings(action="error"), pytest.raises(InputError, match=words):
         fc.load_scene(tmp_path / "sheet.toml", [override]).build()
+
+
+def load(tmp_path, *overrides, text=SCENE):
+    (tmp_path / "sheet.toml").write_text(text)
+    return fc.load_scene(tmp_path / "sheet.toml", overrides)
+
+
+def test_the_largest_speed_of_a_node_is_a_million_metres_a_second(tmp_path):
+    load(tmp_path, 'start.velocity=["0.5e6","0","0"]').build()
+    with pytest.raises(InputError, match="must be at most 1e"):
+        load(tmp_path, 'start.velocity=["2e6","0","0"]').build()
+
+
+def test_the_largest_force_on_a_node_is_1e15_newtons(tmp_path):
+    heaviest = load(tmp_path).build().system.nodal_mass.max()
+    load(tmp_path, f"terms.1.acceleration=[0,0,{0.5e15 / heaviest:.6e}]").build()
+    with pytest.raises(InputError, match="must be at most 1e"):
+        load(tmp_path, f"terms.1.acceleration=[0,0,{2e15 / heaviest:.6e}]").build()
+
+
+def test_a_scene_has_at_most_ten_million_steps(tmp_path):
+    load(tmp_path, f"time.dt={0.1 / 8e6!r}")
+    with pytest.raises(InputError, match="makes 1.2e.07 steps"):
+        load(tmp_path, f"time.dt={0.1 / 1.2e7!r}")
+
+
+def test_a_file_of_more_than_a_million_bytes_is_no_scene(tmp_path):
+    load(tmp_path, text=f"{SCENE}#{'-' * 800_000}")
+    with pytest.raises(InputError, match="a scene has at most 1000000"):
+        load(tmp_path, text=f"{SCENE}#{'-' * 1_200_000}")
+
+
+def test_a_motion_of_the_place_is_checked_at_some_of_the_times(tmp_path, monkeypatch):
+    """Times × nodes are at most a million."""
+    counts = []
+    monkeypatch.setattr(Motion, "check", lambda motion, times: counts.append(len(times)))
+    few, many = (f"time.dt={0.1 / steps!r}" for steps in (1000, 1_000_000))
+    for override in (few, many):
+        load(tmp_path, override, 'pins.0.motion=["X*t","Y*t","0"]').build()
+    assert counts[0] == 1001
+    assert 300_000 < 3 * counts[1] <= 1_000_000
 
 
 @pytest.mark.parametrize("start", [1e12, -1e12, 1e9, 1e14])

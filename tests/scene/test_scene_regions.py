@@ -2,12 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 
 import fecloth as fc
-from fecloth.runs import run_scene
 from fecloth.scene.scene import load_scene
 
 GEO = """
@@ -142,15 +140,3 @@ def test_mistakes(parts, override, said, file):
     assert said in message
     assert "pydantic" not in message
     assert "Input should" not in message
-
-
-@pytest.mark.parametrize("fabric", [REGIONS, ONE])
-def test_kernels_are_compiled_for_the_arrays_of_the_run(fabric, file, monkeypatch):
-    """Constants by triangle and those of one fabric are arrays of two types to the compiler."""
-    compiled = []
-    monkeypatch.setattr(run_scene, "run", lambda system, *args, **kwargs: compiled.append(system))
-    built = load_scene(file(fabric=fabric)).build()
-    run_scene.compile_kernels(built)
-    ours, theirs = (system.bound[:2] for system in (compiled[0], built.system))
-    assert numba.typeof(ours[0].constants) == numba.typeof(theirs[0].constants)
-    assert numba.typeof(ours[1].viscosity) == numba.typeof(theirs[1].viscosity)

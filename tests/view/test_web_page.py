@@ -83,7 +83,7 @@ def test_overflowing_values_are_drawn_as_the_largest_finite_one(run):
     _, system, states, _ = run
     frame = Frame(0.0, states[-1].x, system.cloth.cells, *fields(system, states[-1]))
     energy = frame.cell_data["energy_density"]
-    energy[:4] = 9e58, 1e301, np.inf, np.nan  # beyond float32, beyond what may be subtracted
+    energy[:4] = 9e58, 1e308, np.inf, np.nan  # beyond float32, beyond what may be subtracted
     data = web_page.pack_frames([frame], ["energy_density"])
     (field,) = json.loads(json.dumps(data, allow_nan=False))["fields"]
     assert (field["low"], field["high"]) == (energy[4:].min(), 9e58)
