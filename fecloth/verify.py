@@ -175,15 +175,8 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
     """Difference energy and force of the one term of a system along a random direction."""
     direction = np.random.default_rng(1).standard_normal(state.x.shape)
     term = system.bound[0]
-    f = system.force(state)
     size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
-    force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
-    if not np.linalg.norm(f) > 1e-10 * force_scale:
-        raise VerificationFailed(
-            f"{term.name} has no force: choose states in which it has one, as in "
-            'check_term(term, cloth, states=[("pressed", x, v)]) with x and v of shape '
-            f"{state.x.shape}"
-        )
+    _check_has_force(system, state, direction, size)
 
     def shifted(dx=0.0, dv=0.0):
         return State(state.t, state.x + dx * direction, state.v + dv * direction)
@@ -214,6 +207,17 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
         exact = -(system.damping(state) @ direction.ravel())
         sweeps.append(_sweep("v-tangent", force_with, exact, None, 1.0))
     return sweeps
+
+
+def _check_has_force(system: System, state: State, direction: np.ndarray, size: float) -> None:
+    """Raise `VerificationFailed` if the force is zero beside its change over an edge length."""
+    force_scale = np.linalg.norm(system.stiffness(state) @ direction.ravel()) * size
+    if not np.linalg.norm(system.force(state)) > 1e-10 * force_scale:
+        raise VerificationFailed(
+            f"{system.bound[0].name} has no force: choose states in which it has one, as in "
+            'check_term(term, cloth, states=[("pressed", x, v)]) with x and v of shape '
+            f"{state.x.shape}"
+        )
 
 
 def _sweep(

@@ -15,6 +15,7 @@ from fecloth.runs.interruption import set_handler
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fecloth.runs.outcome import SceneResult
     from fecloth.scene.probe_tables import Verdict
     from fecloth.scene.problem import Problem
     from fecloth.scene.scene import Scene
@@ -42,7 +43,6 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
     from fecloth.cli.describe import sources
     from fecloth.cli.progress import progress, terminal
     from fecloth.errors import InputError
-    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
     from fecloth.runs.run_scene import run_scene
     from fecloth.scene.plan import plan
     from fecloth.system.system import System
@@ -77,7 +77,14 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
             closed=partial(set_handler, signal.SIG_IGN),
             make_system=make_system or System,
         )
-    if not options.quiet:
+    return _print_outcome(outcome, options.quiet)
+
+
+def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
+    """Print the ledger and how the run ended; return the exit status."""
+    from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
+
+    if not quiet:
         print(ledger_text(outcome.ledger, outcome.summary["unit"]))
         print(finished_message(outcome))
     if outcome.status == DONE:
