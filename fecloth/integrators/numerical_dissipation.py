@@ -45,7 +45,8 @@ def memory_dissipation(system: System, old: State, step: Step) -> float:
     dt = step.state.t - old.t
     dx = step.state.x - old.x
     dv = step.state.v - old.v
-    unbalanced = system.mass_times(step.a - dv / dt) + step.mean_force(system) - step.solved_force
+    unbalanced = system.mass_times(step.a - dv / dt) + step.mean_force(system)
+    unbalanced = unbalanced - step.solved_force
     work = system.sums.dot(unbalanced, system.constraints.project(dx))
     energy = _between_velocities(system, old, step) + work
     energy += work_beyond_dissipation(system, old, step) + barrier_dissipation(system, old, step)

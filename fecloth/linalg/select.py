@@ -38,6 +38,8 @@ CYCLE_WORK = 10.0
 COARSE_ITERATIONS = 4
 # Work of a solve with multigrid, as a first guess.
 MULTIGRID_GUESS = 150.0
+# New factors for each solve with a direct solver, as a first guess.
+FACTORS_PER_SOLVE = 0.8
 # Work of SuperLU over the work of PARDISO.
 SUPERLU_RATIO = 8.0
 # Work of the analysis of a new pattern.
@@ -117,7 +119,7 @@ class AutoSolver:
         """The work for a matrix and a solve with "direct" or "multigrid", as a guess."""
         if mode == "multigrid":
             return MULTIGRID_GUESS + TANGENT_WORK * self._blocks_in_row
-        return self._preparation(mode) + self._solution(mode, 0)
+        return FACTORS_PER_SOLVE * self._preparation(mode) + self._solution(mode, 0)
 
     def _price(self, mode: str) -> float:
         """The average work of a solve, with its share of the work of a new pattern."""

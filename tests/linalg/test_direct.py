@@ -87,9 +87,9 @@ def test_pardiso_frees_its_memory(monkeypatch):
     phases = []
     call = mkl_pardiso.pardiso
 
-    def watched(phase, *args):
+    def watched(phase, *args, **named):
         phases.append(phase)
-        return call(phase, *args)
+        return call(phase, *args, **named)
 
     monkeypatch.setattr(mkl_pardiso, "pardiso", watched)
     solver = select.Pardiso()
