@@ -214,8 +214,9 @@ class Recorder:
                 accounts = self._frame(
                     record.state, info.memory, accounts, info.t >= self.problem.t_end
                 )
-            later = before.doubts, record.wanted
-            self.progress = self._progress(record.state, info.memory, accounts, *later)
+            self.progress = self._progress(
+                record.state, info.memory, accounts, doubts=before.doubts, wanted=record.wanted
+            )
         except BaseException:
             self.progress = before
             self.files.cut(before)
