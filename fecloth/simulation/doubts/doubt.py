@@ -12,39 +12,84 @@ class DoubtKind(Enum):
     """What a `Doubt` is about, and whether it spoils a run as evidence.
 
     The value of a member is its name in summary.json. A study counts a run with a doubt whose
-    kind `spoils` as failed.
+    kind `spoils` as failed. The kinds from UNITS to GAIN are noticed before the first step, the
+    others in a run, at its end, or in an equilibrium.
 
     Attributes
     ----------
     spoils
         Whether the motion of such a run is wrong, so that no number of it is evidence.
+    UNITS
+        A number was probably meant in another unit.
+    TERMS
+        Terms are missing, counted twice, or do not fit each other or the fabric.
+    NO_EFFECT
+        A constant that was given has no effect.
+    PINS
+        A pin holds or moves less than was probably meant, or nothing is held.
+    START
+        The start does not fit the pins, or leaves the cloth in its plane.
+    MESH
+        Triangles are far from equilateral.
+    EDGES
+        An obstacle can cut into triangles between the points on which it acts.
+    WEIGHT
+        The cloth is drawn out by its own weight.
+    STEP
+        The size of the steps does not fit the run.
+    MISSED
+        A motion or a load acts between the steps.
+    JUMP
+        A pin or an obstacle jumps.
+    DAMPING
+        The method will damp the motion, or has damped it.
+    GAIN
+        The method can make energy, or has made it.
+    MOTION
+        The energy balance is off: the motion is wrong. It spoils the run.
+    TIME
+        The error in time is large.
+    ROUND_OFF
+        Round-off limited Newton's iteration.
+    BOUNCE
+        The steps do not resolve a bounce.
+    CURVE
+        Strains are beyond the last point of a measured curve.
+    INTERSECTION
+        The cloth passes through itself.
+    WRINKLES
+        The cloth is folded as finely as its mesh.
+    INSTABILITY
+        The equilibrium is unstable, or has a motion without stiffness.
+    BALANCE
+        The forces of the state do not balance.
+    OTHER
+        Of an account of your own.
     """
 
-    # before the first step
-    UNITS = "units"  # a number was probably meant in another unit
-    TERMS = "terms"  # terms are missing, counted twice, or do not fit each other or the fabric
-    NO_EFFECT = "no_effect"  # a constant that was given has no effect
-    PINS = "pins"  # a pin holds or moves less than was probably meant, or nothing is held
-    START = "start"  # the start does not fit the pins, or leaves the cloth in its plane
-    MESH = "mesh"  # triangles are far from equilateral
-    EDGES = "edges"  # an obstacle can cut into triangles between the points on which it acts
-    WEIGHT = "weight"  # the cloth is drawn out by its own weight
-    STEP = "step"  # the size of the steps does not fit the run
-    MISSED = "missed"  # a motion or a load acts between the steps
-    JUMP = "jump"  # a pin or an obstacle jumps
-    DAMPING = "damping"  # the method will damp the motion, or has damped it
-    GAIN = "gain"  # the method can make energy, or has made it
-    # at the end of a run
-    MOTION = "motion", True  # the energy balance is off: the motion is wrong
-    TIME = "time"  # the error in time is large
-    ROUND_OFF = "round_off"  # round-off limited Newton's iteration
-    BOUNCE = "bounce"  # the steps do not resolve a bounce
-    CURVE = "curve"  # strains are beyond the last point of a measured curve
-    INTERSECTION = "intersection"  # the cloth passes through itself
-    WRINKLES = "wrinkles"  # the cloth is folded as finely as its mesh
-    INSTABILITY = "instability"  # the equilibrium is unstable, or has a motion without stiffness
-    BALANCE = "balance"  # the forces of the state do not balance
-    OTHER = "other"  # of an account of your own
+    UNITS = "units"
+    TERMS = "terms"
+    NO_EFFECT = "no_effect"
+    PINS = "pins"
+    START = "start"
+    MESH = "mesh"
+    EDGES = "edges"
+    WEIGHT = "weight"
+    STEP = "step"
+    MISSED = "missed"
+    JUMP = "jump"
+    DAMPING = "damping"
+    GAIN = "gain"
+    MOTION = "motion", True
+    TIME = "time"
+    ROUND_OFF = "round_off"
+    BOUNCE = "bounce"
+    CURVE = "curve"
+    INTERSECTION = "intersection"
+    WRINKLES = "wrinkles"
+    INSTABILITY = "instability"
+    BALANCE = "balance"
+    OTHER = "other"
 
     spoils: bool
 
