@@ -18,7 +18,6 @@ from fecloth.system.state import State
 from fecloth.system.system import System
 from fecloth.terms.records import remembered
 
-
 # Of a step that fails: down to 1/256 of dt, where a failure has another cause.
 MOST_HALVINGS = 8
 
