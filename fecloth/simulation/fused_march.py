@@ -20,6 +20,7 @@ from fecloth.simulation.stability_limited import (
     LimitMemory,
     StabilityLimited,
 )
+from fecloth.simulation.step_times import SAME_TIME
 from fecloth.simulation.steps import Place, Plan, StepInfo, find_problem, take
 from fecloth.system.state import State
 from fecloth.system.system import System
@@ -27,9 +28,6 @@ from fecloth.terms.kinematics import extreme_stretches
 from fecloth.terms.records import remembered
 
 MOST = 2**14  # steps of a call: their times and the motion of pins are kept as arrays
-FEWEST = 1  # more steps are worth the copies of a call
-# Relative difference of step sizes that count as equal: the clock's round-off.
-EQUAL_SIZES = 1e-9
 CHECK_EVERY = 8  # explicit steps between two looks at the stretches
 # The same of fused steps of one size, whose values are all finite at the end.
 FUSED_CHECK_EVERY = 64
@@ -152,7 +150,7 @@ class Skipping:
 
         `state` and `memory` are left by the step of this `number`.
         """
-        if wanted is None or wanted.step <= number + FEWEST or not self.is_open:
+        if wanted is None or wanted.step <= number + 1 or not self.is_open:
             return None
         place = int(np.searchsorted(self.targets, state.t, side="right"))
         if place == len(self.targets):
@@ -201,7 +199,7 @@ class Skipping:
             sizes = np.diff(times)
             last = memory
         count = min(_equal(sizes), 1 + int(np.searchsorted(times[1:], wanted.t)))
-        if count <= FEWEST:
+        if count <= 1:  # a call for a single step saves nothing
             return None
         assert isinstance(last, LastForce)
         checks = self._checks(memory, number)
@@ -229,15 +227,15 @@ class Skipping:
         """Begin and ends of the steps of one size before the limit is computed again."""
         most = min(most, UPDATE_STEPS - limited.steps)
         none = np.array([state.t])
-        if most < FEWEST:
+        if most <= 0:
             return none
         is_due = limited.steps % STEPS_BETWEEN_CHECKS == 0
         if is_due and limited.is_exceeded(*extreme_stretches(self.system.cloth, state.x)):
             return none
         dt = limited.dt
         times = np.add.accumulate(np.concatenate([none, np.full(most, dt)]))
-        shortened = np.ceil((target - times[:-1]) / dt - 1e-9) <= 2
-        return times[: 1 + int(np.argmax(np.append(shortened, True)))]
+        is_shortened = np.ceil((target - times[:-1]) / dt - SAME_TIME) <= 2  # see `fit_step`
+        return times[: 1 + int(np.argmax(np.append(is_shortened, True)))]
 
 
 def _memories_after(memory: object, taken: Taken) -> tuple[object, Step | None]:
@@ -256,5 +254,5 @@ def _equal(sizes: np.ndarray) -> int:
     """Return the number of the first sizes that differ by round-off only."""
     if not len(sizes):
         return 0
-    unlike = np.abs(sizes - sizes[0]) > EQUAL_SIZES * sizes[0]
+    unlike = np.abs(sizes - sizes[0]) > SAME_TIME * sizes[0]
     return int(np.argmax(np.append(unlike, True)))

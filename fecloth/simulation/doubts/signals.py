@@ -20,6 +20,8 @@ from fecloth.terms.custom.force import VARIABLES, BoundUserForce, FormulaForce
 from fecloth.terms.loads.air_velocity import Field, Formulas, Gusts, Uniform
 from fecloth.terms.springs.tether import BoundTether
 
+# Over the largest value of a signal; a smaller change is round-off of the user's function.
+ROUND_OFF_OF_SIGNAL = 1e-9
 MOST_NODES = 16  # at which a force on all nodes is compared: each costs an evaluation
 
 Values = Callable[[np.ndarray], np.ndarray]  # function of times (m,) that returns (m, k)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fecloth.simulation.doubts.doubt import Doubt, DoubtKind
 from fecloth.simulation.doubts.planned_run import PlannedRun, check_each
-from fecloth.simulation.doubts.signals import Signal, Span
+from fecloth.simulation.doubts.signals import ROUND_OFF_OF_SIGNAL, Signal, Span
 from fecloth.simulation.error_control import Adaptive
 from fecloth.simulation.method_choice import Auto
 from fecloth.simulation.step_times import step_times
@@ -23,7 +23,6 @@ LARGEST_MISSED = 0.25
 MISSED_BY_REMEDY = 0.12
 STEPS_AROUND = 5  # steps on each side of the step that misses most
 HALVINGS_OF_STEP = 12  # of dt, at most, in the search for a step that is short enough
-LEAST_DEVIATION = 1e-9  # over the largest value; less is round-off of the user's function
 LEAST_MOTION = 1e-3  # over the way of a motion; less does not matter beside its uniform part
 
 LEAST_ACTION = 0.1  # over the largest deviation; below it a load does not act
@@ -137,7 +136,7 @@ def _without_what_steps_see(
     signal: Signal, times: np.ndarray, g: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Return g (m, s, k) at times (m, s) without a uniform motion, and the least that counts."""
-    least = LEAST_DEVIATION * np.abs(g).max()
+    least = ROUND_OFF_OF_SIGNAL * np.abs(g).max()
     if not signal.moves:
         return g, least
     way = np.ptp(g.reshape(-1, g.shape[-1]), axis=0).max()
