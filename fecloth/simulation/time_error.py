@@ -278,8 +278,8 @@ class TimeError(Account):
     def _moved_on(self, system: System, state: State, recent, begin, lag: float) -> "TimeError":
         """Return the estimate with the error moved on by `Transport` since the sample `begin`.
 
-        The method adds the error of a `lag` κ ∫ dt^q dt on this way: at each moment s to the
-        velocity at which x errs, and r to the acceleration.
+        On this way the method adds the error of a `lag` κ ∫ dt^q dt, evenly: s [m/s] to the
+        error of x, and r [m/s²] to the error of v, in each second.
         """
         if self.unknown:
             return self
@@ -457,9 +457,10 @@ def _add_forgetting(length: float, added: float, decay: float) -> float:
 
 
 def _decay(lost: float, moving: float) -> float:
-    """Return γ times the time between two samples: energy lost over 4 times the kinetic one.
+    """Return γ times the time between two samples, from the energy lost between them [J].
 
-    `moving` is the sum of the kinetic energies of both samples [J].
+    It is that energy over 4 times the mean kinetic energy. `moving` is the sum of the kinetic
+    energies of both samples [J].
     """
     if lost > 0:
         return lost / max(2 * moving, 1e-3 * lost)
