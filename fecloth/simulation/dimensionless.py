@@ -38,7 +38,10 @@ def gravity_magnitude(system: System) -> float:
 
 
 def distance_from_pins(system: System) -> float:
-    """Return the distance on the cloth of the node farthest from the pins [m]; 0 without pins."""
+    """Return the distance of the node farthest from the pins, in the flat cloth [m].
+
+    It is 0 without pins.
+    """
     pinned = system.constraints.nodes
     if not len(pinned):
         return 0.0
@@ -60,7 +63,7 @@ def weight_over_stiffness(system: System) -> float:
 
 
 def unsupported_length(system: System) -> float:
-    """Return the distance of the cloth from its pins [m], doubled if they surround its middle."""
+    """Return the distance of the cloth from its pins [m], doubled if these are all around."""
     return distance_from_pins(system) * (1 + is_surrounded_by_pins(system))
 
 
@@ -77,8 +80,8 @@ def is_surrounded_by_pins(system: System) -> bool:
 def wrinkle_length(system: System) -> float:
     """Return the length λ = 2√π (B/T)^¼ √L of wrinkles under T = ρ g L [m].
 
-    It is 0 without bending or weight. Source: Cerda and Mahadevan (2003), Geometry and Physics of
-    Wrinkling, Phys. Rev. Lett. 90, 074302.
+    It is 0 without bending or weight. Source: Cerda and Mahadevan (2003), Geometry and Physics
+    of Wrinkling, Phys. Rev. Lett. 90, 074302.
     """
     length = distance_from_pins(system)
     load = gravity_magnitude(system) * length * system.nodal_mass.sum() / system.cloth.area

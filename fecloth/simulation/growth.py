@@ -77,9 +77,9 @@ def describe_growth(deformation: Deformation, ledger: Ledger, most: float) -> st
 def _noise(system: System, info: StepInfo, ledger: Ledger) -> float:
     """Return the kinetic energy [J] below which growth means nothing.
 
-    It is `negligible_energy` or, if that is more, ½ m (64 ε |x|/dt)², the round-off of positions,
-    and `ENERGY_UNSOLVED` of the energies of the whole motion and of the loads, at the start and
-    now. The start counts as an impact may have taken nearly all energy of the rigid motion.
+    It is `negligible_energy` or, if that is more, a sum of two parts. One is ½ m (64 ε |x|/dt)²,
+    the round-off of positions. The other is `ENERGY_UNSOLVED` of the energies of the whole motion
+    and of the loads, now and at the start: an impact may have taken nearly all of them since.
     """
     speed = ROUND_OFF_OF_POSITION * np.abs(info.result.state.x).max() / info.dt
     of_loads = [ledger.potential.get(name, 0.0) for name, term in system.named if term.load]

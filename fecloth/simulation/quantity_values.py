@@ -195,7 +195,7 @@ def _norm(quantity: Quantity, a: RunRecord, b: RunRecord, minus: float) -> float
     return float(norm(b.cloth, field_a, field_b))
 
 
-LEAST_SAMPLES = 4  # a cubic spline needs them
+LEAST_SAMPLES = 4  # of a swing: a cubic through fewer points does not turn twice
 
 
 def signal_period(times: np.ndarray, values: np.ndarray, name: str = "the signal") -> float:

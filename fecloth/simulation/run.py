@@ -352,7 +352,9 @@ def collect(
 def count_warnings(doubts: Sequence[Doubt]) -> str:
     """Return the number of warnings in words, such as "no warnings" or "1 warning"."""
     number = len(doubts)
-    return f"{number or 'no'} warning{'' if number == 1 else 's'}"
+    if number == 1:
+        return "1 warning"
+    return f"{number or 'no'} warnings"
 
 
 def columns(rows: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:

@@ -449,7 +449,7 @@ def _mean_step(a: Sample, b: Sample) -> float:
 
 
 def _add_forgetting(length: float, added: float, decay: float) -> float:
-    """Return e [m] after a time in which it decays by e^(−decay), and errors are added evenly."""
+    """Return e [m] after a time in which it decays by e^(−decay), with errors added evenly."""
     share_that_stays = 1.0
     if decay > 1e-9:
         share_that_stays = -math.expm1(-decay) / decay

@@ -184,7 +184,7 @@ def _zigzag(cloth: Cloth, nodes: np.ndarray, x: np.ndarray) -> float:
 
 
 def _neighbours(cloth: Cloth, nodes: np.ndarray) -> np.ndarray:
-    """Return the pairs (p, 2) of nodes that an edge joins, in both orders, as places in `nodes`."""
+    """Return the pairs (p, 2) of nodes on an edge, in both orders, as places in `nodes`."""
     edges = np.stack([cloth.parts, np.roll(cloth.parts, 1, axis=1)], axis=-1).reshape(-1, 2)
     place = np.full(len(cloth.X), -1)
     place[nodes] = np.arange(len(nodes))

@@ -43,7 +43,7 @@ def find_missed(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _check_for_missed(signal: Signal, dt: float) -> Doubt | None:
-    """Return a doubt if steps miss much of a signal, in the whole run and where they miss most."""
+    """Return a doubt if steps miss much of a signal, on the whole and where they miss most."""
     share, near = missed_share(signal, dt, signal.span)
     if not share > LARGEST_MISSED:
         return None
@@ -254,7 +254,7 @@ def _deviation(signal: Signal) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _find_pulses(acts: np.ndarray) -> list[tuple[int, int]]:
-    """Return, for each pulse, the sample before it and its last one; `acts` (m,) is true in it."""
+    """Return the sample before each pulse and its last one; `acts` (m,) is true in pulses."""
     changes = np.diff(acts.astype(int))
     begins = np.flatnonzero(changes > 0)
     finishes = np.flatnonzero(changes < 0)
