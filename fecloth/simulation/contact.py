@@ -40,6 +40,7 @@ class Contact(Account):
     is_finished: bool = False
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Contact":
+        """Return the record after a step, with the bounce that steps resolved least so far."""
         after = self
         new = info.result.state
         for name, term in run.system.named:

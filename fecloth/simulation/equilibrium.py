@@ -253,6 +253,7 @@ def _history_for_runs(system: System, history: History | None) -> History | None
 
 
 def _warn(doubts: Iterable[Doubt]) -> None:
+    """Warn of each doubt, at the line that calls `equilibrium`."""
     for doubt in doubts:
         warnings.warn(str(doubt), FeclothWarning, stacklevel=4)
 
@@ -264,6 +265,7 @@ def _moves(system: System) -> bool:
 
 
 def _check(system, state, load_steps, tolerance, max_iterations, solver, report):
+    """Raise `InputError` for an argument of `equilibrium` that it cannot take."""
     check_system(system, state, "equilibrium")
     validation.function(
         "report", report, "lambda iteration: print(iteration.residual)", "equilibrium"

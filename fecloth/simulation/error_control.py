@@ -291,6 +291,7 @@ class Adaptive(ChosenSteps):
 
     @property
     def _error_constant(self) -> float:
+        """The error constant of the method; `InputError` for a method without one."""
         constant = self.method.traits.error_constant
         if constant is None:
             what = f"method {self.method!r}"

@@ -48,6 +48,7 @@ class Growth(Account):
         return cls(deformation.kinetic, excess)
 
     def follow(self, run: Run, info: StepInfo, others: Accounts) -> "Growth":
+        """Return the record after a step; `StepFailed` after two in a row with an excess."""
         after = self.begin(run, others)
         if self.excess and after.excess:
             noise = _noise(run.system, info, others[Ledger])

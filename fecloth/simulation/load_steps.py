@@ -47,7 +47,15 @@ class LoadRate:
 
 @dataclass(frozen=True, eq=False)
 class ScaledLoad(BoundTerm):
-    """A bound load whose force is multiplied by `factor`."""
+    """A bound load whose force is multiplied by `factor`.
+
+    Attributes
+    ----------
+    whole
+        The bound load.
+    factor
+        The part of its force that acts.
+    """
 
     whole: Any
     factor: float

@@ -79,7 +79,7 @@ def march(
         For a dt or t_end that makes no step, or an explicit dt beyond the stability limit.
     StepFailed
         If a step does not converge, makes a value that is not finite or stretches a triangle
-        beyond `most_stretch`; its `state` is the last one that was found good.
+        beyond `most_stretch`; its `state` is the last one that was checked.
 
     Warns
     -----

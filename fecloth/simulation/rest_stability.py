@@ -64,6 +64,7 @@ class RestStability(Account):
         return self._stability()
 
     def _stability(self) -> str:
+        """Return whether the equilibrium is stable, in words."""
         if not self.is_reached:
             return "equilibrium: not reached"
         if math.isnan(self.least):

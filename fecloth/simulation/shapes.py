@@ -119,6 +119,7 @@ class Shapes(Account):
         return after, row
 
     def finish(self, run: Run, end: End, others: Accounts) -> "Shapes":
+        """Return the record at the end; of a run without frames, with the figures of its end."""
         moved = rms(run.system.diagonal_mass, end.state.x - run.start.x)
         estimate = others.get(TimeError)
         if estimate:

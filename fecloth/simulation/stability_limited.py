@@ -84,6 +84,7 @@ class StabilityLimited(ChosenSteps):
 
     @cached_property
     def traits(self) -> protocol.MethodTraits:
+        """The method's traits, with chosen steps, which stay below its stability limit."""
         return replace(self.method.traits, chooses_dt=True, beyond_limit=True)
 
     def step(

@@ -182,6 +182,7 @@ class TimeError(Account):
         return self._after(run, info.result.state, info.step, others)
 
     def finish(self, run: Run, end: End, others: Accounts) -> "TimeError":
+        """Return the record with the relative error, or with why there is none."""
         after = self
         system = run.system
         t = end.state.t
@@ -203,6 +204,7 @@ class TimeError(Account):
         return after.changed(relative=error, sentence=sentence)
 
     def _after(self, run: Run, state: State, step: int, others: Accounts) -> "TimeError":
+        """Return the estimate with a sample of the state after a step."""
         sample = _sample(run.system, state, step, others)
         kicked = self._kicked(run, state, sample)
         return kicked.sampled(run.system, run.method.traits, state, sample)
@@ -420,6 +422,7 @@ def _as_random(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _sample(system: System, state: State, step: int, others: Accounts) -> Sample:
+    """Return the sample of a state after the step of this number."""
     ledger = others[Ledger]
     deforming = others[Deformation].kinetic
     supplied = sum(ledger.work.get(name, 0.0) for name in ledger.resisting)

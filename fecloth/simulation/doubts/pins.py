@@ -37,6 +37,7 @@ def find_idle_pins(run: PlannedRun) -> Iterator[Doubt]:
 
 
 def _check_each_pin(run: PlannedRun) -> Iterator[Doubt | None]:
+    """Yield what each check says of each pin; None where there is nothing to say."""
     motions = {signal.name: signal for signal in run.signals}
     for name, (pin, nodes) in run.system.constraints.groups.items():
         if pin.motion is not None and pin.rotate is None:

@@ -59,6 +59,7 @@ def _unlikely_values(run: PlannedRun) -> Iterator[Words]:
 
 
 def _of_fabric(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of a fabric."""
     density = fabric.areal_density
     least, most = DENSITIES
     if not least <= density <= most:
@@ -71,6 +72,7 @@ def _of_fabric(fabric: Fabric) -> Iterator[Words]:
 
 
 def _of_stiffness(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of the stiffness along warp and weft."""
     least, most = STIFFNESSES
     for Y in dict.fromkeys(fabric.tensile):
         if not least <= Y <= most:
@@ -83,6 +85,7 @@ def _of_stiffness(fabric: Fabric) -> Iterator[Words]:
 
 
 def _of_bending(fabric: Fabric) -> Iterator[Words]:
+    """Yield what is unlikely of the bending rigidity, and of its hysteresis beside it."""
     for B in dict.fromkeys(fabric.bending or ()):
         length = bending_length(B, fabric.areal_density)
         if length > LARGEST_BENDING_LENGTH:
@@ -103,6 +106,7 @@ def _of_bending(fabric: Fabric) -> Iterator[Words]:
 
 
 def _of_size(size: float) -> Iterator[Words]:
+    """Yield what is unlikely of the extent of the cloth [m]."""
     least, most = SIZES
     if size > most:
         words = f"the cloth is {size:.4g} m long: few are longer than {most:g} m"
@@ -116,6 +120,7 @@ def _of_size(size: float) -> Iterator[Words]:
 
 
 def _of_term(term: Any) -> Iterator[Words]:
+    """Yield what is unlikely of gravity, a damping or a wind."""
     if isinstance(term, Gravity):
         size = float(np.linalg.norm(term.acceleration))
         if size > LARGEST_GRAVITY:
