@@ -24,7 +24,7 @@ def versions(lines, operator):
 def test_the_declared_minima_are_those_tried():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    optional = [line for name in ("plot", "hdf", "test") for line in extras[name]]
+    optional = [line for name in ("hdf", "test") for line in extras[name]]
     tried = versions([x for x in TRIED.splitlines() if not x.startswith("#")], "==")
     needed = versions(project["dependencies"], ">=")
     assert needed.keys() <= tried.keys()

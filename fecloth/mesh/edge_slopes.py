@@ -31,8 +31,10 @@ LEAST_SINGULAR_VALUE = 0.15
 # If an eigenvalue of ΛᵀΛ is smaller, the weights are the shortest least-squares solution. The
 # round-off of these matrices is far below it, the square of `LEAST_SINGULAR_VALUE` far above it.
 LEAST_EIGENVALUE = 1e-6
-# φ̂ and weights below this are zero up to round-off, as where two triangles are mirror images.
-LEAST_WEIGHT = 1e-11
+# Weights below it are zero up to round-off.
+LEAST_WEIGHT = 1e-12
+# φ̂ below it is zero up to round-off: the two triangles are mirror images of each other.
+LEAST_ANGLE_OF_CURVATURE = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +196,7 @@ class EdgeSlopes:
         left, right = self.edges.of_hinge.T
         phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
         phi /= self.edges.hinges.length[:, None]
-        phi[np.abs(phi).max(axis=1) < LEAST_WEIGHT] = 0.0
+        phi[np.abs(phi).max(axis=1) < LEAST_ANGLE_OF_CURVATURE] = 0.0
         weights = np.einsum("ei,ei->e", angle, _solve(gram, phi)[row])
         weights[np.abs(weights) < LEAST_WEIGHT] = 0.0
         W = sparse.csr_matrix((weights, patch.indices, patch.indptr), shape=patch.shape)

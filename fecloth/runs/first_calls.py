@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fecloth.integrators.bdf2 import BDF2
+from fecloth.integrators.one_stage import StageMethod
 from fecloth.integrators.protocol import has_symmetric_matrix
 from fecloth.linalg import select
 from fecloth.linalg.block_matrix import BlockMatrix, BlockPattern
@@ -103,7 +104,7 @@ def make_system_over_step(problem: Setup, method: Any) -> System:
         return over_increment(increment)
     assert problem.t_end is not None
     dt = problem.steps.dt or problem.t_end - start.t
-    if hasattr(method, "over_step"):
+    if isinstance(method, StageMethod):
         records = () if history is None else (history,)  # which an older class may not take
         over: System = method.over_step(system, start, dt, *records)
         return over

@@ -56,8 +56,9 @@ class Setup:
         Whether stretches and volume are recorded; see `Observer`.
     memory
         As `march` takes it: with one it does not check the start.
-    probed_like
-        A setup whose bound probes serve here too, where cloth and probes are the same.
+    like
+        A setup whose bound probes serve here too, where cloth and probes are the same, and its
+        ledger, where system and start are.
     """
 
     system: System
@@ -70,7 +71,7 @@ class Setup:
     stops: tuple[float, ...] = ()
     shape: bool = False
     memory: Memory | None = None
-    probed_like: "Setup | None" = None
+    like: "Setup | None" = None
 
     @property
     def cloth(self) -> Cloth:
@@ -90,7 +91,7 @@ class Setup:
     @cached_property
     def observer(self) -> Observer:
         """What records the probes from the start on."""
-        known = self.probed_like
+        known = self.like
         if known and self._has_probes_of(known):
             return replace(known.observer, system=self.system, start=self.start)
         return Observer.bind(self.system, self.start, self.probes, self.shape)
@@ -102,6 +103,9 @@ class Setup:
     @cached_property
     def ledger(self) -> Ledger:
         """The energy ledger at the start."""
+        known = self.like
+        if known and known.system is self.system and known.start is self.start:
+            return known.ledger
         return Ledger.open(self.system, self.start)
 
     @cached_property
@@ -154,7 +158,7 @@ class Setup:
 
     def probed_as(self, base: "Setup") -> Self:
         """Return the setup with the columns of another, which are bound once for one cloth."""
-        return replace(self, probes=base.probes, shape=base.shape, probed_like=base)
+        return replace(self, probes=base.probes, shape=base.shape, like=base)
 
     def choose(self) -> tuple[Self, Solver]:
         """Return the setup with the steps that are taken, also of `Auto`, and their solver."""
@@ -172,7 +176,7 @@ class Setup:
 
     def taking(self, steps: Any) -> Self:
         """Return the setup with other steps, from the same start."""
-        return replace(self, steps=steps, probed_like=self)
+        return replace(self, steps=steps, like=self)
 
     def march(
         self,

@@ -106,8 +106,7 @@ class Wind:
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
         if self.gusts:
-            # `__post_init__` has checked that they are three numbers.
-            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]
+            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # checked before
             gusts = air_velocity.Gusts(
                 mean=(x, y, z), intensity=self.gusts, length=self.gust_length, seed=self.seed
             )
