@@ -95,7 +95,7 @@ class SlidingPoints:
     eps: float
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return self.contacts.points.values(of_nodes, self.contacts.which)
+        return self.contacts.points.values(of_nodes, self.contacts.point_numbers)
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         return along(self.n, v - self.surface)
@@ -110,7 +110,7 @@ class SlidingPoints:
     def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
         """f (n, 3) −= μ λ f₁(y)/y w [N]."""
         size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
-        self.contacts.points.add_force(self.contacts.which, -size[:, None] * w, f)
+        self.contacts.points.add_force(self.contacts.point_numbers, -size[:, None] * w, f)
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""

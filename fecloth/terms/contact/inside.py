@@ -18,15 +18,15 @@ def refuse_inside(
     """Raise `InputError` for points of a cloth at x (n, 3) in a shape; it names the nodes."""
     y = shape.pose(t).to_body(x)
     for points in kinds:
-        which = points.candidates(shape.distance(y, t), gap)
-        depth = -shape.distance(points.values(y, which), t)
+        point_numbers = points.candidates(shape.distance(y, t), gap)
+        depth = -shape.distance(points.values(y, point_numbers), t)
         inside = depth >= 0.0
         if inside.any():
             deepest = f"{1e3 * depth.max():.3g} mm"
             what = f"{inside.sum()} points inside triangles, by up to {deepest},"
             nodes = None
             if points is kinds[0]:
-                nodes = which[inside]
+                nodes = point_numbers[inside]
             raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[inside], what=what)
 
 

@@ -41,23 +41,23 @@ class NodePoints:
         """The points that may be nearer than `reach` [m]; the nodes have distances `at_nodes`."""
         return np.flatnonzero(at_nodes < reach)
 
-    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(p, 3) values at the points `which`, from values at the nodes (n, 3)."""
-        return of_nodes[which]
+    def values(self, of_nodes: np.ndarray, point_numbers: np.ndarray) -> np.ndarray:
+        """(p, 3) values at the points `point_numbers`, from values at the nodes (n, 3)."""
+        return of_nodes[point_numbers]
 
     def between(self, held: np.ndarray) -> np.ndarray:
         """The points that only the nodes `held` move."""
         return held
 
-    def nodes(self, which: np.ndarray) -> np.ndarray:
-        """The nodes that move the points `which`."""
-        return which
+    def nodes(self, point_numbers: np.ndarray) -> np.ndarray:
+        """The nodes that move the points `point_numbers`."""
+        return point_numbers
 
-    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
-        f[which] += F
+    def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+        f[point_numbers] += F
 
-    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
-        J.values[J.pattern.diagonal[which]] += K
+    def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+        J.values[J.pattern.diagonal[point_numbers]] += K
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +104,10 @@ class TrianglePoints:
         )
         return near[:count].copy()
 
-    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        values = np.empty((len(which), 3))
+    def values(self, of_nodes: np.ndarray, point_numbers: np.ndarray) -> np.ndarray:
+        values = np.empty((len(point_numbers), 3))
         gather(
-            which,
+            point_numbers,
             self.triangles,
             self.shape_functions,
             self.stencil,
@@ -120,16 +120,18 @@ class TrianglePoints:
         is_held = np.isin(self.stencil, held)[self.triangles]
         return np.flatnonzero((is_held | (self.shape_functions == 0.0)).all(axis=1))
 
-    def nodes(self, which: np.ndarray) -> np.ndarray:
-        return self.stencil[self.triangles[which]][self.shape_functions[which] != 0.0]
+    def nodes(self, point_numbers: np.ndarray) -> np.ndarray:
+        return self.stencil[self.triangles[point_numbers]][
+            self.shape_functions[point_numbers] != 0.0
+        ]
 
-    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+    def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         F = np.ascontiguousarray(F)
-        add_forces(which, self.triangles, self.shape_functions, self.stencil, F, f)
+        add_forces(point_numbers, self.triangles, self.shape_functions, self.stencil, F, f)
 
-    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+    def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         K = np.ascontiguousarray(K)
-        add_tangents(which, self.triangles, self.shape_functions, self.slots, K, J.values)
+        add_tangents(point_numbers, self.triangles, self.shape_functions, self.slots, K, J.values)
 
 
 Points = NodePoints | TrianglePoints
@@ -142,7 +144,7 @@ class Contacts(NamedTuple):
     ----------
     points
         All points of the kind.
-    which
+    point_numbers
         Numbers (p,) of the points nearer than the gap.
     y
         Places (p, 3) of these in the frame of the shape [m].
@@ -153,14 +155,14 @@ class Contacts(NamedTuple):
     """
 
     points: Points
-    which: np.ndarray
+    point_numbers: np.ndarray
     y: np.ndarray
     s: np.ndarray
     approach: Approach
 
     @property
     def areas(self) -> np.ndarray:
-        return self.points.areas[self.which]
+        return self.points.areas[self.point_numbers]
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
@@ -296,11 +298,11 @@ def find_near(
 
 @kernel
 def gather(
-    which: Array, triangles: Array, N: Array, stencil: Array, of_nodes: Array, values: Array
+    point_numbers: Array, triangles: Array, N: Array, stencil: Array, of_nodes: Array, values: Array
 ) -> None:
     """values (p, 3) = Σ_a N_a of_nodes[a] of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         v0 = v1 = v2 = 0.0
         for a in range(stencil.shape[1]):
@@ -316,11 +318,11 @@ def gather(
 
 @kernel
 def add_forces(
-    which: Array, triangles: Array, N: Array, stencil: Array, F: Array, f: Array
+    point_numbers: Array, triangles: Array, N: Array, stencil: Array, F: Array, f: Array
 ) -> None:
     """f (n, 3) += N_a F of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         for a in range(stencil.shape[1]):
             node = stencil[e, a]
@@ -331,11 +333,11 @@ def add_forces(
 
 @kernel
 def add_tangents(
-    which: Array, triangles: Array, N: Array, slots: Array, K: Array, values: Array
+    point_numbers: Array, triangles: Array, N: Array, slots: Array, K: Array, values: Array
 ) -> None:
     """The blocks of the matrix += N_a N_b K of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         for a in range(slots.shape[1]):
             for b in range(slots.shape[2]):

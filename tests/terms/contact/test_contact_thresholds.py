@@ -159,7 +159,7 @@ def test_nodes_leave_a_shape_that_deforms_by_up_to_thirty_two_gaps_more(needed, 
     monkeypatch.setattr(
         type(term), "least_distance", lambda self, x, t: x[:, 2].min() - needed * GAP
     )
-    places = term._make_way(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
+    places = term._move_nodes_out(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
     assert places[:, 2] == pytest.approx(np.full(len(places), (1 + more) * GAP))
 
 
