@@ -118,26 +118,31 @@ class SlidingPoints:
         return weight * self.limit[:, None, None] * along
 
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
-        """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.
+        """Return −∂F/∂x (p, 3, 3) [N/m] of F = −μ λ (f₁/y) w at one state; it is not symmetric.
+
+        With r = v − surface, w = r − n (n · r) changes because the normal n turns with x, and
+        because the velocity of the obstacle does; λ changes, too.
 
         Parameters
         ----------
         v
             Velocities (p, 3) of the points [m/s].
         change
-            Change (p, 3, 3) of μ λ n with x [N/m]: it turns the normals, and so w.
+            ∂(μ λ n)/∂x (p, 3, 3) [N/m].
         spin
-            Change (3, 3) of the velocity of the obstacle with x [1/s].
+            ∂surface/∂x (3, 3) [1/s], with the velocity `surface` of the obstacle.
         """
         w = self.slip(v)
-        relative = v - self.surface
-        turned = self._across @ change
-        lifted = np.einsum("mi,mi->m", self.n, relative)[:, None, None] * turned
-        lifted += self.n[:, :, None] * (relative[:, None] @ turned)
-        moved = lifted + self.limit[:, None, None] * self._across @ spin
-        by_force = w[:, :, None] * (self.n[:, None] @ change)
+        r = v - self.surface
+        turn_of_n = self._across @ change  # μ λ ∂n/∂x, as n keeps its length
+        # −μ λ ∂w/∂x: by the turn of n, in both of its places, and by the obstacle's velocity
+        minus_dw = np.einsum("mi,mi->m", self.n, r)[:, None, None] * turn_of_n
+        minus_dw += self.n[:, :, None] * (r[:, None] @ turn_of_n)
+        minus_dw = minus_dw + self.limit[:, None, None] * self._across @ spin
+        by_change_of_force = w[:, :, None] * (self.n[:, None] @ change)  # w ⊗ ∂(μ λ)/∂x
         y = np.linalg.norm(w, axis=1)
-        return factor(y, self.eps)[:, None, None] * by_force - slope(w, self.eps) @ moved
+        by_change_of_force = factor(y, self.eps)[:, None, None] * by_change_of_force
+        return by_change_of_force - slope(w, self.eps) @ minus_dw
 
     @property
     def _across(self) -> np.ndarray:

@@ -15,19 +15,23 @@ MOST_NAMED = 5  # nodes, or pairs of triangles, that an error names: more make n
 def refuse_inside(
     shape: Shape, kinds: Sequence[Points], gap: float, x: np.ndarray, t: float, where: str
 ) -> None:
-    """Raise `InputError` for points of a cloth at x (n, 3) in a shape; it names the nodes."""
+    """Raise `InputError` if a point of a cloth at x (n, 3) is in the shape at the time t.
+
+    The error names the deepest nodes inside, or says how many points inside triangles there
+    are. `kinds` are the kinds of points, the nodes first; `where` names the term.
+    """
     y = shape.pose(t).to_body(x)
     for points in kinds:
         point_numbers = points.candidates(shape.distance(y, t), gap)
         depth = -shape.distance(points.values(y, point_numbers), t)
-        inside = depth >= 0.0
-        if inside.any():
+        is_inside = depth >= 0.0
+        if is_inside.any():
             deepest = f"{1e3 * depth.max():.3g} mm"
-            what = f"{inside.sum()} points inside triangles, by up to {deepest},"
+            what = f"{is_inside.sum()} points inside triangles, by up to {deepest},"
             nodes = None
-            if points is kinds[0]:
-                nodes = point_numbers[inside]
-            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[inside], what=what)
+            if points is kinds[0]:  # the error names nodes only, not points inside triangles
+                nodes = point_numbers[is_inside]
+            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[is_inside], what=what)
 
 
 def starts_inside(
@@ -38,10 +42,11 @@ def starts_inside(
     depth: np.ndarray | None = None,
     what: str = "the insides of some triangles",
 ) -> InputError:
-    """The error for a cloth that starts inside a shape.
+    """Return the error for a cloth that starts inside a shape, for the caller to raise.
 
-    It names the deepest of the `nodes` (k,), with their `depth` (k,) [m]. Without nodes, `what`
-    says what starts inside.
+    It names the deepest of the `nodes` (k,), at most `MOST_NAMED`, with their `depth` (k,) [m].
+    Without nodes, `what` says what starts inside. The remedy names the gap [m]; `where` is the
+    name of the term.
     """
     if nodes is not None and depth is not None and len(nodes):
         deepest = np.argsort(-depth, kind="stable")[:MOST_NAMED]
