@@ -33,20 +33,24 @@ MOST_DAMPING = 20.0 / SLOWEST_IMPACT  # c [s/m]; y = c v₁ = 20 leaves 5 %
 
 
 def damping(restitution: float) -> float:
-    """y = c v₁ that leaves the part e of the speed; infinite for e = 0."""
+    """Return y = c v₁ with which an impact leaves the part e = `restitution` of the speed.
+
+    It solves the equation above; it is infinite for e = 0, and 0 for e = 1.
+    """
     e = restitution
     if e == 0.0:
         return np.inf
     if e == 1.0:
         return 0.0
 
-    def lost(y: float) -> float:
+    def residual(y: float) -> float:
+        """Left minus right side of y − ln(1 + y) = −e y − ln(1 − e y)."""
         return y - np.log1p(y) + e * y + np.log1p(-e * y)
 
-    most = (1 - np.finfo(float).eps) / e  # y < 1/e, where the logarithm of 1 − e y ends
-    if lost(most) > 0:
-        return most
-    return float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
+    largest_y = (1 - np.finfo(float).eps) / e  # y < 1/e, where the logarithm of 1 − e y ends
+    if residual(largest_y) > 0:  # the solution is nearer to 1/e than round-off
+        return largest_y
+    return float(scipy.optimize.brentq(residual, 0.5 * (1 - e), largest_y))
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:

@@ -327,13 +327,19 @@ class Disk(Shape):
         return min(self.width, self.thickness)
 
     def skeleton(self, extent: float) -> Skeleton:
-        """Two polygons of many sides in its faces, and the rim between them."""
+        """Return a closed surface: two polygons of `SIDES_OF_DISK` sides, and the rim between.
+
+        The corners of the polygons lie on the edges of the faces. `extent` is not used, as the
+        disk has an end.
+        """
         n = SIDES_OF_DISK
         angle = 2 * np.pi / n * np.arange(n)
-        least_axis = np.eye(3)[abs(self._axis).argmin()]
-        first = direction("across", np.cross(self._axis, least_axis), "")
-        across = np.stack([first, np.cross(self._axis, first)])
-        circle = self.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+        # The coordinate axis farthest from the disk's axis, so that their product is not 0.
+        coordinate_axis = np.eye(3)[abs(self._axis).argmin()]
+        first = direction("across", np.cross(self._axis, coordinate_axis), "")
+        second = np.cross(self._axis, first)
+        unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])
+        circle = self.radius * unit_circle @ np.stack([first, second])
         up = 0.5 * self.thickness * self._axis
         points = np.array(self.center, float) + np.vstack([circle - up, circle + up, [-up, up]])
         # Numbers of points: the polygon below, the polygon above, and the two middles.
@@ -344,9 +350,9 @@ class Disk(Shape):
         middle_low = np.full(n, 2 * n)
         middle_high = np.full(n, 2 * n + 1)
         triangles = [
-            (low_after, low, middle_low),
-            (high, high_after, middle_high),
-            (low, low_after, high),
+            (low_after, low, middle_low),  # the lower face
+            (high, high_after, middle_high),  # the upper face
+            (low, low_after, high),  # the rim, in two triangles a side
             (low_after, high_after, high),
         ]
         corners = np.concatenate([np.stack(corner, axis=1) for corner in triangles])
@@ -358,20 +364,27 @@ class Disk(Shape):
         return outside + np.minimum(np.maximum(rim, face), 0.0)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient n and Hessian of the distance d, which is √(rim² + face²) outside.
+
+        rim and face are the distances beyond the rim and beyond a face, or 0. The surfaces of
+        equal distance curve around the edge, where both are > 0, with 1/d, and around the axis.
+        """
         q, radius, height = self._cylindrical(y)
         rim, face = self._beyond(radius, height)
         radius = _or_one(radius)  # on the axis, where q is zero
         radial = q / radius[:, None]
         axial = np.sign(height)[:, None] * self._axis
         d = _or_one(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)))
-        out = np.maximum(rim, 0.0) / d
-        up = np.maximum(face, 0.0) / d
-        n = out[:, None] * radial + up[:, None] * axial
-        around = np.cross(radial, axial)
-        tangent = up[:, None] * radial - out[:, None] * axial
-        edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
-        ring = (out / radius)[:, None, None]
-        return n, edge * _outer(tangent, tangent) + ring * _outer(around, around)
+        radial_part = np.maximum(rim, 0.0) / d  # of n
+        axial_part = np.maximum(face, 0.0) / d
+        n = radial_part[:, None] * radial + axial_part[:, None] * axial
+        around_axis = np.cross(radial, axial)
+        around_edge = axial_part[:, None] * radial - radial_part[:, None] * axial
+        curvature_of_edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
+        curvature_of_rim = (radial_part / radius)[:, None, None]
+        hessian = curvature_of_edge * _outer(around_edge, around_edge)
+        hessian = hessian + curvature_of_rim * _outer(around_axis, around_axis)
+        return n, hessian
 
 
 def _length(q: np.ndarray) -> np.ndarray:
