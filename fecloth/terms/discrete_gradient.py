@@ -101,21 +101,25 @@ class DiscreteGradient(BoundTerm):
             f -= elastic
 
     def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
-        """−N/(u·d) u (n, 3) [N] for the force f at x, or zero if N or u·d is round-off."""
-        before = self.energy_before
-        after = self.term.energy(x + 0.5 * d, self.t)
-        N = after - before + dot(f, d)
-        if abs(N) <= ROUND_OFF_OVER_ENERGIES * (abs(before) + abs(after)):
+        """Return −N/(u·d) u (n, 3) [N], which makes the work of f that of the energy.
+
+        x (n, 3) is the mean position, d (n, 3) = x₁ − x₀ the motion over the step, and f (n, 3) the
+        force at x. The correction is zero where N or u·d is round-off.
+        """
+        energy_before = self.energy_before
+        energy_after = self.term.energy(x + 0.5 * d, self.t)
+        N = energy_after - energy_before + dot(f, d)
+        if abs(N) <= ROUND_OFF_OVER_ENERGIES * (abs(energy_before) + abs(energy_after)):
             return np.zeros_like(f)
-        momentum = self.mass[:, None] * d
-        u = momentum
-        if self.term.objective:
+        mass_times_d = self.mass[:, None] * d
+        u = mass_times_d
+        if self.term.objective:  # no rigid motion changes its energy
             u = deformation(self.mass, x, d)
-        along = dot(u, d)
-        is_rigid = along <= np.finfo(float).eps * dot(momentum, d)
-        if is_rigid:
+        u_dot_d = dot(u, d)
+        is_rigid_motion = u_dot_d <= np.finfo(float).eps * dot(mass_times_d, d)
+        if is_rigid_motion:
             return np.zeros_like(f)
-        return -N / along * u
+        return -N / u_dot_d * u
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.

@@ -366,8 +366,9 @@ class Disk(Shape):
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Gradient n and Hessian of the distance d, which is √(rim² + face²) outside.
 
-        rim and face are the distances beyond the rim and beyond a face, or 0. The surfaces of
-        equal distance curve around the edge, where both are > 0, with 1/d, and around the axis.
+        rim and face say how far a point is beyond the rim and beyond a face; they count as 0
+        where it is not. The surfaces of equal distance curve around the axis and, where both
+        are > 0, around the edge with the curvature 1/d.
         """
         q, radius, height = self._cylindrical(y)
         rim, face = self._beyond(radius, height)

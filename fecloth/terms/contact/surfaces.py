@@ -141,7 +141,7 @@ def _march_tetrahedra(shape: Shape, t: float, place: np.ndarray, reach: float) -
     edges = np.sort(_cut_edges(tetrahedra, d).reshape(-1, 2), axis=1)
     # Triangles share a point where they lie on the same edge.
     ends, point_of_corner = np.unique(edges, axis=0, return_inverse=True)
-    part = d[ends[:, 0]] / (d[ends[:, 0]] - d[ends[:, 1]])  # d = 0 if d is linear on the edge
+    part = d[ends[:, 0]] / (d[ends[:, 0]] - d[ends[:, 1]])  # where d is 0, if it is linear
     points = nodes[ends[:, 0]] + part[:, None] * (nodes[ends[:, 1]] - nodes[ends[:, 0]])
     # Three steps of Newton's method along the gradient, each limited to half of a cell's edge,
     # take the points onto the surface where d is not linear. 1e-12 avoids a division by 0.
