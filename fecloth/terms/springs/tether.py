@@ -57,6 +57,10 @@ class Tether:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
+        """Bind each node as a condition with the three components of x − p.
+
+        Raises `InputError` for a point that is no function of time.
+        """
         point = vector(self.point, "point", "Tether")
         point(0.0)  # an error in a function of time is raised here, not in a step
         return BoundTether.bind(
@@ -66,7 +70,7 @@ class Tether:
             panel=panel,
             slots=slots,
             nodes=self.stencil(panel.cloth),
-            constants=np.zeros(3),
+            constants=np.zeros(3),  # `BoundTether.table` gives p(t) in their place
             stiffness=self.stiffness,
             damping=self.damping,
             point=point,
@@ -110,7 +114,10 @@ class BoundTether(bound_condition.BoundCondition):
 
 @inner
 def offset(y, c, order, C, g, H):
-    """C = y − c; ∂C = I; ∂²C = 0."""
+    """Fill C = y − c, ∂C = I and ∂²C = 0 of a node at y, with the point c.
+
+    The arguments are those of every family of conditions: see `loops.condition`.
+    """
     for r in range(3):
         C[r] = y[0, r] - c[r]
         if order > 0:
