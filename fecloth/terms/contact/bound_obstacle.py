@@ -118,7 +118,7 @@ class BoundObstacle(BoundContact):
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     def normal_force(self, contacts: Contacts) -> np.ndarray:
-        """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
+        """Return −κ A b′(d/gap) max(0, 1 − c ḋ) (p,) [N]: times ∇d, it is the push on a point."""
         force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
         return force * contacts.approach.factor(contacts.s)
 
@@ -154,11 +154,15 @@ class BoundObstacle(BoundContact):
             contacts.points.add_tangent(contacts.point_numbers, sliding.damping(w, weight), J)
 
     def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
-        """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
+        """Return (p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) [N/m], minus the change of the push with x.
+
+        The second part is left out if `definite`: b′ is negative. Over a step, b″ and b′ have the
+        damping in them (`Approach`).
+        """
         gradient, hessian = self.slopes(contacts, t)
-        steep = self.stiffness / self.gap * contacts.areas
-        steep *= contacts.approach.curvature(contacts.s)
-        K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
+        normal_stiffness = self.stiffness / self.gap * contacts.areas
+        normal_stiffness *= contacts.approach.curvature(contacts.s)
+        K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
             K -= self.normal_force(contacts)[:, None, None] * hessian
         return K

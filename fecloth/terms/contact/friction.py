@@ -37,11 +37,15 @@ def factor(y: np.ndarray, eps: float) -> np.ndarray:
 
 
 def slope(w: np.ndarray, eps: float) -> np.ndarray:
-    """(m, 3, 3) ∂(f₁(y)/y w)/∂w of velocities w (m, 3); positive semi-definite."""
+    """Return ∂(f₁(y)/y w)/∂w (m, 3, 3) at velocities w (m, 3) [m/s]; positive semi-definite.
+
+    It is f₁/y I + (f₁/y)′/y w wᵀ, with the derivative by y.
+    """
     y = np.sqrt(np.einsum("mi,mi->m", w, w))
     y_or_one = np.where(y > 0.0, y, 1.0)  # where w is zero, so is w wᵀ
-    change = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2) / y_or_one
-    rank_one = change[:, None, None] * w[:, :, None] * w[:, None, :]
+    factor_slope = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2)
+    factor_slope_over_y = factor_slope / y_or_one
+    rank_one = factor_slope_over_y[:, None, None] * w[:, :, None] * w[:, None, :]
     return factor(y, eps)[:, None, None] * np.eye(3) + rank_one
 
 
@@ -114,8 +118,8 @@ class SlidingPoints:
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
-        along = self._across @ slope(w, self.eps) @ self._across
-        return weight * self.limit[:, None, None] * along
+        slope_along_surface = self._across @ slope(w, self.eps) @ self._across
+        return weight * self.limit[:, None, None] * slope_along_surface
 
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Return −∂F/∂x (p, 3, 3) [N/m] of F = −μ λ (f₁/y) w at one state; it is not symmetric.

@@ -60,7 +60,11 @@ def starts_inside(
 
 
 def cutting_depth(shape: Shape, gap: float, cloth: Cloth) -> float:
-    """How deep [m] a triangle may dip into the shape between its points; 0 if it cannot."""
+    """Return how deep [m] a triangle may dip into the shape between its points.
+
+    It is 0 if the points are so close that a triangle dips in by no more than is allowed
+    (`divisions`), and else the dip between points of `MOST_PARTS` parts of an edge.
+    """
     if divisions(shape, gap, cloth) <= MOST_PARTS:
         return 0.0
     part = float(longest_edges(cloth).max()) / MOST_PARTS

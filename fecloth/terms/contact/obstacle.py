@@ -137,6 +137,7 @@ class Obstacle:
     traits = CONTACT
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is wrong whatever the cloth is."""
         if not isinstance(self.shape, Shape):
             allowed = "must be a shape, such as fc.shapes.Sphere(center, radius)"
             raise InputError(f"shape = {self.shape!r}", allowed, "Obstacle")
@@ -144,6 +145,11 @@ class Obstacle:
         barrier.check_restitution("Obstacle", self.restitution)
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
+        """Return the nodes of each triangle if the obstacle acts on points inside triangles.
+
+        Such a point couples the nodes of its triangle. Otherwise it returns None: a force on a
+        node couples nothing, and contact by a skeleton is outside of the pattern (`coupling`).
+        """
         parts = divisions(self.shape, self.gap, cloth)
         if parts > 1 and not self._skeleton(cloth):
             return cloth.stencil
@@ -345,13 +351,15 @@ class BoundMeshObstacle(BoundTriangleContact):
         return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
-        """The whole mesh, wherever the place is."""
+        """Return the whole fixed mesh at the time t, wherever the place is."""
         faces = np.asarray(self.sets.mesh.faces)
-        first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
+        # The nodes of the cloth come first in the mesh of the toolkit.
+        cloth_node_count = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
         nodes = self.sets.fixed
         if self.body is not None:
             nodes = self.body.pose(t).to_space(nodes)
-        return Triangles(nodes, faces[faces.min(axis=1) >= first] - first)
+        fixed_faces = faces[faces.min(axis=1) >= cloth_node_count]
+        return Triangles(nodes, fixed_faces - cloth_node_count)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """The words of an error for a cloth that passes through the mesh, and what is allowed."""

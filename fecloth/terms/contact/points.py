@@ -124,6 +124,7 @@ class TrianglePoints:
         return values
 
     def between(self, held: np.ndarray) -> np.ndarray:
+        # A node with the shape function 0 does not move the point.
         is_held = np.isin(self.stencil, held)[self.triangles]
         return np.flatnonzero((is_held | (self.shape_functions == 0.0)).all(axis=1))
 
@@ -253,15 +254,18 @@ def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
     """(q, k) values of the shape functions at places (q, 2) of the reference triangle.
 
     Each is 1 at its node and 0 at the others. They are linear within the triangle or, for P2,
-    within the four triangles between its nodes: the surface that is drawn, and that touches
-    itself.
+    within the four triangles between its nodes. This is the surface that is drawn, and the
+    surface for which the cloth touches itself.
     """
     corners = np.column_stack([1 - places.sum(axis=1), places])
     if cloth.element == "P1":
         return corners
-    after = np.roll(corners, -1, axis=1)  # the midpoints of the edges 01, 12 and 20
-    middle = np.minimum(np.minimum(2 * corners, 2 * after), 2 * (corners + after) - 1)
-    return np.maximum(np.hstack([2 * corners - 1, middle]), 0.0)
+    # Column a of `corners` belongs to the corner a, column a of `next_corners` to the next one:
+    # the midpoint between both is the node of the edges 01, 12 and 20.
+    next_corners = np.roll(corners, -1, axis=1)
+    of_both = 2 * (corners + next_corners) - 1
+    midpoints = np.minimum(np.minimum(2 * corners, 2 * next_corners), of_both)
+    return np.maximum(np.hstack([2 * corners - 1, midpoints]), 0.0)
 
 
 def _find_distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -54,7 +54,10 @@ def damping(restitution: float) -> float:
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:
-    """c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`."""
+    """Return c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`.
+
+    A speed of 0 gets `MOST_DAMPING`.
+    """
     y = damping(restitution)
     if y == 0.0:
         return np.zeros(np.shape(speeds))
@@ -82,7 +85,11 @@ class Approach:
         return np.maximum(0.0, 1 - self.a * (s - self.s0))
 
     def value(self, s: np.ndarray) -> np.ndarray:
-        """The potential ∫ p w dσ (p,); +∞ for s ≤ 0."""
+        """Return the potential ∫ p w dσ from s to m (p,), at the distances s (p,) over the gap.
+
+        It is +∞ for s ≤ 0. By parts it is b(s) w(s) − a ∫ b dσ: with w′ = −a, and as b or w is
+        0 at m.
+        """
         with np.errstate(divide="ignore"):
             m = np.minimum(1.0, self.s0 + 1 / self.a)
         w = self.factor(s)

@@ -101,7 +101,10 @@ class Retreat:
         return float((self._energies(self._released(z)) - self._energies(z)).sum())
 
     def held(self, z: np.ndarray) -> np.ndarray:
-        """(m,) p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ) ≥ 0 [N]: so much less each pair pushes."""
+        """Return by how much [N] each pair (m,) pushes less than an elastic pair would; ≥ 0.
+
+        It is p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ).
+        """
         r = self._released(z)
         return self._pushes(z)[0] - self._pushes(r)[0] * np.maximum(1 - z / self.rho, 0.0)
 
@@ -112,8 +115,9 @@ class Retreat:
     def parts(self, y: np.ndarray) -> np.ndarray:
         """The part (m,) of their elastic force with which the pairs push at y (n, 3)."""
         z = self.apart(y)
-        elastic = self._pushes(z)[0]
-        return 1 - self.held(z) / np.where(elastic > 0.0, elastic, 1.0)
+        elastic_push, _ = self._pushes(z)
+        # Without a push, nothing is held back either: the part is 1.
+        return 1 - self.held(z) / np.where(elastic_push > 0.0, elastic_push, 1.0)
 
     def lost(self, y: np.ndarray) -> float:
         """Energy [J] that a step to y dissipates."""
