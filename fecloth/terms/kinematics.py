@@ -37,12 +37,16 @@ def deformation_gradient(
 
 
 def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = ALL) -> np.ndarray:
-    """Smaller and larger principal stretch (m, 2), from the mean FᵀF of each triangle."""
+    """Return the smaller and the larger principal stretch (m, 2) of each triangle.
+
+    They belong to the mean of FᵀF over the area of the triangle.
+    """
     F = deformation_gradient(cloth, x, triangles=triangles)
     weights = cloth.weights[triangles]
     share = weights / weights.sum(axis=1, keepdims=True)
-    right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))
+    mean_FTF = np.einsum("eq,eqij,eqik->ejk", share, F, F)
+    squared_stretches = np.linalg.eigvalsh(mean_FTF)  # of each triangle, the smaller one first
+    return np.sqrt(np.maximum(squared_stretches, 0.0))  # they may be < 0 by round-off
 
 
 def largest_stretch(cloth: Cloth, x: np.ndarray) -> float:

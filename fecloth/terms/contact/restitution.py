@@ -56,7 +56,7 @@ def damping(restitution: float) -> float:
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:
     """Return c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`.
 
-    A speed of 0 gets `MOST_DAMPING`.
+    A speed of 0 gets `MOST_DAMPING`. For the restitution 1, all c are 0.
     """
     y = damping(restitution)
     if y == 0.0:
@@ -87,8 +87,8 @@ class Approach:
     def value(self, s: np.ndarray) -> np.ndarray:
         """Return the potential ∫ p w dσ from s to m (p,), at the distances s (p,) over the gap.
 
-        It is +∞ for s ≤ 0. By parts it is b(s) w(s) − a ∫ b dσ: with w′ = −a, and as b or w is
-        0 at m.
+        It is +∞ for s ≤ 0. By parts, with w′ = −a, it is b(s) w(s) − a ∫ b dσ, as b or w is 0
+        at m.
         """
         with np.errstate(divide="ignore"):
             m = np.minimum(1.0, self.s0 + 1 / self.a)

@@ -70,7 +70,10 @@ class BoundTriangleContact(BoundContact):
 
     @cached_property
     def retreat(self) -> Retreat | None:
-        """The pairs at the begin of the step, which push less over it; None without any."""
+        """The pairs in contact at the begin of the step, which push less while they move apart.
+
+        None if there are none, at one state, and for an elastic contact.
+        """
         moved = self.moved
         if moved is None:
             return None
@@ -111,6 +114,7 @@ class BoundTriangleContact(BoundContact):
         return energy
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force [N] on the nodes without friction; over a step with that of `Retreat`."""
         y = self.place(x, t)
         f = self.sets.force(y)
         if self.retreat:

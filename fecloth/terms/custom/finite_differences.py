@@ -77,7 +77,11 @@ class Derivatives:
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
     def beside(self, rest: np.ndarray) -> np.ndarray:
-        """(m, k, 3) positions in a state near rest, without symmetries."""
+        """Return positions (m, k, 3) [m] near rest, without symmetries.
+
+        They are the same in every call. In a symmetric state, a wrong entry of a derivative could
+        be right by chance.
+        """
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         return rest + 0.05 * self.size[:, None, None] * noise
 
@@ -98,9 +102,10 @@ class Derivatives:
         return True
 
     def check(self, rest: np.ndarray) -> None:
-        """Compare the user's derivatives with differences, in a state near rest.
+        """Compare the user's derivatives with finite differences, in a state near rest.
 
-        Raises `InputError` for the entry that is farthest off.
+        The user's gradient is compared with differences of the value, and the hessian with
+        differences of the gradient. Raises `InputError` for a derivative that differs.
         """
         y = self.beside(rest)
         if self.gradient is not None:

@@ -176,7 +176,7 @@ class BoundUserForce(BoundTerm):
     velocity_dependent = True
 
     def _value(self, x, v, t) -> np.ndarray:
-        """g (n, 3); raises `InputError` if its shape is wrong or it is not finite."""
+        """Return g (n, 3); raise `InputError` if its shape is wrong or it is not finite."""
         return _check_value(self.function(x, v, t), x.shape, "force", t)
 
     def _differentiate(self, x, v, t) -> tuple[np.ndarray, ...]:
@@ -203,6 +203,10 @@ class BoundUserForce(BoundTerm):
         f += self.amount[:, None] * self._value(x, v, t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """Return the compiled calls that add the force, or None.
+
+        Only a force of three numbers has them: it is the same at all x, v and t.
+        """
         if not isinstance(self.function, FormulaForce):
             return None
         if not all(isinstance(part, float) for part in self.function.parts):
@@ -227,7 +231,11 @@ class BoundUserForce(BoundTerm):
 
 
 def _check_value(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
-    """The value of a user's function as an array; raises `InputError` if it is not usable."""
+    """Return the value of a user's function as an array.
+
+    Raises `InputError` if it does not have the `shape`, or is not finite. `name` says which
+    function it is, and t [s] the time of the call.
+    """
     value = np.asarray(value, dtype=float)
     if value.shape != shape or not np.isfinite(value).all():
         what = f"{name} of shape {value.shape} at t = {t:g}"

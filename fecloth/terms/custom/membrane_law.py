@@ -143,7 +143,10 @@ def law(E, c):
 
 
 def floating_point(E, c):
-    """The law with floating-point numbers in place of integers."""
+    """Return W, S and ℂ of the law as floating-point numbers.
+
+    A law may return integers, such as 0, which would have another type for Numba.
+    """
     W, S, C = law(E, c)
     W = 1.0 * W
     S = (1.0 * S[0], 1.0 * S[1], 1.0 * S[2])

@@ -60,7 +60,11 @@ class BoundSides(LengthCondition):
         return rest
 
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
-        """4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I."""
+        """Return 4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I (m, 3, 3, 3, 3), with e₁ = 2e − e₀.
+
+        C̄ is the mean of C at both ends of the step; e₀ (m, 3, 3) are the sides at its begin, and
+        e those at the mean.
+        """
         C = np.sum(e * e, axis=2) - self.rest_over_step(e0, e)
         tension = 2.0 * (self.stiffness @ C[..., None]) * np.eye(3)
         dyads = e[:, :, None, :, None] * (2.0 * e - e0)[:, None, :, None, :]
@@ -70,7 +74,11 @@ class BoundSides(LengthCondition):
 
 
 def _lame(fabric: Fabric) -> np.ndarray:
-    """λ and μ = 2 G as Delingette defines them [N/m]; an orthotropic fabric is an error."""
+    """Return λ and μ = 2 G (2,) [N/m] of a fabric, as Delingette defines them.
+
+    Raises `InputError` for an orthotropic fabric: if warp and weft differ, or if the shear
+    modulus is not Y/(2 (1 + ν)).
+    """
     warp, weft = fabric.tensile
     nu = fabric.poisson_ratio
     if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):

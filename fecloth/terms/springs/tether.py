@@ -93,13 +93,16 @@ class BoundTether(bound_condition.BoundCondition):
         return self.point.rate(t)
 
     def supply(self, x, v, t) -> float:
-        """Power of the hand on the damping, −Σ k_d (v − ṗ)·ṗ [W]; the ledger adds ∂U/∂t."""
+        """Return the power of the hand by the damping, −Σ k_d (v − ṗ)·ṗ [W].
+
+        The power by the springs is not in it: the ledger adds ∂U/∂t.
+        """
         speed = self.speed(t)
         force = np.zeros_like(x)
-        elastic = np.zeros_like(x)
+        elastic_force = np.zeros_like(x)
         super().add_force(x, v - speed, t, force)
-        super().add_force(x, np.zeros_like(x), t, elastic)
-        return float((force - elastic).sum(axis=0) @ speed)
+        super().add_force(x, np.zeros_like(x), t, elastic_force)
+        return float((force - elastic_force).sum(axis=0) @ speed)
 
     def power(self, x, v, t) -> float:
         return super().power(x, v - self.speed(t), t)
