@@ -107,8 +107,8 @@ class DiscreteGradient(BoundTerm):
     def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
         """Return −N/(u·d) u (n, 3) [N], which makes the work of f that of the energy.
 
-        x (n, 3) is the mean position, d (n, 3) = x₁ − x₀ the motion over the step, and f (n, 3) the
-        force at x. The correction is zero where N or u·d is round-off.
+        x (n, 3) are the mean positions, d = x₁ − x₀ (n, 3) is the motion over the step, and
+        f (n, 3) the force at x. The correction is zero where N or u·d is round-off.
         """
         energy_before = self.energy_before
         energy_after = self.term.energy(x + 0.5 * d, self.t)
@@ -182,7 +182,8 @@ class OverMean(BoundTerm):
 def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Return u (n, 3) [kg m]: the mass times a motion d (n, 3), without the rigid part of d.
 
-    The nodes are at x (n, 3) [m], with masses (n,). The formulas stand at the top of this module.
+    The nodes are at x (n, 3) [m], with masses (n,). The formulas stand at the top of this
+    module.
     """
     p = x - mean(mass, x)
     d_without_mean = d - mean(mass, d)

@@ -154,8 +154,9 @@ def _normals_at_surface(
 ) -> np.ndarray:
     """Return the gradients (m, 3) of the distance where ways (m, 3) from a cross the surface.
 
-    `outside` and `inside` (m,) are the two ends of the part of each way that crosses the surface,
-    counted in parts of the way (0 … `PARTS_OF_WAY`). This part is halved again and again.
+    `outside` and `inside` (m,) are the two ends of the part of each way that crosses the
+    surface, counted in parts of the way (0 … `PARTS_OF_WAY`). This part is halved again and
+    again.
     """
     for _ in range(HALVINGS_OF_PART):
         middle = 0.5 * (inside + outside)

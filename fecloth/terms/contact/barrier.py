@@ -77,7 +77,7 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """Return κ [Pa]: the given number or, for "auto", from the weight and stiffness of the fabric.
+    """Return κ [Pa]: the given number, or "auto" from the weight and stiffness of the fabric.
 
     "auto" is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth,
     ε = 1 % and p = −b′. With the first one, a cloth that falls by its own extent still keeps

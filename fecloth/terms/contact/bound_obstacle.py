@@ -88,7 +88,7 @@ class BoundObstacle(BoundContact):
                 yield Contacts(points, point_numbers, y=y[is_touching], s=s, approach=approach)
 
     def _approach(self, kind: int, point_numbers: np.ndarray, s: np.ndarray) -> Approach:
-        """Return how points of a kind came nearer over the step, to the distances s over the gap.
+        """Return how points of a kind came nearer over the step, to distances s over the gap.
 
         `kind` is an index of `points`, and s (p,) belongs to the points `point_numbers` (p,). At
         one state, without a step, the `Approach` is without damping.
@@ -118,7 +118,7 @@ class BoundObstacle(BoundContact):
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     def normal_force(self, contacts: Contacts) -> np.ndarray:
-        """Return −κ A b′(d/gap) max(0, 1 − c ḋ) (p,) [N]: times ∇d, it is the push on a point."""
+        """Return −κ A b′(d/gap) max(0, 1 − c ḋ) (p,) [N]; times ∇d it is the push on a point."""
         force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
         return force * contacts.approach.factor(contacts.s)
 
@@ -154,10 +154,10 @@ class BoundObstacle(BoundContact):
             contacts.points.add_tangent(contacts.point_numbers, sliding.damping(w, weight), J)
 
     def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
-        """Return (p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) [N/m], minus the change of the push with x.
+        """Return κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) (p, 3, 3) [N/m].
 
-        The second part is left out if `definite`: b′ is negative. Over a step, b″ and b′ have the
-        damping in them (`Approach`).
+        It is minus the change of the push with x. The second part, in which b′ is negative, is
+        left out if `definite`. Over a step, b″ and b′ include the damping (`Approach`).
         """
         gradient, hessian = self.slopes(contacts, t)
         normal_stiffness = self.stiffness / self.gap * contacts.areas
@@ -168,7 +168,7 @@ class BoundObstacle(BoundContact):
         return K
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
-        """Return the points that slide at x and t, one `SlidingPoints` for each kind that touches.
+        """Return the points that slide at x and t: a `SlidingPoints` for each kind that touches.
 
         The velocity of the surface is its mean from t to t + dt; for dt = None that at t.
         """

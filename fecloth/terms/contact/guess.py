@@ -70,7 +70,7 @@ class Way:
 def find_guess(
     ways: Sequence[Way], x: np.ndarray, hold: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray | None:
-    """Return positions (n, 3) [m] near x that all contacts allow at the end of the step, or None.
+    """Return positions (n, 3) near x that all contacts allow at the end of the step, or None.
 
     First, each node goes towards x until the first obstacle stops it (`_stop_nodes`). Then all
     nodes together go the part of this way on which no triangle meets anything. This second way

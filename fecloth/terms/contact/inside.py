@@ -31,7 +31,8 @@ def refuse_inside(
             nodes = None
             if points is kinds[0]:  # the error names nodes only, not points inside triangles
                 nodes = point_numbers[is_inside]
-            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[is_inside], what=what)
+            depth = depth[is_inside]
+            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth, what=what)
 
 
 def starts_inside(

@@ -163,7 +163,8 @@ class Obstacle:
         part = float(longest_edges(cloth).max()) / MOST_PARTS
         width = self.shape.width + 2 * self.gap  # the barrier acts on both sides
         thickness = self.shape.thinnest + 2 * self.gap
-        # `part` is the distance of the points on the longest edge, where they are farthest apart.
+        # `part` is the distance of the points on the longest edge, where they are farthest
+        # apart.
         is_wide = width >= LEAST_WIDTH_OVER_PART * part and thickness >= part
         if is_wide or not is_installed():
             return None

@@ -42,11 +42,12 @@ def _rows(pairs: Iterable[tuple[int, int]]) -> np.ndarray:
 
 @kernel
 def square_away_from(x: Array, start: Array, way: Array, drifts: bool) -> float:
-    """Return the square [m²] of the largest distance of a node at x (n, 3) from its straight way.
+    """Return the square [m²] of the largest distance of a node from its straight way.
 
-    The point of each way is `start` + part × `way`, (n, 3) each. The part in [0, 1] is one for
-    all nodes: with it, they are nearest to x in the sense of least squares. If the cloth
-    `drifts`, the mean motion of its nodes does not count, as it changes no distance in the cloth.
+    The nodes are at x (n, 3). The point of each way is `start` + part × `way`, (n, 3) each.
+    The part in [0, 1] is one for all nodes: with it, they are nearest to x in the sense of
+    least squares. If the cloth `drifts`, the mean motion of its nodes does not count, as it
+    changes no distance in the cloth.
     """
     mean = np.zeros(3)  # motion from start to x
     count = len(x)

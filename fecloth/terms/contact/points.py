@@ -95,7 +95,7 @@ class TrianglePoints:
         return self.find_slots(self.stencil)
 
     def candidates(self, node_distances: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """Return the points of triangles that have a node nearer than `reach` + 2 × longest edge.
+        """Return the points of triangles with a node nearer than `reach` + 2 × longest edge.
 
         So no point nearer than `reach` is missed (see `FARTHEST_OVER_EDGE`). `reach` [m] is one
         number, or (n,); `node_distances` (n,) are the distances of the nodes.
@@ -135,11 +135,13 @@ class TrianglePoints:
 
     def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         F = np.ascontiguousarray(F)
-        add_forces(point_numbers, self.triangles, self.shape_functions, self.stencil, F, f)
+        N = self.shape_functions
+        add_forces(point_numbers, self.triangles, N, self.stencil, F, f)
 
     def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         K = np.ascontiguousarray(K)
-        add_tangents(point_numbers, self.triangles, self.shape_functions, self.slots, K, J.values)
+        N = self.shape_functions
+        add_tangents(point_numbers, self.triangles, N, self.slots, K, J.values)
 
 
 Points = NodePoints | TrianglePoints
@@ -290,14 +292,19 @@ def _find_distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.nda
 
 @kernel
 def find_near(
-    triangles: Array, stencil: Array, size: Array, node_distances: Array, reach: Array, near: Array
+    triangles: Array,
+    stencil: Array,
+    size: Array,
+    node_distances: Array,
+    reach: Array,
+    near: Array,
 ) -> int:
     """Write into `near` the numbers of the points that may be near an obstacle; return how many.
 
-    A point may be near if its triangle has a node whose distance (`node_distances`) is less than
-    `reach` plus the `size` of the triangle. `reach` has one entry for all nodes, or one for each.
-    `triangles` (p,) are the triangles of the points. Points of one triangle mostly follow each
-    other: then the nodes of this triangle are looked at only once.
+    A point may be near if its triangle has a node whose distance (`node_distances`) is less
+    than `reach` plus the `size` of the triangle. `reach` has one entry for all nodes, or one
+    for each. `triangles` (p,) are the triangles of the points. Points of one triangle mostly
+    follow each other: then the nodes of this triangle are looked at only once.
     """
     count = 0
     last = -1  # the triangle of the point before
@@ -323,7 +330,12 @@ def find_near(
 
 @kernel
 def gather(
-    point_numbers: Array, triangles: Array, N: Array, stencil: Array, of_nodes: Array, values: Array
+    point_numbers: Array,
+    triangles: Array,
+    N: Array,
+    stencil: Array,
+    of_nodes: Array,
+    values: Array,
 ) -> None:
     """values (p, 3) = Σ_a N_a of_nodes[a], at the points `point_numbers` (p,)."""
     for i in range(len(point_numbers)):

@@ -171,10 +171,10 @@ class Shape:
         return Pose(self.rotate.matrix(t, since=0.0), np.array(self.rotate.point, float), u)
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the velocity (3,) of one point of the body, the angular velocity, and this point.
+        """Return the velocity of one point of the body, the angular velocity, and this point.
 
-        They are in space at the time t: in m/s, (3,) in 1/s, and (3,) in m. The point lies on the
-        axis of rotation. Without a rotation every point has the velocity, and it is the origin.
+        Each is (3,), in space at the time t: in m/s, in 1/s and in m. The point lies on the axis
+        of rotation. Without a rotation all points have this velocity, and the point is 0.
         """
         velocity = self._motion.rate(t)
         if self.rotate is None:
@@ -258,7 +258,7 @@ class Sdf(Shape):
         """The three first derivatives, and the second derivatives as rows of a matrix."""
         coordinates = VARIABLES[:3]  # without t
         first = [self._formula.derivative(coordinate) for coordinate in coordinates]
-        second = [[slope.derivative(coordinate) for coordinate in coordinates] for slope in first]
+        second = [[slope.derivative(by) for by in coordinates] for slope in first]
         return first, second
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:

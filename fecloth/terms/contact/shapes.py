@@ -255,7 +255,7 @@ class Box(Shape):
             raise InputError(f"size = {self.size!r}", "must be > 0 [m]", "Box")
 
     def _from_faces(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the signs (m, 3) of y − center, and the distances q (m, 3) from the faces' planes.
+        """Return the signs (m, 3) of y − center, and distances q (m, 3) from the faces' planes.
 
         q is negative between the two planes of an axis.
         """
@@ -327,7 +327,7 @@ class Disk(Shape):
         return q, _length(q), height
 
     def _beyond(self, radius: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far (m,) [m] points are beyond the rim, and beyond the faces; < 0 inside."""
+        """Return how far (m,) [m] points are beyond the rim and beyond the faces; < 0 inside."""
         return radius - self.radius, abs(height) - 0.5 * self.thickness
 
     @property

@@ -52,8 +52,8 @@ def surface_of(shape: Shape, t: float, place: np.ndarray, reach: float) -> Trian
 def _surface_in_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
     """Return the surface of a shape at the time t, with points in the frame of the shape.
 
-    Of an endless shape, and of a formula, it is the part within `reach` [m] of `place` (3,), which
-    is in that frame, too.
+    Of an endless shape, and of a formula, it is the part within `reach` [m] of `place` (3,),
+    which is in that frame, too.
     """
     if isinstance(shape, shapes.Sphere):
         half_circle = _arc(shape.radius, from_quarter=-1, to_quarter=1)
@@ -104,8 +104,8 @@ def _across(axis: np.ndarray) -> np.ndarray:
 def _turn_profile(profile: np.ndarray, middle, axis) -> Triangles:
     """Return the surface of revolution of a profile.
 
-    The profile (k, 2) has the radius r and the height z of its points. The axis (3,) may have any
-    length; it passes through the point `middle` (3,) with the height 0.
+    The profile (k, 2) has the radius r and the height z of its points. The axis (3,) may have
+    any length; it passes through the point `middle` (3,) with the height 0.
     """
     axis = np.array(axis, float) / np.linalg.norm(axis)
     corners = CORNERS_OF_CIRCLE

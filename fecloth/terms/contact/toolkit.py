@@ -313,8 +313,8 @@ class ContactSets:
     def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
         """Return the rate Σ μ λ f₀(y) [W] of friction, and its force (n, 3) [N].
 
-        The force is minus the derivative of the rate by the velocities v (n, 3) [m/s]. `lagged` is
-        the result of `lag`, and `creep` the speed ε [m/s].
+        The force is minus the derivative of the rate by the velocities v (n, 3) [m/s].
+        `lagged` is the result of `lag`, and `creep` the speed ε [m/s].
         """
         if not len(lagged):
             return 0.0, np.zeros_like(v)

@@ -140,7 +140,7 @@ class BoundTriangleContact(BoundContact):
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
     def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
-        """Return (3n, 3n) wx K of the barrier, and `weight` D of friction; None if both are zero.
+        """Return wx K of the barrier plus `weight` D of friction (3n, 3n); None if both are 0.
 
         K has the part of `Retreat` over a step. If `definite`, K has no negative parts.
         """

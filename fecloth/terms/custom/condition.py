@@ -236,8 +236,8 @@ def read_table(y, c, order, C, g, H):
     """Fill C, g = ∂C and H = ∂²C from the row c of `BoundUserCondition.table`.
 
     The row has the n values of C, then n d values of ∂C, then n d² values of ∂²C, for the d
-    coordinates of the nodes. Coordinate a is the component a % 3 of node a // 3. The arguments are
-    those of every family of conditions: see `loops.condition`.
+    coordinates of the nodes. Coordinate a is the component a % 3 of node a // 3. The arguments
+    are those of every family of conditions: see `loops.condition`.
     """
     n = len(C)
     d = 3 * len(y)

@@ -61,10 +61,10 @@ class Derivatives:
         return 0.5 * (H + H.transpose(0, 1, 4, 5, 2, 3))
 
     def differentiate(self, function: Function, y: np.ndarray) -> np.ndarray:
-        """Return the derivative (m, …, k, 3) of a function by y (m, k, 3), by central differences.
+        """Return the derivative (m, …, k, 3) of a function by y (m, k, 3), from differences.
 
-        The function takes positions (m, k, 3) and returns (m, …). It is called four times for each
-        of the 3 k coordinates; a coordinate is moved in all m stencils at once.
+        The function takes positions (m, k, 3) and returns (m, …). It is called four times for
+        each of the 3 k coordinates; a coordinate is moved in all m stencils at once.
         """
         m, k, _ = y.shape
         h = STEP_OVER_SIZE * self.size[:, None, None]
@@ -72,15 +72,15 @@ class Derivatives:
         for unit_vector in np.eye(3 * k).reshape(3 * k, k, 3):
             terms = [weight * function(y + s * h * unit_vector) for s, weight in WEIGHTS]
             difference = np.asarray(sum(terms))
-            h_of_rows = h.reshape(m, *[1] * (difference.ndim - 1))  # with the axes of `difference`
+            h_of_rows = h.reshape(m, *[1] * (difference.ndim - 1))  # axes as of `difference`
             columns.append(difference / h_of_rows)
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
     def beside(self, rest: np.ndarray) -> np.ndarray:
         """Return positions (m, k, 3) [m] near rest, without symmetries.
 
-        They are the same in every call. In a symmetric state, a wrong entry of a derivative could
-        be right by chance.
+        They are the same in every call. In a symmetric state, a wrong entry of a derivative
+        could be right by chance.
         """
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         return rest + 0.05 * self.size[:, None, None] * noise
@@ -88,8 +88,8 @@ class Derivatives:
     def is_objective(self, rest: np.ndarray) -> bool:
         """Whether no rigid motion changes C, tested near `rest` (m, k, 3).
 
-        Then ∂C has no resultant, as no translation changes C, and no moment, as no rotation does.
-        A NaN counts as not objective.
+        Then ∂C has no resultant, as no translation changes C, and no moment, as no rotation
+        does. A NaN counts as not objective.
         """
         y = self.beside(rest)
         arms = (y - y.mean(axis=1, keepdims=True))[:, None]

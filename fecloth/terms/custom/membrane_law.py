@@ -78,8 +78,8 @@ class MembraneLaw:
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
         """Check the law, compile it, and bind the membrane.
 
-        Raises `InputError` for wrong constants, for a wrong law (`check_law`), and for a law that
-        Numba cannot compile.
+        Raises `InputError` for wrong constants, for a wrong law (`check_law`), and for a law
+        that Numba cannot compile.
         """
         name = type(self).__name__
         constants = panel.each(self._row)

@@ -20,8 +20,8 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
     """Bind the springs of all triangles; raise `InputError` for an orthotropic fabric.
 
     Each triangle is a condition with three components and a matrix k (3, 3). Its damping is
-    k_d = `damping` k, with `damping` in s. `slots` are those of `Term.bind`, and `tangent` is that
-    of `Springs`.
+    k_d = `damping` k, with `damping` in s. `slots` are those of `Term.bind`, and `tangent` is
+    that of `Springs`.
     """
     cloth = panel.cloth
     corners = cloth.X[cloth.stencil]
@@ -62,8 +62,8 @@ class BoundSides(LengthCondition):
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
         """Return 4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I (m, 3, 3, 3, 3), with e₁ = 2e − e₀.
 
-        C̄ is the mean of C at both ends of the step; e₀ (m, 3, 3) are the sides at its begin, and
-        e those at the mean.
+        C̄ is the mean of C at both ends of the step; e₀ (m, 3, 3) are the sides at its begin,
+        and e those at the mean.
         """
         C = np.sum(e * e, axis=2) - self.rest_over_step(e0, e)
         tension = 2.0 * (self.stiffness @ C[..., None]) * np.eye(3)

@@ -46,7 +46,8 @@ class Net:
         """Return the stiffness k (s,) [N/m] of the springs of a structural network.
 
         `stiffness` has three values [N/m], for stretch, shear and bend. Where one is None, it
-        follows from the fabric. Raises `InputError` for a fabric that these springs cannot model.
+        follows from the fabric. Raises `InputError` for a fabric that these springs cannot
+        model.
         """
         stretch, shear, bend = stiffness
         k_of_class = {EDGE: stretch, WARP: stretch, WEFT: stretch, SHEAR: shear, BEND: bend}
