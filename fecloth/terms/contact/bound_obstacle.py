@@ -95,6 +95,7 @@ class BoundObstacle(BoundContact):
         """
         if self.moved is None:
             return Approach(s0=s, a=np.zeros(len(s)))
+        # The damping of restitutions 0 and 1 depends on no speed, and no speeds are recorded.
         first_touch_speeds = np.zeros(len(s))
         if self.moved.speeds:
             first_touch_speeds = self.moved.speeds[kind][point_numbers]
@@ -243,7 +244,8 @@ class BoundObstacle(BoundContact):
         if not 0.0 < self.restitution < 1.0:
             return ()
         if self.moved is None:
-            return tuple(np.full(len(points.areas), UNKNOWN_SPEED) for points in self.points)
+            point_counts = [len(points.areas) for points in self.points]
+            return tuple(np.full(count, UNKNOWN_SPEED) for count in point_counts)
         all_speeds = []
         for kind, speeds_before in enumerate(self.moved.speeds):
             all_points = np.arange(len(speeds_before))

@@ -128,6 +128,8 @@ class ContactSets:
             mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
             is_edge_of_cloth = edges.max(axis=1) < len(rest)
             largest_of_cloth = np.array(mesh.edge_areas)[is_edge_of_cloth].max()
+            # A fixed mesh with larger parts than the cloth must not weight contacts with its own
+            # areas: see `largest`.
             if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > largest_of_cloth:
                 largest = 0.5 * float(largest_of_cloth)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
@@ -340,8 +342,9 @@ class ContactSets:
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
         """Return a part α ≤ 1 for which nothing meets on the straight way to x + α (y − x).
 
-        It is nearly the largest one: `PART_OF_FREE_WAY` of the way to the first collision that
-        the toolkit detects, which itself leaves some distance. x and y are (n, 3).
+        It is 1 if nothing meets on all of the way. Otherwise it is `PART_OF_FREE_WAY` of the way
+        to the first collision that the toolkit detects, which itself leaves some distance. x and
+        y are (n, 3) [m].
         """
         # Without a contact, `least_distance` is infinite, but it is only known that no parts
         # are nearer than the gap.
