@@ -91,31 +91,39 @@ class DiscreteGradient(BoundTerm):
         return self.term.energy(self.start, self.t)
 
     def add_force(self, x: np.ndarray, v: np.ndarray, t: float, f: np.ndarray) -> None:
-        """f += f̄, and damping by the velocity v as at x [N]."""
-        elastic = np.zeros_like(f)
+        """f (n, 3) += f̄ [N], and the damping by the velocity v (n, 3) at the mean x.
+
+        Only the force at v = 0 is corrected, as it alone must do the work of the energy.
+        """
+        elastic_force = np.zeros_like(f)
         d = 2.0 * (x - self.start)
-        self.acting.add_force(x, np.zeros_like(v), t, elastic)
-        f += elastic + self.correction(x, d, elastic)
+        self.acting.add_force(x, np.zeros_like(v), t, elastic_force)
+        f += elastic_force + self.correction(x, d, elastic_force)
         if self.velocity_dependent:
+            # The term adds both forces at once: the elastic one, already added, is taken away.
             self.acting.add_force(x, v, t, f)
-            f -= elastic
+            f -= elastic_force
 
     def correction(self, x: np.ndarray, d: np.ndarray, f: np.ndarray) -> np.ndarray:
-        """−N/(u·d) u (n, 3) [N] for the force f at x, or zero if N or u·d is round-off."""
-        before = self.energy_before
-        after = self.term.energy(x + 0.5 * d, self.t)
-        N = after - before + dot(f, d)
-        if abs(N) <= ROUND_OFF_OVER_ENERGIES * (abs(before) + abs(after)):
+        """Return −N/(u·d) u (n, 3) [N], which makes the work of f that of the energy.
+
+        x (n, 3) are the mean positions, d = x₁ − x₀ (n, 3) is the motion over the step, and
+        f (n, 3) the force at x. The correction is zero where N or u·d is round-off.
+        """
+        energy_before = self.energy_before
+        energy_after = self.term.energy(x + 0.5 * d, self.t)
+        N = energy_after - energy_before + dot(f, d)
+        if abs(N) <= ROUND_OFF_OVER_ENERGIES * (abs(energy_before) + abs(energy_after)):
             return np.zeros_like(f)
-        momentum = self.mass[:, None] * d
-        u = momentum
-        if self.term.objective:
+        mass_times_d = self.mass[:, None] * d
+        u = mass_times_d
+        if self.term.objective:  # no rigid motion changes its energy
             u = deformation(self.mass, x, d)
-        along = dot(u, d)
-        is_rigid = along <= np.finfo(float).eps * dot(momentum, d)
-        if is_rigid:
+        u_dot_d = dot(u, d)
+        is_rigid_motion = u_dot_d <= np.finfo(float).eps * dot(mass_times_d, d)
+        if is_rigid_motion:
             return np.zeros_like(f)
-        return -N / along * u
+        return -N / u_dot_d * u
 
     def work_of_clamps(self, old: At, new: At, stages: Sequence[At]) -> float:
         """Work [J] that moves the normals of clamps: the change of energy by time alone.
@@ -124,7 +132,7 @@ class DiscreteGradient(BoundTerm):
         work of the energy with these normals. What is left is the change of the energy at the
         old positions up to the mean time, and at the new positions from then on.
         """
-        if self.term.work_of_clamps(old, new, stages) == 0.0:
+        if self.term.work_of_clamps(old, new, stages) == 0.0:  # no clamps that move
             return 0.0
         energy = self.term.energy
         x_old, t_old = old
@@ -172,12 +180,17 @@ class OverMean(BoundTerm):
 
 
 def deformation(mass: np.ndarray, x: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """u (n, 3) [kg m] of a motion d (n, 3) of nodes at x (n, 3), without its rigid part."""
+    """Return u (n, 3) [kg m]: the mass times a motion d (n, 3), without the rigid part of d.
+
+    The nodes are at x (n, 3) [m], with masses (n,). The formulas stand at the top of this
+    module.
+    """
     p = x - mean(mass, x)
-    r = d - mean(mass, d)
+    d_without_mean = d - mean(mass, d)
     products = np.einsum("a,ai,aj->ij", mass, p, p)
-    moment = np.einsum("a,ai->i", mass, np.cross(p, r))
+    moment = np.einsum("a,ai->i", mass, np.cross(p, d_without_mean))
     inertia = np.trace(products) * np.eye(3) - products
-    # Least squares: of nodes on one straight line, ω has no part along it.
-    omega = np.linalg.lstsq(inertia, moment, rcond=None)[0]
-    return mass[:, None] * (r - np.cross(omega, p))
+    # The inertia of nodes on one straight line is singular. Least squares then give the ω that
+    # has no part along this line.
+    omega, *_ = np.linalg.lstsq(inertia, moment, rcond=None)
+    return mass[:, None] * (d_without_mean - np.cross(omega, p))

@@ -37,12 +37,16 @@ def deformation_gradient(
 
 
 def principal_stretches(cloth: Cloth, x: np.ndarray, triangles: slice = ALL) -> np.ndarray:
-    """Smaller and larger principal stretch (m, 2), from the mean FᵀF of each triangle."""
+    """Return the smaller and the larger principal stretch (m, 2) of each triangle.
+
+    They belong to the mean of FᵀF over the area of the triangle.
+    """
     F = deformation_gradient(cloth, x, triangles=triangles)
     weights = cloth.weights[triangles]
     share = weights / weights.sum(axis=1, keepdims=True)
-    right = np.einsum("eq,eqij,eqik->ejk", share, F, F)
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(right), 0.0))
+    mean_FTF = np.einsum("eq,eqij,eqik->ejk", share, F, F)
+    squared_stretches = np.linalg.eigvalsh(mean_FTF)  # of each triangle, the smaller one first
+    return np.sqrt(np.maximum(squared_stretches, 0.0))  # they may be < 0 by round-off
 
 
 def largest_stretch(cloth: Cloth, x: np.ndarray) -> float:
@@ -57,7 +61,11 @@ def extreme_stretches(cloth: Cloth, x: np.ndarray) -> tuple[float, float]:
 
 @kernel
 def _extreme_stretches(K, Q, nodes, G, x):
-    """√ of the least and of the largest eigenvalue of FᵀF = 2E + I, over all triangles."""
+    """Return the smallest and the largest principal stretch, over all points of all triangles.
+
+    They are the roots of the eigenvalues of FᵀF = 2E + I, which are mean ± radius. Returns NaN
+    for both if any of them is NaN.
+    """
     least = np.inf
     largest = 0.0
     for e in range(len(nodes)):
@@ -66,13 +74,13 @@ def _extreme_stretches(K, Q, nodes, G, x):
             mean = 1.0 + (E11 + E22)
             half_difference = 0.5 * (E11 - E22)
             radius = 2.0 * math.sqrt(half_difference * half_difference + E12 * E12)
-            if mean != mean or radius != radius:
+            if mean != mean or radius != radius:  # NaN, which no comparison below would find
                 return math.nan, math.nan
             if mean - radius < least:
                 least = mean - radius
             if mean + radius > largest:
                 largest = mean + radius
-    return math.sqrt(max(least, 0.0)), math.sqrt(largest)
+    return math.sqrt(max(least, 0.0)), math.sqrt(largest)  # least may be < 0 by round-off
 
 
 @kernel

@@ -56,9 +56,10 @@ class Term(Protocol):
             The cloth with its fabrics: ``panel.cloth`` is the mesh, ``panel.density`` the mass
             per area, ``panel.gradients`` the gradients of the shape functions in warp and weft.
         slots
-            ``slots(stencil)`` (m, k, k) is the block of the matrix for each pair of nodes of a
-            stencil, as an index into ``J.values``. Call it once, here or at the first tangent. A
-            run of an explicit method asks for no tangent: called there, no matrix is made.
+            ``slots(stencil)`` (m, k, k) is the number of the block of the matrix for each pair
+            of nodes of a stencil, as an index into ``J.values``. Call it once, here or at the
+            first tangent. The first call makes the pattern of the matrix. An explicit method
+            needs no tangent: a term that calls it at the first tangent saves this work.
         """
 
 
@@ -402,16 +403,19 @@ def is_description(value: object) -> bool:
 
 
 def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
-    """The nodes (m, k) that a term couples, or None.
+    """Return the nodes (m, k) that a term couples, or None; they are checked.
 
-    Raises `InputError` for an array of another shape or type, and for nodes that the cloth does
-    not have.
+    Raises `InputError` for anything but an array (m, k) of whole numbers, and for nodes that the
+    cloth does not have.
     """
     nodes = term.stencil(cloth)
     name = type(term).__name__
     if nodes is None:
         return None
-    if not (isinstance(nodes, np.ndarray) and nodes.ndim == 2 and nodes.dtype.kind in "iu"):
+    is_table_of_nodes = (
+        isinstance(nodes, np.ndarray) and nodes.ndim == 2 and nodes.dtype.kind in "iu"
+    )
+    if not is_table_of_nodes:
         what = f"stencil(cloth) = {brief(nodes)}"
         if isinstance(nodes, np.ndarray):
             what = f"stencil(cloth) of shape {nodes.shape} and type {nodes.dtype}"
@@ -423,49 +427,53 @@ def stencil(term: Term, cloth: Cloth) -> np.ndarray | None:
 
 
 def bound(term: Term, panel: Panel, slots: Callable) -> BoundTerm:
-    """The bound term of a description, checked.
+    """Bind a term, check the bound term, and return it.
 
     Raises `InputError` if it does not derive from `BoundTerm`, or lacks an attribute or a
-    function that a bound term must have.
+    function that it must have: those in `ALWAYS`, `energy` if it `has_energy`, and `power` if it
+    is `dissipative`.
     """
     call = f"{type(term).__name__}.bind(panel, slots)"
-    made = check_derived(term.bind(panel, slots), call)
-    wanted = list(ALWAYS)
-    if getattr(made, "has_energy", False):
-        wanted.append("energy")
-    if made.dissipative:
-        wanted.append("power")
-    if missing := [name for name in wanted if _lacks(made, name)]:
-        what = f"{call} gives {with_article(type(made).__name__)}"
+    bound_term = check_derived(term.bind(panel, slots), call)
+    required_names = list(ALWAYS)
+    if getattr(bound_term, "has_energy", False):
+        required_names.append("energy")
+    if bound_term.dissipative:
+        required_names.append("power")
+    missing_names = [name for name in required_names if _lacks(bound_term, name)]
+    if missing_names:
+        what = f"{call} gives {with_article(type(bound_term).__name__)}"
         remedy = "help(fecloth.terms.protocol.BoundTerm) says what each is."
-        raise InputError(what, f"must have {', '.join(missing)}", "System", remedy)
-    return made
+        raise InputError(what, f"must have {', '.join(missing_names)}", "System", remedy)
+    return bound_term
 
 
-def check_derived(made: object, call: str) -> BoundTerm:
-    """What a function of a term made, if its class derives from `BoundTerm`.
+def check_derived(result: object, call: str) -> BoundTerm:
+    """Return the result of a function of a term, if its class derives from `BoundTerm`.
 
-    `call` is the function with its arguments, for the `InputError` about any other object.
+    Raises `InputError` for any other object; `call` names the function with its arguments, such
+    as "Gravity.bind(panel, slots)".
     """
-    if isinstance(made, BoundTerm):
-        return made
-    kind = type(made)
+    if isinstance(result, BoundTerm):
+        return result
+    result_class = type(result)
     raise InputError(
-        f"{call} gives {with_article(kind.__name__)}",
+        f"{call} gives {with_article(result_class.__name__)}",
         "must be an object of a class that derives from fecloth.BoundTerm",
         "System",
-        f"Write `class {_suggest_name(kind)}(fc.BoundTerm):`.",
+        f"Write `class {_suggest_name(result_class)}(fc.BoundTerm):`.",
     )
 
 
-def _suggest_name(kind: type) -> str:
-    """The name of the class in the line that a user must write."""
-    if kind.__module__ == "builtins":  # a number, None, …: there is no class of the user yet
+def _suggest_name(result_class: type) -> str:
+    """Return the name of the class for the line of code that a user must write."""
+    # A number, None, …: there is no class of the user yet.
+    if result_class.__module__ == "builtins":
         return "MyBound"
-    return kind.__name__
+    return result_class.__name__
 
 
-def _lacks(made: BoundTerm, name: str) -> bool:
+def _lacks(bound_term: BoundTerm, name: str) -> bool:
     """Whether a bound term has no attribute of a name, or only the function of `BoundTerm`."""
     is_function = callable(vars(BoundTerm).get(name))
-    return not hasattr(made, name) or (is_function and not has_own(made, name))
+    return not hasattr(bound_term, name) or (is_function and not has_own(bound_term, name))

@@ -27,18 +27,23 @@ def remembered(cls: C) -> C:
     parameters = getattr(cls, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen:
         raise InputError(f"class {name}", "must be a frozen dataclass", "remembered")
-    known = RECORDS.get(name, cls)
-    if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-        remedy = f"{known.__module__} has a class of this name: give yours another."
+    # A module that is imported again marks its classes again: the same names are no conflict.
+    marked_before = RECORDS.get(name, cls)
+    before = (marked_before.__module__, marked_before.__qualname__)
+    if before != (cls.__module__, cls.__qualname__):
+        remedy = f"{marked_before.__module__} has a class of this name: give yours another."
         raise InputError(f"class {name}", "must have a name of its own", "remembered", remedy)
     RECORDS[name] = cls
     return cls
 
 
 def slope(plus: Any, minus: Any, width: float) -> Any:
-    """(plus − minus)/width of all real numbers in two records; None for all other values.
+    """Return the difference quotient (plus − minus)/width of two records of the same class.
 
-    The slope of a record is a mapping, with the slopes of its fields by their names.
+    `plus` and `minus` are records, mappings, tuples, or values in them. The slope of a record or
+    a mapping is a dict, with the slopes of its parts by their names; of a tuple it is a tuple.
+    Only numbers and arrays of type float have a slope. All other values have None, and so has a
+    record without parts.
 
     Raises
     ------
@@ -52,13 +57,13 @@ def slope(plus: Any, minus: Any, width: float) -> Any:
     """
     if isinstance(plus, float | np.floating | np.ndarray):
         array = np.asarray(plus)
-        if array.dtype.kind != "f" or minus is None:
+        if array.dtype.kind != "f" or minus is None:  # whole numbers, such as counts
             return None
         if array.shape != np.shape(minus):
             raise ValueError(f"arrays of shapes {array.shape} and {np.shape(minus)}")
         return (plus - minus) / width
     if isinstance(plus, tuple):
-        if all(isinstance(part, str) for part in (*plus, *minus)):
+        if all(isinstance(part, str) for part in (*plus, *minus)):  # texts may differ in number
             return None
         return tuple(slope(p, m, width) for p, m in zip(plus, minus, strict=True))
     names = _names(plus)
@@ -68,7 +73,10 @@ def slope(plus: Any, minus: Any, width: float) -> Any:
 
 
 def shift(record: Any, slopes: Any, size: float) -> Any:
-    """The record + size × slopes, as `slope` gives them; the record itself without slopes."""
+    """Return a copy of the record with its numbers increased by size × slopes.
+
+    `slopes` come from `slope`. Values without a slope (None) stay as they are.
+    """
     if slopes is None or record is None:
         return record
     if isinstance(record, tuple):

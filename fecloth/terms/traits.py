@@ -67,10 +67,10 @@ class TermTraits:
     space_error: str = ""
 
     def __post_init__(self) -> None:
-        for name, known in (("kind", KINDS), ("damps", DAMPED)):
+        for name, allowed_values in (("kind", KINDS), ("damps", DAMPED)):
             value = getattr(self, name)
-            if value not in known:
-                allowed = f"must be one of {', '.join(map(repr, known))}"
+            if value not in allowed_values:
+                allowed = f"must be one of {', '.join(map(repr, allowed_values))}"
                 raise InputError(f"{name} = {value!r}", allowed, "TermTraits")
         if tuple(self.elements) not in (("P1",), ("P2",), BOTH, BOTH[::-1]):
             allowed = 'must be ("P1",), ("P2",) or ("P1", "P2")'
@@ -89,20 +89,26 @@ CONTACT = TermTraits("contact", BOTH)
 
 
 def traits_of(term: Any) -> TermTraits:
-    """The traits of a description or of its class, with those in attributes of their own.
+    """Return the traits of a description, or of the class of a description.
 
-    Raises `InputError` for `traits` that are no `TermTraits`.
+    They are its attribute `traits`, or the default traits. Three traits may also be attributes
+    of their own (`PLAIN`), which then count. Raises `InputError` for `traits` that are no
+    `TermTraits`.
     """
     traits = getattr(term, "traits", TermTraits())
     if not isinstance(traits, TermTraits):
-        kind = type(term)
+        term_class = type(term)
         if isinstance(term, type):
-            kind = term
-        what = f"{kind.__name__}.traits = {brief(traits)}"
-        raise InputError(what, "must be a TermTraits(kind=...)", kind.__name__)
-    own = {trait: getattr(term, name) for trait, name in PLAIN.items() if hasattr(term, name)}
-    if own:
-        return replace(traits, **own)
+            term_class = term
+        what = f"{term_class.__name__}.traits = {brief(traits)}"
+        raise InputError(what, "must be a TermTraits(kind=...)", term_class.__name__)
+    own_traits = {
+        trait: getattr(term, attribute)
+        for trait, attribute in PLAIN.items()
+        if hasattr(term, attribute)
+    }
+    if own_traits:
+        return replace(traits, **own_traits)
     return traits
 
 

@@ -28,14 +28,18 @@ SLOPE_RESERVE = 1.5
 
 
 def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) -> np.ndarray:
-    """The part (m,) in [0, 1] of each way that its point may go and stay outside of a shape.
+    """Return the part (m,) in [0, 1] of each way that its point may go outside of a shape.
+
+    Each iteration takes a point on by a part of its way that is safe. It ends where the point
+    can go all of its way, or where nearly no room is left before the least distance. After
+    `MOST_ADVANCES` iterations the part so far is returned, which is safe, too.
 
     Parameters
     ----------
     y
-        The points (m, 3) [m], in the frame of the shape. A point inside may not move.
+        The points (m, 3) [m], in the frame of the shape. A point inside may not move: part 0.
     way
-        The ways (m, 3) [m], in that frame.
+        The straight ways (m, 3) of the points [m], as displacements in that frame.
     t
         The time [s] for which the shape is taken.
     gap
@@ -43,30 +47,38 @@ def advance(shape: Shape, y: np.ndarray, way: np.ndarray, t: float, gap: float) 
     """
     parts = np.ones(len(y))
     d = shape.distance(y, t)
-    least = LEAST_PART_LEFT * np.minimum(d, gap)
+    least_distance = LEAST_PART_LEFT * np.minimum(d, gap)
     if shape.convex:
-        going = np.flatnonzero(d - least < _lengths(way))
+        # The distance of a convex shape changes by no more than a point moves: where the way
+        # is shorter than the room, all of it is free.
+        moving_points = np.flatnonzero(d - least_distance < _lengths(way))
     else:
-        going = np.arange(len(y))
-    parts[going] = 0.0
+        moving_points = np.arange(len(y))
+    parts[moving_points] = 0.0
     for _ in range(MOST_ADVANCES):
-        if not len(going):
+        if not len(moving_points):
             break
-        place = y[going] + parts[going, None] * way[going]
-        room = shape.distance(place, t) - least[going]
-        has_room = room > ROOM_OVER_LEAST_DISTANCE * least[going]
-        going = going[has_room]
-        approach = _bound_approach(shape, place[has_room], way[going], t)
+        places = y[moving_points] + parts[moving_points, None] * way[moving_points]
+        room = shape.distance(places, t) - least_distance[moving_points]
+        has_room = room > ROOM_OVER_LEAST_DISTANCE * least_distance[moving_points]
+        moving_points = moving_points[has_room]
+        approach = _bound_approach(shape, places[has_room], way[moving_points], t)
+        # An approach of 0 means that all the rest of the way is free: room/0 = infinity.
         with np.errstate(divide="ignore"):
-            parts[going] = np.minimum(1.0, parts[going] + room[has_room] / approach)
-        going = going[parts[going] < 1.0]
+            added_parts = room[has_room] / approach
+        parts[moving_points] = np.minimum(1.0, parts[moving_points] + added_parts)
+        moving_points = moving_points[parts[moving_points] < 1.0]
     return parts
 
 
-def _bound_approach(shape: Shape, place: np.ndarray, way: np.ndarray, t: float) -> np.ndarray:
-    """(m,) by how much [m] the whole way brings a point nearer at most, seen from its place."""
-    gradient = shape.gradient(place, t)
-    if shape.convex:
+def _bound_approach(shape: Shape, places: np.ndarray, way: np.ndarray, t: float) -> np.ndarray:
+    """Return a bound (m,) [m] on how much nearer to the shape the whole way brings each point.
+
+    The points are now at `places` (m, 3), and the bound follows from the slope of the distance
+    there.
+    """
+    gradient = shape.gradient(places, t)
+    if shape.convex:  # the distance lies above its tangent
         return np.maximum(-np.einsum("mi,mi->m", gradient, way), 0.0)
     return SLOPE_RESERVE * _lengths(gradient) * _lengths(way)
 
@@ -77,47 +89,59 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def move_out(shape: Shape, y: np.ndarray, wanted: np.ndarray, t: float) -> np.ndarray:
-    """Move points (n, 3) that are nearer than a distance `wanted` (n,) along its slope to it."""
+    """Return the points y (n, 3), moved to where their distance is at least `wanted` (n,) [m].
+
+    Each point that is nearer is moved along the gradient of the distance, by steps of Newton's
+    method. After `MOST_MOVES_OUT` steps a point may still be a little too near.
+    """
     y = y.copy()
     for _ in range(MOST_MOVES_OUT):
         d = shape.distance(y, t)
-        close = np.flatnonzero(d < wanted)
-        if not len(close):
+        near_points = np.flatnonzero(d < wanted)
+        if not len(near_points):
             break
-        gradient = shape.gradient(y[close], t)
-        part = (wanted - d)[close] / np.einsum("mi,mi->m", gradient, gradient)
-        y[close] += part[:, None] * gradient
+        gradient = shape.gradient(y[near_points], t)
+        # Newton's step along g = ∇d, from d + s |g|² = wanted.
+        s = (wanted - d)[near_points] / np.einsum("mi,mi->m", gradient, gradient)
+        y[near_points] += s[:, None] * gradient
     return y
 
 
 def goes_through(shape: Shape, a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Whether each straight way (m,) from a to b (m, 3) goes in and comes out behind the shape.
+    """Return whether each straight way (m,) from a to b (m, 3) passes through the shape.
 
-    Behind means that the normals where it enters and where it leaves are more than a right
-    angle apart.
+    Such a way enters the shape and leaves it behind: the normals at its first entry and at its
+    last exit are more than a right angle apart. A way that ends inside does not pass through.
+    The way is looked at in `PARTS_OF_WAY` parts: a shape between two of these places is missed.
     """
-    through = np.zeros(len(a), bool)
-    way = b - a
+    is_through = np.zeros(len(a), bool)
+    displacements = b - a
     ways = np.arange(len(a))
     if shape.convex:
-        ways = np.flatnonzero(shape.distance(a, t) + shape.distance(b, t) < _lengths(way))
+        # The distance of a convex shape changes by no more than a point moves. So a way that is
+        # not longer than the two distances together does not get inside.
+        distances = shape.distance(a, t) + shape.distance(b, t)
+        ways = np.flatnonzero(distances < _lengths(displacements))
     if not len(ways):
-        return through
+        return is_through
     parts = np.linspace(0.0, 1.0, PARTS_OF_WAY + 1)
-    places = a[ways, None] + parts[:, None] * way[ways, None]
+    places = a[ways, None] + parts[:, None] * displacements[ways, None]
     d = shape.distance(places.reshape(-1, 3), t).reshape(len(ways), -1)
-    enters = (d[:, :-1] > 0) & (d[:, 1:] <= 0)
+    enters = (d[:, :-1] > 0) & (d[:, 1:] <= 0)  # (ways, PARTS_OF_WAY): in which parts
     leaves = (d[:, :-1] <= 0) & (d[:, 1:] > 0)
-    rows = np.flatnonzero(enters.any(axis=1) & leaves.any(axis=1))
-    ways = ways[rows]
-    entry = enters[rows].argmax(axis=1)
-    exit_ = PARTS_OF_WAY - 1 - leaves[rows, ::-1].argmax(axis=1)
-    begin = a[ways]
-    there = way[ways]
-    n_entry = _normals_at_surface(shape, begin, there, t, outside=entry, inside=entry + 1)
-    n_exit = _normals_at_surface(shape, begin, there, t, outside=exit_ + 1, inside=exit_)
-    through[ways] = np.einsum("mi,mi->m", n_entry, n_exit) < 0.0
-    return through
+    crossing_rows = np.flatnonzero(enters.any(axis=1) & leaves.any(axis=1))
+    ways = ways[crossing_rows]
+    first_entry = enters[crossing_rows].argmax(axis=1)
+    # argmax finds the first True, so the parts are reversed to find the last exit.
+    last_exit = PARTS_OF_WAY - 1 - leaves[crossing_rows, ::-1].argmax(axis=1)
+    n_entry = _normals_at_surface(
+        shape, a[ways], displacements[ways], t, outside=first_entry, inside=first_entry + 1
+    )
+    n_exit = _normals_at_surface(
+        shape, a[ways], displacements[ways], t, outside=last_exit + 1, inside=last_exit
+    )
+    is_through[ways] = np.einsum("mi,mi->m", n_entry, n_exit) < 0.0
+    return is_through
 
 
 def _normals_at_surface(
@@ -128,10 +152,11 @@ def _normals_at_surface(
     outside: np.ndarray,
     inside: np.ndarray,
 ) -> np.ndarray:
-    """(m, 3) gradients of the distance where ways (m, 3) from a (m, 3) cross the surface.
+    """Return the gradients (m, 3) of the distance where ways (m, 3) from a cross the surface.
 
-    `outside` and `inside` (m,) are the ends of the part in which each does so, in numbers of
-    the parts of a way. That part is halved again and again.
+    `outside` and `inside` (m,) are the two ends of the part of each way that crosses the
+    surface, counted in parts of the way (0 … `PARTS_OF_WAY`). This part is halved again and
+    again.
     """
     for _ in range(HALVINGS_OF_PART):
         middle = 0.5 * (inside + outside)

@@ -60,10 +60,11 @@ def check_numbers(where: str, gap: float, friction: float, stiffness: Stiffness)
 
 
 def check_restitution(where: str, restitution: float, of_pairs: bool = False) -> None:
-    """Raise `InputError` for a restitution out of 0 … 1.
+    """Raise `InputError` for a restitution outside of 0 … 1.
 
-    Pairs of triangles (`of_pairs`) can have 0 or 1 only: over a step such a pair is known where
-    it moves apart, and not where it comes nearer (see `retreat`).
+    A contact between triangles (`of_pairs`) can have 0 or 1 only. Its pairs are known at the
+    begin of a step, so that damping can act while they move apart, but not while they come
+    nearer (see `retreat`).
     """
     is_in_range = is_number(restitution) and 0.0 <= restitution <= 1.0
     if not is_in_range or (of_pairs and 0.0 < restitution < 1.0):
@@ -76,7 +77,7 @@ def check_restitution(where: str, restitution: float, of_pairs: bool = False) ->
 
 
 def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
-    """κ [Pa]: the given number or, for "auto", from the weight and stiffness of the fabric.
+    """Return κ [Pa]: the given number, or "auto" from the weight and stiffness of the fabric.
 
     "auto" is the larger of ρ g L/gap and Y ε/(L p(0.9)), with the extent L of the cloth,
     ε = 1 % and p = −b′. With the first one, a cloth that falls by its own extent still keeps
@@ -87,7 +88,7 @@ def stiffness_of(stiffness: Stiffness, panel: Panel, gap: float) -> float:
         return float(stiffness)
     extent = panel.cloth.extent
     g = float(np.linalg.norm(Gravity().acceleration))
-    weight = max(fabric.areal_density for fabric in panel.fabrics) * g
+    weight_per_area = max(fabric.areal_density for fabric in panel.fabrics) * g
     tension = STRAIN_OF_TENSION * max(max(fabric.tensile) for fabric in panel.fabrics)
-    resting = float(pressure(np.array(RESTING_DISTANCE_OVER_GAP)))
-    return max(weight * extent / gap, tension / extent / resting)
+    resting_pressure = float(pressure(np.array(RESTING_DISTANCE_OVER_GAP)))  # over κ
+    return max(weight_per_area * extent / gap, tension / extent / resting_pressure)

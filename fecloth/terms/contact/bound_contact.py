@@ -163,9 +163,10 @@ class BoundContact(BoundTerm):
     def struck(
         self, x: np.ndarray, end: np.ndarray, t: float, dt: float, held: np.ndarray
     ) -> np.ndarray:
-        """The nodes `held` that pass into something on the way from x to `end` in the time dt.
+        """Return the nodes, among those `held` by pins, that pins move into something.
 
-        So do nodes where a point passes between nodes that are all held.
+        The way goes from x at the time t to `end` at t + dt. A point between nodes counts, too,
+        if all of these nodes are held: then they are returned.
         """
         raise NotImplementedError
 
@@ -197,10 +198,10 @@ class BoundContact(BoundTerm):
         return sum(sliding.power(w) for sliding, w in self.rubbing(x, v, t))
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
-        """Work [J] on the cloth by a shape that deforms from the time `before` to t.
+        """Return the work [J] on the cloth by a shape that deforms from the time `before` to t.
 
-        The cloth is at y (n, 3) before, in the frame of the body, and at x in space at the
-        end.
+        The cloth is at y (n, 3) at the time `before`, in the frame of the body, and at x (n, 3)
+        in space at the time t.
         """
         return 0.0
 
@@ -245,19 +246,20 @@ class ContactOverStep(BoundTerm):
 
     @cached_property
     def last(self) -> Touched:
-        """The step before."""
+        """The record of the step before; in a first step, of a cloth at rest at the start."""
         start = self.step.start
         t = self.step.t
         if self.step.history:
             return self.step.history
         speeds = self.contact.speeds(start, t)
+        # Start and end are the same, so that any dt gives the speed 0.
         return Touched(place=start, start=start, begin=t, dt=1.0, speeds=speeds)
 
     @cached_property
     def acting(self) -> BoundContact:
-        """The contact over this step."""
+        """The contact as it acts over this step: where it dissipates, with the step's data."""
         step = self.step
-        if step.increment:
+        if step.increment:  # an increment of the loads has no speeds, and so no damping
             return self.contact
         moved = Touched(
             place=step.start,
@@ -269,6 +271,7 @@ class ContactOverStep(BoundTerm):
         return self.contact.over(moved)
 
     def commit(self, x: np.ndarray, t: float) -> Touched | None:
+        """Return the record of this step, which ends at x and t; None if none is needed."""
         if not self.contact.keeps_history:
             return None
         step = self.step
@@ -282,16 +285,24 @@ class ContactOverStep(BoundTerm):
 
     @cached_property
     def sliding(self) -> Sequence[Sliding]:
-        """What slides at the begin of the step, where the cloth touched last."""
+        """What slides over the step, with fixed normal forces and directions of sliding.
+
+        In a step of time, these are taken at its begin, where the last step ended. In an
+        increment of the loads they are taken at the end of the increment, as far as it is known
+        from the iteration before (`Increment.place`), and else at its begin.
+        """
         if not self.contact.friction:
             return ()
         step = self.step
         end = self.end
         if not step.increment:
-            return self.contact.over(self.last).lag(self.last.place, step.t, step.dt)
+            # The normal forces at the end of the last step include its damping.
+            contact = self.contact.over(self.last)
+            return contact.lag(self.last.place, step.t, dt=step.dt)
         if step.increment.place is None:
-            return self.contact.lag(step.start, step.t, end - step.t)
-        return self.contact.lag(step.increment.place, end, step.t - end)
+            return self.contact.lag(step.start, step.t, dt=end - step.t)
+        # Seen from the end, the increment is passed backwards: dt < 0.
+        return self.contact.lag(step.increment.place, end, dt=step.t - end)
 
     @cached_property
     def past(self) -> Sequence[np.ndarray]:
@@ -326,7 +337,10 @@ class ContactOverStep(BoundTerm):
         return self.acting.couplings(x, t, wx, self.rubbing(x), weight, definite)
 
     def dissipation(self, x: np.ndarray) -> float:
-        """dt Σ μ λ f₁(y) y [J] with the velocity over the step, and what damping takes."""
+        """Return the energy [J] that friction and damping dissipate in a step that ends at x.
+
+        Friction dissipates dt Σ μ λ f₁(y) y, with the mean velocity over the step.
+        """
         power = 0.0
         start = self.step.start
         dt = self.step.dt
@@ -336,18 +350,22 @@ class ContactOverStep(BoundTerm):
         return dt * power + self.acting.lost(x, self.end)
 
     def work(self, x: np.ndarray) -> float:
-        """Force [N] at the end times the way of the surface where the cloth began [J]."""
+        """Return the work [J] of the body on the cloth over the step; 0 without a body.
+
+        It is the force at the end x of the step times the way on which the body carries the
+        nodes from their positions at its begin, plus the work of a shape that deforms.
+        """
         contact = self.contact
         start = self.step.start
         t = self.end
         if contact.body is None:
             return 0.0
-        begin = contact.body.pose(self.step.t).to_body(start)
+        begin_in_body = contact.body.pose(self.step.t).to_body(start)
         f = np.zeros_like(x)
-        self.add_force(x, start, t, f)
-        carried = contact.body.pose(t).to_space(begin) - start
-        shape = self.acting.work_of_shape(begin, x, self.step.t, t)
-        return float((f * carried).sum()) + shape
+        self.add_force(x, start, t, f)  # its second argument, the velocity, is not used
+        carried_way = contact.body.pose(t).to_space(begin_in_body) - start
+        work_of_shape = self.acting.work_of_shape(begin_in_body, x, before=self.step.t, t=t)
+        return float((f * carried_way).sum()) + work_of_shape
 
     def way(self, t: float) -> Way:
         begin = self.contact.begin(self.step, t)

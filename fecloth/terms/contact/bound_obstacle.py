@@ -68,36 +68,46 @@ class BoundObstacle(BoundContact):
         return not self.friction
 
     def touching(self, x: np.ndarray, t: float) -> Iterator[Contacts]:
-        """The points nearer than the gap, of each kind."""
+        """Yield the points nearer than the gap, with their distances: one `Contacts` a kind.
+
+        A kind without such points is left out.
+        """
         pose = self.shape.pose(t)
-        at_nodes = self.shape.distance(pose.to_body(x), t)
+        node_distances = self.shape.distance(pose.to_body(x), t)
         for kind, points in enumerate(self.points):
-            which = points.candidates(at_nodes, self.gap)
-            if not len(which):
+            point_numbers = points.candidates(node_distances, self.gap)
+            if not len(point_numbers):
                 continue
-            y = pose.to_body(points.values(x, which))
+            y = pose.to_body(points.values(x, point_numbers))
             s = self.shape.distance(y, t) / self.gap
             is_touching = s < 1.0
             if is_touching.any():
-                which = which[is_touching]
+                point_numbers = point_numbers[is_touching]
                 s = s[is_touching]
-                approach = self._approach(kind, which, s)
-                yield Contacts(points, which, y=y[is_touching], s=s, approach=approach)
+                approach = self._approach(kind, point_numbers, s)
+                yield Contacts(points, point_numbers, y=y[is_touching], s=s, approach=approach)
 
-    def _approach(self, kind: int, which: np.ndarray, s: np.ndarray) -> Approach:
-        """How the points `which` of a kind come to the distances s (p,) over the gap."""
+    def _approach(self, kind: int, point_numbers: np.ndarray, s: np.ndarray) -> Approach:
+        """Return how points of a kind came nearer over the step, to distances s over the gap.
+
+        `kind` is an index of `points`, and s (p,) belongs to the points `point_numbers` (p,). At
+        one state, without a step, the `Approach` is without damping.
+        """
         if self.moved is None:
             return Approach(s0=s, a=np.zeros(len(s)))
-        speeds = np.zeros(len(s))
+        # The damping of restitutions 0 and 1 depends on no speed, and no speeds are recorded.
+        first_touch_speeds = np.zeros(len(s))
         if self.moved.speeds:
-            speeds = self.moved.speeds[kind][which]
-        before = self.distances(self.moved.start, self.moved.begin, kind, which)
-        c = rates(self.restitution, speeds)
+            first_touch_speeds = self.moved.speeds[kind][point_numbers]
+        before = self.distances(self.moved.start, self.moved.begin, kind, point_numbers)
+        c = rates(self.restitution, first_touch_speeds)
         return Approach(s0=before / self.gap, a=c * self.gap / self.moved.dt)
 
-    def distances(self, x: np.ndarray, t: float, kind: int, which: np.ndarray) -> np.ndarray:
-        """(p,) distances [m] of the points `which` of a kind."""
-        y = self.shape.pose(t).to_body(self.points[kind].values(x, which))
+    def distances(
+        self, x: np.ndarray, t: float, kind: int, point_numbers: np.ndarray
+    ) -> np.ndarray:
+        """Distances (p,) [m] of the points `point_numbers` of a kind (an index of `points`)."""
+        y = self.shape.pose(t).to_body(self.points[kind].values(x, point_numbers))
         return self.shape.distance(y, t)
 
     def slopes(self, contacts: Contacts, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -109,7 +119,7 @@ class BoundObstacle(BoundContact):
         return gradient @ R.T, np.einsum("ij,pjk,lk->pil", R, hessian, R)
 
     def normal_force(self, contacts: Contacts) -> np.ndarray:
-        """(p,) −κ A b′(d/gap) max(0, 1 − c ḋ), the factor of ∇d [N]."""
+        """Return −κ A b′(d/gap) max(0, 1 − c ḋ) (p,) [N]; times ∇d it is the push on a point."""
         force = self.stiffness * contacts.areas * barrier.pressure(contacts.s)
         return force * contacts.approach.factor(contacts.s)
 
@@ -127,71 +137,89 @@ class BoundObstacle(BoundContact):
             sliding.add_force(w, f)
 
     def add_push(self, x: np.ndarray, t: float, f: np.ndarray) -> None:
-        """f −= κ A b′ ∇d [N], the force without friction."""
+        """f (n, 3) −= κ A b′ ∇d [N], the force without friction; NaN if a point is inside."""
         for contacts in self.touching(x, t):
-            if contacts.s.min() <= 0.0:
+            if contacts.s.min() <= 0.0:  # inside, where the barrier has no force
                 f += np.nan
                 return
-            gradient = self.slopes(contacts, t)[0]
-            contacts.points.add_force(
-                contacts.which, self.normal_force(contacts)[:, None] * gradient, f
-            )
+            gradient, _ = self.slopes(contacts, t)
+            push = self.normal_force(contacts)[:, None] * gradient
+            contacts.points.add_force(contacts.point_numbers, push, f)
 
     def add_tangents(self, x, t, wx, rubbing, weight, J, definite) -> None:
         for contacts in self.touching(x, t):
-            contacts.points.add_tangent(
-                contacts.which, wx * self.push_tangent(contacts, t, definite), J
-            )
+            K = self.push_tangent(contacts, t, definite)
+            contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
         for sliding, w in rubbing:
             contacts = sliding.contacts
-            contacts.points.add_tangent(contacts.which, sliding.damping(w, weight), J)
+            contacts.points.add_tangent(contacts.point_numbers, sliding.damping(w, weight), J)
 
     def push_tangent(self, contacts: Contacts, t: float, definite: bool) -> np.ndarray:
-        """(p, 3, 3) κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d), without the second part if `definite`."""
+        """Return κ A (b″/gap ∇d ∇dᵀ + b′ ∇²d) (p, 3, 3) [N/m].
+
+        It is minus the change of the push with x. The second part, in which b′ is negative, is
+        left out if `definite`. Over a step, b″ and b′ include the damping (`Approach`).
+        """
         gradient, hessian = self.slopes(contacts, t)
-        steep = self.stiffness / self.gap * contacts.areas
-        steep *= contacts.approach.curvature(contacts.s)
-        K = steep[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
+        normal_stiffness = self.stiffness / self.gap * contacts.areas
+        normal_stiffness *= contacts.approach.curvature(contacts.s)
+        K = normal_stiffness[:, None, None] * gradient[:, :, None] * gradient[:, None, :]
         if not definite:
             K -= self.normal_force(contacts)[:, None, None] * hessian
         return K
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingPoints]:
-        """The points of each kind that slide at x and t, with μ λ, normals and velocities."""
+        """Return the points that slide at x and t: a `SlidingPoints` for each kind that touches.
+
+        The velocity of the surface is its mean from t to t + dt; for dt = None that at t.
+        """
         pose = self.shape.pose(t)
-        sliding = []
+        all_sliding = []
         for contacts in self.touching(x, t):
-            gradient = self.slopes(contacts, t)[0]
-            steep = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
-            limit = self.friction * self.normal_force(contacts) * steep
-            surface = self.shape.mean_velocity(contacts.y, pose.to_space(contacts.y), t, dt)
-            n = gradient / steep[:, None]
-            sliding.append(
-                SlidingPoints(contacts=contacts, limit=limit, n=n, surface=surface, eps=self.creep)
+            gradient, _ = self.slopes(contacts, t)
+            # The length of ∇d is not 1 where the distance is a formula.
+            gradient_length = np.sqrt(np.einsum("mi,mi->m", gradient, gradient))
+            places = pose.to_space(contacts.y)
+            sliding = SlidingPoints(
+                contacts=contacts,
+                limit=self.friction * self.normal_force(contacts) * gradient_length,
+                n=gradient / gradient_length[:, None],
+                surface=self.shape.mean_velocity(contacts.y, places, t, dt),
+                eps=self.creep,
             )
-        return sliding
+            all_sliding.append(sliding)
+        return all_sliding
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D; K is not symmetric with friction, and without that if `definite`."""
+        """J += wx K + wv D.
+
+        With friction, K has a part that is not symmetric: the change of friction with x. It is
+        left out if `definite`.
+        """
         super().add_tangent(x, v, t, wx, wv, J, definite)
         if definite or not self.friction:
             return
-        spin = np.cross(self.shape.rates(t)[1], np.eye(3)).T
-        for sliding in self.lag(x, t, None):
+        _, angular_velocity, _ = self.shape.rates(t)
+        spin = np.cross(angular_velocity, np.eye(3)).T  # ∂(ω × x)/∂x
+        for sliding in self.lag(x, t, dt=None):
             contacts = sliding.contacts
-            change = -self.friction * self.push_tangent(contacts, t, definite)
+            change = -self.friction * self.push_tangent(contacts, t, definite=False)
             K = sliding.stiffness(sliding.values(v), change, spin)
-            contacts.points.add_tangent(contacts.which, wx * K, J)
+            contacts.points.add_tangent(contacts.point_numbers, wx * K, J)
 
     def work_of_shape(self, y: np.ndarray, x: np.ndarray, before: float, t: float) -> float:
-        """Work [J] on the cloth by a shape that deforms: the force times what the shape grows."""
+        """Return the work [J] on the cloth by a shape that deforms; 0 for all other shapes.
+
+        It is the push at the end, times the change of the distance by the deformation alone, at
+        the places y (n, 3) in the frame of the body, where the cloth was at the time `before`.
+        """
         if not self.shape.deforms:
             return 0.0
         work = 0.0
         for contacts in self.touching(x, t):
-            there = contacts.points.values(y, contacts.which)
-            grown = self.shape.distance(there, t) - self.shape.distance(there, before)
-            work -= float(self.normal_force(contacts) @ grown)
+            places = contacts.points.values(y, contacts.point_numbers)
+            change = self.shape.distance(places, t) - self.shape.distance(places, before)
+            work -= float(self.normal_force(contacts) @ change)  # a shape that grows: change < 0
         return work
 
     def over(self, moved: Touched) -> BoundObstacle:
@@ -207,31 +235,46 @@ class BoundObstacle(BoundContact):
         return self.stiffness * self.gap * total
 
     def speeds(self, x: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
+        """Return `Touched.speeds` (p,) of each kind of points after a step that ends at x and t.
+
+        A point in the gap keeps its known speed. Any other point gets the mean speed with which
+        it came nearer over this step, as it may touch in the next one. At one state, without a
+        step, all speeds are unknown. Restitutions 0 and 1 need no speeds: then it returns ().
+        """
         if not 0.0 < self.restitution < 1.0:
             return ()
         if self.moved is None:
-            return tuple(np.full(len(points.areas), UNKNOWN_SPEED) for points in self.points)
-        speeds = []
-        for kind, before in enumerate(self.moved.speeds):
-            all_points = np.arange(len(before))
+            point_counts = [len(points.areas) for points in self.points]
+            return tuple(np.full(count, UNKNOWN_SPEED) for count in point_counts)
+        all_speeds = []
+        for kind, speeds_before in enumerate(self.moved.speeds):
+            all_points = np.arange(len(speeds_before))
             d = self.distances(x, t, kind, all_points)
-            nearer = self.distances(self.moved.start, self.moved.begin, kind, all_points) - d
-            keeps = (d < self.gap) & (before < UNKNOWN_SPEED)
-            speeds.append(np.where(keeps, before, np.maximum(nearer / self.moved.dt, 0.0)))
-        return tuple(speeds)
+            d_before = self.distances(self.moved.start, self.moved.begin, kind, all_points)
+            speeds_now = np.maximum((d_before - d) / self.moved.dt, 0.0)
+            keeps_speed = (d < self.gap) & (speeds_before < UNKNOWN_SPEED)
+            all_speeds.append(np.where(keeps_speed, speeds_before, speeds_now))
+        return tuple(all_speeds)
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
-        speeds = [0.0]
+        """Return the largest speed [m/s] with which a point newly enters the gap; 0 without any.
+
+        Only points count that are in the gap at x and t, and were outside of it in the `State`
+        `old`: the others have touched before. The speed is that of `old`, along the normal.
+        """
+        new_speeds = [0.0]
         pose = self.shape.pose(old.t)
         for contacts in self.touching(x, t):
-            place = contacts.points.values(old.x, contacts.which)
-            v = contacts.points.values(old.v, contacts.which)
-            y = pose.to_body(place)
-            n = self.shape.slopes(y, old.t)[0] @ pose.R.T
+            places = contacts.points.values(old.x, contacts.point_numbers)
+            v = contacts.points.values(old.v, contacts.point_numbers)
+            y = pose.to_body(places)
+            gradient, _ = self.shape.slopes(y, old.t)
+            n = gradient @ pose.R.T
             n /= np.linalg.norm(n, axis=1, keepdims=True)
-            nearer = np.einsum("pi,pi->p", n, self.shape.velocity(place, old.t) - v)
-            speeds += nearer[self.shape.distance(y, old.t) >= self.gap].tolist()
-        return max(speeds)
+            speeds = np.einsum("pi,pi->p", n, self.shape.velocity(places, old.t) - v)
+            was_outside = self.shape.distance(y, old.t) >= self.gap
+            new_speeds += speeds[was_outside].tolist()
+        return max(new_speeds)
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no point passes into the obstacle up to x + α s."""
@@ -242,28 +285,35 @@ class BoundObstacle(BoundContact):
     def _free_part(
         self, kinds: Sequence[Points], x: np.ndarray, pose: Pose, way: np.ndarray, t: float
     ) -> float:
-        """The part of the way (n, 3) in the body, from x in space, on which no point enters."""
-        at_nodes = self.shape.distance(pose.to_body(x), t)
-        least = 1.0
+        """Return the part in [0, 1] of the nodes' ways on which no point enters the shape.
+
+        The ways (n, 3) are displacements [m] in the frame of the body. They begin at the
+        positions x (n, 3), which `pose` takes into this frame. The shape is taken at the time t.
+        """
+        node_distances = self.shape.distance(pose.to_body(x), t)
+        free_part = 1.0
+        # `advance` limits no point that stays farther away than the gap.
         reach = np.sqrt(np.einsum("ni,ni->n", way, way)) + self.gap
         for points in kinds:
-            which = points.candidates(at_nodes, reach)
-            if len(which):
-                y = pose.to_body(points.values(x, which))
-                ways = points.values(way, which)
-                least = min(least, float(advance(self.shape, y, ways, t, self.gap).min()))
-        return least
+            point_numbers = points.candidates(node_distances, reach)
+            if len(point_numbers):
+                y = pose.to_body(points.values(x, point_numbers))
+                ways = points.values(way, point_numbers)
+                parts = advance(self.shape, y, ways, t, self.gap)
+                free_part = min(free_part, float(parts.min()))
+        return free_part
 
     def begin(self, step: StepDifference, t: float) -> np.ndarray:
         begin = self.shape.pose(step.t).to_body(step.start)
         if self.shape.deforms:
-            return self._make_way(begin, step.t, t)
+            return self._move_nodes_out(begin, before=step.t, t=t)
         return begin
 
     def parts(self, begin: np.ndarray, end: np.ndarray, t: float) -> np.ndarray:
         return advance(self.shape, begin, end - begin, t, self.gap)
 
     def free_part(self, begin: np.ndarray, end: np.ndarray, t: float) -> float:
+        # The nodes, points[0], have been stopped one by one already (`parts`).
         return self._free_part(self.points[1:], begin, AT_REST, end - begin, t)
 
     def allows(self, x: np.ndarray, t: float) -> bool:
@@ -273,13 +323,14 @@ class BoundObstacle(BoundContact):
         """Whether a point passes through the shape on its straight way in the shape's frame."""
         begin = self.shape.pose(old.t).to_body(old.x)
         end = self.shape.pose(t).to_body(x)
-        at_nodes = self.shape.distance(begin, t)
+        node_distances = self.shape.distance(begin, t)
         way = end - begin
+        # A node that moves by less than its distance does not even touch the shape.
         reach = np.sqrt(np.einsum("ni,ni->n", way, way))
         for points in self.points:
-            which = points.candidates(at_nodes, reach)
-            a = points.values(begin, which)
-            b = points.values(end, which)
+            point_numbers = points.candidates(node_distances, reach)
+            a = points.values(begin, point_numbers)
+            b = points.values(end, point_numbers)
             if goes_through(self.shape, a, b, t).any():
                 return True
         return False
@@ -288,53 +339,63 @@ class BoundObstacle(BoundContact):
         return self.shape.distance(self.shape.pose(t).to_body(x), t)
 
     def struck(self, x, end, t, dt, held) -> np.ndarray:
+        """Return the nodes `held` by pins that are inside the shape at `end`, at t + dt.
+
+        With them are the nodes of a point inside, if pins hold all of them.
+        """
         y = self.shape.pose(t + dt).to_body(end)
-        nodes = []
+        struck_nodes = []
         for points in self.points:
-            which = points.between(held)
-            inside = self.shape.distance(points.values(y, which), t + dt) <= 0.0
-            nodes.append(points.nodes(which[inside]))
-        return np.unique(np.concatenate(nodes))
+            point_numbers = points.between(held)
+            is_inside = self.shape.distance(points.values(y, point_numbers), t + dt) <= 0.0
+            struck_nodes.append(points.nodes(point_numbers[is_inside]))
+        return np.unique(np.concatenate(struck_nodes))
 
-    def _make_way(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
-        """Move nodes y (n, 3), in the frame of a shape that deforms, out of it at the time t.
+    def _move_nodes_out(self, y: np.ndarray, before: float, t: float) -> np.ndarray:
+        """Return nodes y (n, 3), moved out of a shape that deforms, as it is at the time t.
 
-        They get the distance that they had at the time `before`, but no more than a gap. Where
-        points inside triangles need it, they get 1, 2, 4, … gaps more.
+        The nodes are in the frame of the shape. They get the distance that they had at the time
+        `before`, but no more than a gap. If points inside triangles are still in the shape then,
+        all nodes get 1, 2, 4, … gaps more. With `MOST_GAPS_MORE` the result is returned as it
+        is, perhaps with points inside.
         """
         shape = self.shape
         pose = self.shape.pose(t)
-        wanted = np.minimum(shape.distance(y, before), self.gap)
+        wanted_distances = np.minimum(shape.distance(y, before), self.gap)
         gaps_more = 0
         while True:
-            moved = move_out(shape, y, wanted + gaps_more * self.gap, t)
+            moved = move_out(shape, y, wanted_distances + gaps_more * self.gap, t)
             is_outside = self.least_distance(pose.to_space(moved), t) > 0.0
             if is_outside or gaps_more == MOST_GAPS_MORE:
                 return moved
             gaps_more = max(1, 2 * gaps_more)
 
     def least_distance(self, x: np.ndarray, t: float) -> float:
-        """The least distance [m] of a point of any kind from the shape."""
+        """Return the least distance [m] of all points from the shape; negative inside."""
         pose = self.shape.pose(t)
-        at_nodes = self.shape.distance(pose.to_body(x), t)
-        least = float(at_nodes.min())
-        for points in self.points[1:]:
-            which = points.candidates(at_nodes, least)
-            if len(which):
-                y = pose.to_body(points.values(x, which))
+        node_distances = self.shape.distance(pose.to_body(x), t)
+        least = float(node_distances.min())
+        for points in self.points[1:]:  # the points inside triangles, if there are any
+            point_numbers = points.candidates(node_distances, least)
+            if len(point_numbers):
+                y = pose.to_body(points.values(x, point_numbers))
                 least = min(least, float(self.shape.distance(y, t).min()))
         return least
 
     def mean_distance(self, x: np.ndarray, t: float) -> float:
-        """The mean distance [m] of the points that it pushes, by their force; NaN without any."""
-        force = moment = 0.0
+        """Return the mean distance [m] of the points that it pushes; NaN if it pushes none.
+
+        Each distance is weighted with the normal force at the point.
+        """
+        total_force = 0.0
+        force_times_distance = 0.0
         for contacts in self.touching(x, t):
             push = self.normal_force(contacts)
-            force = force + push.sum()
-            moment = moment + push @ contacts.s * self.gap
-        if force == 0.0:
+            total_force = total_force + push.sum()
+            force_times_distance = force_times_distance + push @ contacts.s * self.gap
+        if total_force == 0.0:
             return math.nan
-        return float(moment / force)
+        return float(force_times_distance / total_force)
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
         f = np.zeros_like(x)
@@ -342,13 +403,19 @@ class BoundObstacle(BoundContact):
         return f
 
     def slip(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) velocity [m/s] of the nodes in the gap, along and relative to the surface.
+
+        All other nodes have 0.
+        """
         slip = np.zeros_like(x)
         pose = self.shape.pose(t)
         y = pose.to_body(x)
-        touching = np.flatnonzero(self.shape.distance(y, t) < self.gap)
-        n = self.shape.slopes(y[touching], t)[0] @ pose.R.T
+        nodes_in_gap = np.flatnonzero(self.shape.distance(y, t) < self.gap)
+        gradient, _ = self.shape.slopes(y[nodes_in_gap], t)
+        n = gradient @ pose.R.T
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        slip[touching] = along(n, v[touching] - self.shape.velocity(x[touching], t))
+        relative_v = v[nodes_in_gap] - self.shape.velocity(x[nodes_in_gap], t)
+        slip[nodes_in_gap] = along(n, relative_v)
         return slip
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:

@@ -37,11 +37,15 @@ def factor(y: np.ndarray, eps: float) -> np.ndarray:
 
 
 def slope(w: np.ndarray, eps: float) -> np.ndarray:
-    """(m, 3, 3) ∂(f₁(y)/y w)/∂w of velocities w (m, 3); positive semi-definite."""
+    """Return ∂(f₁(y)/y w)/∂w (m, 3, 3) at velocities w (m, 3) [m/s]; positive semi-definite.
+
+    It is f₁/y I + (f₁/y)′/y w wᵀ, with the derivative by y.
+    """
     y = np.sqrt(np.einsum("mi,mi->m", w, w))
     y_or_one = np.where(y > 0.0, y, 1.0)  # where w is zero, so is w wᵀ
-    change = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2) / y_or_one
-    rank_one = change[:, None, None] * w[:, :, None] * w[:, None, :]
+    factor_slope = np.where(y < eps, -1 / eps**2, -1 / np.maximum(y, eps) ** 2)
+    factor_slope_over_y = factor_slope / y_or_one
+    rank_one = factor_slope_over_y[:, None, None] * w[:, :, None] * w[:, None, :]
     return factor(y, eps)[:, None, None] * np.eye(3) + rank_one
 
 
@@ -95,7 +99,7 @@ class SlidingPoints:
     eps: float
 
     def values(self, of_nodes: np.ndarray) -> np.ndarray:
-        return self.contacts.points.values(of_nodes, self.contacts.which)
+        return self.contacts.points.values(of_nodes, self.contacts.point_numbers)
 
     def slip(self, v: np.ndarray) -> np.ndarray:
         return along(self.n, v - self.surface)
@@ -110,34 +114,39 @@ class SlidingPoints:
     def add_force(self, w: np.ndarray, f: np.ndarray) -> None:
         """f (n, 3) −= μ λ f₁(y)/y w [N]."""
         size = self.limit * factor(np.linalg.norm(w, axis=1), self.eps)
-        self.contacts.points.add_force(self.contacts.which, -size[:, None] * w, f)
+        self.contacts.points.add_force(self.contacts.point_numbers, -size[:, None] * w, f)
 
     def damping(self, w: np.ndarray, weight: float = 1.0) -> np.ndarray:
         """(p, 3, 3) `weight` times −∂F/∂v, positive semi-definite."""
-        along = self._across @ slope(w, self.eps) @ self._across
-        return weight * self.limit[:, None, None] * along
+        slope_along_surface = self._across @ slope(w, self.eps) @ self._across
+        return weight * self.limit[:, None, None] * slope_along_surface
 
     def stiffness(self, v: np.ndarray, change: np.ndarray, spin: np.ndarray) -> np.ndarray:
-        """(p, 3, 3) −∂F/∂x of a state, not symmetric, with F = −(f₁/y) w μ λ.
+        """Return −∂F/∂x (p, 3, 3) [N/m] of F = −μ λ (f₁/y) w at one state; it is not symmetric.
+
+        With r = v − surface, w = r − n (n · r) changes because the normal n turns with x, and
+        because the velocity of the obstacle does; λ changes, too.
 
         Parameters
         ----------
         v
             Velocities (p, 3) of the points [m/s].
         change
-            Change (p, 3, 3) of μ λ n with x [N/m]: it turns the normals, and so w.
+            ∂(μ λ n)/∂x (p, 3, 3) [N/m].
         spin
-            Change (3, 3) of the velocity of the obstacle with x [1/s].
+            ∂surface/∂x (3, 3) [1/s], with the velocity `surface` of the obstacle.
         """
         w = self.slip(v)
-        relative = v - self.surface
-        turned = self._across @ change
-        lifted = np.einsum("mi,mi->m", self.n, relative)[:, None, None] * turned
-        lifted += self.n[:, :, None] * (relative[:, None] @ turned)
-        moved = lifted + self.limit[:, None, None] * self._across @ spin
-        by_force = w[:, :, None] * (self.n[:, None] @ change)
+        r = v - self.surface
+        turn_of_n = self._across @ change  # μ λ ∂n/∂x, as n keeps its length
+        # −μ λ ∂w/∂x: by the turn of n, in both of its places, and by the obstacle's velocity
+        minus_dw = np.einsum("mi,mi->m", self.n, r)[:, None, None] * turn_of_n
+        minus_dw += self.n[:, :, None] * (r[:, None] @ turn_of_n)
+        minus_dw = minus_dw + self.limit[:, None, None] * self._across @ spin
+        by_change_of_force = w[:, :, None] * (self.n[:, None] @ change)  # w ⊗ ∂(μ λ)/∂x
         y = np.linalg.norm(w, axis=1)
-        return factor(y, self.eps)[:, None, None] * by_force - slope(w, self.eps) @ moved
+        by_change_of_force = factor(y, self.eps)[:, None, None] * by_change_of_force
+        return by_change_of_force - slope(w, self.eps) @ minus_dw
 
     @property
     def _across(self) -> np.ndarray:

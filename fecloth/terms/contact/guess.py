@@ -44,7 +44,11 @@ class Way:
         return body.pose(self.t).to_space(self.begin)
 
     def stop(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The part (n,) of its way to x that each node may go, and its place (n, 3) then."""
+        """Return the part (n,) of its way to x that each node may go, and its place (n, 3) then.
+
+        x (n, 3) and the places [m] are in space. If all nodes may go all of their way, x itself
+        is returned, without round-off by the frame.
+        """
         end = self.to_body(x)
         parts = self.contact.parts(self.begin, end, self.t)
         if (parts == 1.0).all():
@@ -66,12 +70,40 @@ class Way:
 def find_guess(
     ways: Sequence[Way], x: np.ndarray, hold: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray | None:
-    """Positions (n, 3) near x that all contacts allow at the end of the step, or None.
+    """Return positions (n, 3) near x that all contacts allow at the end of the step, or None.
 
-    Each node goes towards x until the first obstacle stops it. Then all nodes together go the
-    part of this way on which no triangle meets anything, from the place at the begin of the
-    step, or from where a body that moves has taken the cloth. `hold` puts nodes back where
-    pins hold them. The result does not depend on the order of the contacts.
+    First, each node goes towards x until the first obstacle stops it (`_stop_nodes`). Then all
+    nodes together go the part of this way on which no triangle meets anything. This second way
+    begins where a body that moves has carried the cloth, or else at the begin of the step: both
+    are tried. `hold` puts nodes back where pins hold them. None means that the contacts allow
+    none of these guesses. The result is x itself where no contact limits the way.
+    """
+    places = _stop_nodes(ways, x)
+    part = min(way.free_part(places) for way in ways)
+    if part == 1.0 and places is x:
+        return x
+    start = ways[0].start
+    carried_places = [way.carried for way in ways if way.contact.supplies]
+    for origin in [*carried_places, start]:
+        moved = places
+        if part < 1.0:
+            moved = origin + part * (places - origin)
+        guess = hold(moved)
+        # A single contact has found `part` free from its own origin, and needs no second test if
+        # `hold` has changed nothing. Its origin is where its body has carried the cloth, if the
+        # body moves.
+        is_own_origin = origin is not start or not carried_places
+        is_free = len(ways) == 1 and is_own_origin and bool((guess == moved).all())
+        if is_free or all(way.allows(guess) for way in ways):
+            return guess
+    return None
+
+
+def _stop_nodes(ways: Sequence[Way], x: np.ndarray) -> np.ndarray:
+    """Return the places (n, 3) where the first obstacle on its way to x stops each node.
+
+    A node that no obstacle stops is at x. If none is stopped, x itself is returned. The result
+    does not depend on the order of the contacts.
     """
     places = x
     parts = np.ones(len(x))
@@ -81,19 +113,4 @@ def find_guess(
         if is_nearer.any():
             places = np.where(is_nearer[:, None], own_places, places)
         parts = np.minimum(own_parts, parts)
-    part = min(way.free_part(places) for way in ways)
-    if part == 1.0 and places is x:
-        return x
-    start = ways[0].start
-    carried = [way.carried for way in ways if way.contact.supplies]
-    for base in [*carried, start]:
-        moved = places
-        if part < 1.0:
-            moved = base + part * (places - base)
-        guess = hold(moved)
-        # `part` holds for the way from where a body that moves has carried the cloth.
-        is_base_of_part = base is not start or not carried
-        is_free = len(ways) == 1 and is_base_of_part and bool((guess == moved).all())
-        if is_free or all(way.allows(guess) for way in ways):
-            return guess
-    return None
+    return places

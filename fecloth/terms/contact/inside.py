@@ -15,19 +15,24 @@ MOST_NAMED = 5  # nodes, or pairs of triangles, that an error names: more make n
 def refuse_inside(
     shape: Shape, kinds: Sequence[Points], gap: float, x: np.ndarray, t: float, where: str
 ) -> None:
-    """Raise `InputError` for points of a cloth at x (n, 3) in a shape; it names the nodes."""
+    """Raise `InputError` if a point of a cloth at x (n, 3) is in the shape at the time t.
+
+    The error names the deepest nodes inside, or says how many points inside triangles there
+    are. `kinds` are the kinds of points, the nodes first; `where` names the term.
+    """
     y = shape.pose(t).to_body(x)
     for points in kinds:
-        which = points.candidates(shape.distance(y, t), gap)
-        depth = -shape.distance(points.values(y, which), t)
-        inside = depth >= 0.0
-        if inside.any():
+        point_numbers = points.candidates(shape.distance(y, t), gap)
+        depth = -shape.distance(points.values(y, point_numbers), t)
+        is_inside = depth >= 0.0
+        if is_inside.any():
             deepest = f"{1e3 * depth.max():.3g} mm"
-            what = f"{inside.sum()} points inside triangles, by up to {deepest},"
+            what = f"{is_inside.sum()} points inside triangles, by up to {deepest},"
             nodes = None
-            if points is kinds[0]:
-                nodes = which[inside]
-            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth[inside], what=what)
+            if points is kinds[0]:  # the error names nodes only, not points inside triangles
+                nodes = point_numbers[is_inside]
+            depth = depth[is_inside]
+            raise starts_inside(shape, gap, where, nodes=nodes, depth=depth, what=what)
 
 
 def starts_inside(
@@ -38,10 +43,11 @@ def starts_inside(
     depth: np.ndarray | None = None,
     what: str = "the insides of some triangles",
 ) -> InputError:
-    """The error for a cloth that starts inside a shape.
+    """Return the error for a cloth that starts inside a shape, for the caller to raise.
 
-    It names the deepest of the `nodes` (k,), with their `depth` (k,) [m]. Without nodes, `what`
-    says what starts inside.
+    It names the deepest of the `nodes` (k,), at most `MOST_NAMED`, with their `depth` (k,) [m].
+    Without nodes, `what` says what starts inside. The remedy names the gap [m]; `where` is the
+    name of the term.
     """
     if nodes is not None and depth is not None and len(nodes):
         deepest = np.argsort(-depth, kind="stable")[:MOST_NAMED]
@@ -55,7 +61,11 @@ def starts_inside(
 
 
 def cutting_depth(shape: Shape, gap: float, cloth: Cloth) -> float:
-    """How deep [m] a triangle may dip into the shape between its points; 0 if it cannot."""
+    """Return how deep [m] a triangle may dip into the shape between its points.
+
+    It is 0 if the points are so close that a triangle dips in by no more than is allowed
+    (`divisions`), and else the dip between points of `MOST_PARTS` parts of an edge.
+    """
     if divisions(shape, gap, cloth) <= MOST_PARTS:
         return 0.0
     part = float(longest_edges(cloth).max()) / MOST_PARTS

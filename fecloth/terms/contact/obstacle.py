@@ -137,6 +137,7 @@ class Obstacle:
     traits = CONTACT
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is wrong whatever the cloth is."""
         if not isinstance(self.shape, Shape):
             allowed = "must be a shape, such as fc.shapes.Sphere(center, radius)"
             raise InputError(f"shape = {self.shape!r}", allowed, "Obstacle")
@@ -144,27 +145,42 @@ class Obstacle:
         barrier.check_restitution("Obstacle", self.restitution)
 
     def stencil(self, cloth: Cloth) -> np.ndarray | None:
+        """Return the nodes of each triangle if the obstacle acts on points inside triangles.
+
+        Such a point couples the nodes of its triangle. Otherwise it returns None: a force on a
+        node couples nothing, and contact by a skeleton is outside of the pattern (`coupling`).
+        """
         parts = divisions(self.shape, self.gap, cloth)
         if parts > 1 and not self._skeleton(cloth):
             return cloth.stencil
         return None
 
     def _skeleton(self, cloth: Cloth) -> Skeleton | None:
-        """The skeleton of a shape that fits between the points of triangles; None of others."""
+        """Return the skeleton of a shape so thin that it fits between the points of triangles.
+
+        None for a wider shape, for a shape without a skeleton, and without the package ipctk.
+        """
         part = float(longest_edges(cloth).max()) / MOST_PARTS
-        width = self.shape.width + 2 * self.gap
+        width = self.shape.width + 2 * self.gap  # the barrier acts on both sides
         thickness = self.shape.thinnest + 2 * self.gap
+        # `part` is the distance of the points on the longest edge, where they are farthest
+        # apart.
         is_wide = width >= LEAST_WIDTH_OVER_PART * part and thickness >= part
         if is_wide or not is_installed():
             return None
         return self.shape.skeleton(cloth.extent)
 
     def bind(self, panel: Panel, slots) -> BoundObstacle | BoundSkeleton:
+        """Bind the obstacle: by its points, or by its skeleton if it is thin.
+
+        Raises `InputError` for a gap that is too large for the cloth, and for a thin shape that
+        has no skeleton or needs the package ipctk.
+        """
         cloth = panel.cloth
-        largest = LARGEST_GAP_OVER_EXTENT * cloth.extent
-        if self.gap > largest:
+        largest_gap = LARGEST_GAP_OVER_EXTENT * cloth.extent
+        if self.gap > largest_gap:
             remedy = "The cloth rests about a gap away from the obstacle."
-            allowed = f"must be at most {largest:.3g} m, a tenth of the extent of the cloth"
+            allowed = f"must be at most {largest_gap:.3g} m, a tenth of the extent of the cloth"
             raise InputError(f"gap = {self.gap:g} m", allowed, "Obstacle", remedy)
         if skeleton := self._skeleton(cloth):
             return self._bind_skeleton(skeleton, panel)
@@ -181,9 +197,12 @@ class Obstacle:
         )
 
     def _bind_skeleton(self, skeleton: Skeleton, panel: Panel) -> BoundSkeleton:
-        """The bound term of a thin shape, from its own points, edges and faces."""
-        thin = "an Obstacle that is thin against the edges of the triangles"
-        barrier.check_restitution(thin, self.restitution, of_pairs=True)
+        """Return the bound term of a thin shape, from its own points, edges and faces.
+
+        Raises `InputError` for a restitution between 0 and 1.
+        """
+        where = "an Obstacle that is thin against the edges of the triangles"
+        barrier.check_restitution(where, self.restitution, of_pairs=True)
         sets = ContactSets.bind(
             "Obstacle",
             panel.cloth,
@@ -202,13 +221,17 @@ class Obstacle:
         )
 
     def _refuse_thin(self, cloth: Cloth) -> None:
-        """Raise `InputError` for a shape that fits between the points of the triangles."""
+        """Raise `InputError` for a shape that fits between the points of the triangles.
+
+        The points of a divided edge are farthest apart on the longest edge. A shape that is
+        narrower than their distance, with the gap on both sides, may meet none of them.
+        """
         thinnest = self.shape.thinnest
         part = float(longest_edges(cloth).max()) / MOST_PARTS
         width = thinnest + 2 * self.gap
         if width < part:
-            kind = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
-            what = f"{kind}, {1e3 * width:.3g} mm with the gap on both sides"
+            own_width = f"the {type(self.shape).__name__} is {1e3 * thinnest:.3g} mm wide"
+            what = f"{own_width}, {1e3 * width:.3g} mm with the gap on both sides"
             allowed = f"must be at least {1e3 * part:.3g} mm, an eighth of the longest edge"
             remedy = "Take a smaller h, or install ipctk: pip install '.[contact]'."
             raise InputError(what, allowed, "Obstacle", remedy)
@@ -295,10 +318,11 @@ class MeshObstacle:
         return None
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
+        """Read the file of the mesh, and bind the contact of the cloth with it."""
         nodes, triangles = read_surface(self.path)
         cloth = panel.cloth
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
-        fixed = Skeleton(self.scale * nodes, NO_EDGES, triangles)
+        fixed = Skeleton(points=self.scale * nodes, edges=NO_EDGES, triangles=triangles)
         sets = ContactSets.bind(
             "MeshObstacle",
             cloth,
@@ -307,7 +331,7 @@ class MeshObstacle:
             stiffness=stiffness,
             fixed=fixed,
         )
-        body = None
+        body = None  # a mesh that stands still has no frame of its own
         if self._body.moves:
             body = self._body
         return BoundMeshObstacle(
@@ -328,13 +352,15 @@ class BoundMeshObstacle(BoundTriangleContact):
         return self.sets.least_distance(self.place(x, t))
 
     def surface(self, t: float, place: np.ndarray, reach: float) -> Triangles:
-        """The whole mesh, wherever the place is."""
+        """Return the whole fixed mesh at the time t, wherever the place is."""
         faces = np.asarray(self.sets.mesh.faces)
-        first = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
+        # The nodes of the cloth come first in the mesh of the toolkit.
+        cloth_node_count = len(self.sets.mesh.rest_positions) - len(self.sets.fixed)
         nodes = self.sets.fixed
         if self.body is not None:
             nodes = self.body.pose(t).to_space(nodes)
-        return Triangles(nodes, faces[faces.min(axis=1) >= first] - first)
+        fixed_faces = faces[faces.min(axis=1) >= cloth_node_count]
+        return Triangles(nodes, fixed_faces - cloth_node_count)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
         """The words of an error for a cloth that passes through the mesh, and what is allowed."""

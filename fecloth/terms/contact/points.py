@@ -37,27 +37,30 @@ class NodePoints:
 
     areas: np.ndarray
 
-    def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """The points that may be nearer than `reach` [m]; the nodes have distances `at_nodes`."""
-        return np.flatnonzero(at_nodes < reach)
+    def candidates(self, node_distances: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+        """The numbers of the points that may be nearer than `reach` [m], or (n,) [m].
 
-    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(p, 3) values at the points `which`, from values at the nodes (n, 3)."""
-        return of_nodes[which]
+        `node_distances` (n,) [m] are the distances of the nodes.
+        """
+        return np.flatnonzero(node_distances < reach)
+
+    def values(self, of_nodes: np.ndarray, point_numbers: np.ndarray) -> np.ndarray:
+        """(p, 3) values at the points `point_numbers`, from values at the nodes (n, 3)."""
+        return of_nodes[point_numbers]
 
     def between(self, held: np.ndarray) -> np.ndarray:
         """The points that only the nodes `held` move."""
         return held
 
-    def nodes(self, which: np.ndarray) -> np.ndarray:
-        """The nodes that move the points `which`."""
-        return which
+    def nodes(self, point_numbers: np.ndarray) -> np.ndarray:
+        """The nodes that move the points `point_numbers`."""
+        return point_numbers
 
-    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
-        f[which] += F
+    def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+        f[point_numbers] += F
 
-    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
-        J.values[J.pattern.diagonal[which]] += K
+    def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+        J.values[J.pattern.diagonal[point_numbers]] += K
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,23 +94,27 @@ class TrianglePoints:
     def slots(self) -> np.ndarray:
         return self.find_slots(self.stencil)
 
-    def candidates(self, at_nodes: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
-        """The points of triangles with a node nearer than `reach` and twice the longest edge."""
+    def candidates(self, node_distances: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+        """Return the points of triangles with a node nearer than `reach` + 2 × longest edge.
+
+        So no point nearer than `reach` is missed (see `FARTHEST_OVER_EDGE`). `reach` [m] is one
+        number, or (n,); `node_distances` (n,) are the distances of the nodes.
+        """
         near = np.empty(len(self.triangles), np.int64)
         count = find_near(
             self.triangles,
             self.stencil,
             size=FARTHEST_OVER_EDGE * self.size,
-            at_nodes=at_nodes,
+            node_distances=node_distances,
             reach=np.array(reach, float, ndmin=1),
             near=near,
         )
         return near[:count].copy()
 
-    def values(self, of_nodes: np.ndarray, which: np.ndarray) -> np.ndarray:
-        values = np.empty((len(which), 3))
+    def values(self, of_nodes: np.ndarray, point_numbers: np.ndarray) -> np.ndarray:
+        values = np.empty((len(point_numbers), 3))
         gather(
-            which,
+            point_numbers,
             self.triangles,
             self.shape_functions,
             self.stencil,
@@ -117,19 +124,24 @@ class TrianglePoints:
         return values
 
     def between(self, held: np.ndarray) -> np.ndarray:
+        # A node with the shape function 0 does not move the point.
         is_held = np.isin(self.stencil, held)[self.triangles]
         return np.flatnonzero((is_held | (self.shape_functions == 0.0)).all(axis=1))
 
-    def nodes(self, which: np.ndarray) -> np.ndarray:
-        return self.stencil[self.triangles[which]][self.shape_functions[which] != 0.0]
+    def nodes(self, point_numbers: np.ndarray) -> np.ndarray:
+        return self.stencil[self.triangles[point_numbers]][
+            self.shape_functions[point_numbers] != 0.0
+        ]
 
-    def add_force(self, which: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
+    def add_force(self, point_numbers: np.ndarray, F: np.ndarray, f: np.ndarray) -> None:
         F = np.ascontiguousarray(F)
-        add_forces(which, self.triangles, self.shape_functions, self.stencil, F, f)
+        N = self.shape_functions
+        add_forces(point_numbers, self.triangles, N, self.stencil, F, f)
 
-    def add_tangent(self, which: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
+    def add_tangent(self, point_numbers: np.ndarray, K: np.ndarray, J: BlockMatrix) -> None:
         K = np.ascontiguousarray(K)
-        add_tangents(which, self.triangles, self.shape_functions, self.slots, K, J.values)
+        N = self.shape_functions
+        add_tangents(point_numbers, self.triangles, N, self.slots, K, J.values)
 
 
 Points = NodePoints | TrianglePoints
@@ -142,7 +154,7 @@ class Contacts(NamedTuple):
     ----------
     points
         All points of the kind.
-    which
+    point_numbers
         Numbers (p,) of the points nearer than the gap.
     y
         Places (p, 3) of these in the frame of the shape [m].
@@ -153,29 +165,31 @@ class Contacts(NamedTuple):
     """
 
     points: Points
-    which: np.ndarray
+    point_numbers: np.ndarray
     y: np.ndarray
     s: np.ndarray
     approach: Approach
 
     @property
     def areas(self) -> np.ndarray:
-        return self.points.areas[self.which]
+        return self.points.areas[self.point_numbers]
 
 
 def divisions(shape: Shape, gap: float, cloth: Cloth) -> int:
-    """The number k of parts of an edge with which no triangle dips too deep between its points.
+    """Return the number k of parts of an edge that the points of an obstacle need.
 
-    It may be larger than `MOST_PARTS`: then so many parts are not enough. P2 has an even k.
+    It is so large that no triangle dips into the shape by more than `MOST_DIP_OVER_GAP` of the
+    gap between its points. It may be larger than `MOST_PARTS`, to which the caller limits it.
     """
     longest = float(longest_edges(cloth).max())
     radius = shape.radius_of_curvature + gap  # of the surface that the cloth slides on
-    step = {"P1": 1, "P2": 2}[cloth.element]
+    # P2 has nodes at the middles of its edges, which must be points: k is a multiple of 2.
+    least_parts = {"P1": 1, "P2": 2}[cloth.element]
     if math.isinf(radius):
-        return step
+        return least_parts
     most_dip = MOST_DIP_OVER_GAP * gap
-    needed = math.ceil(longest / math.sqrt(6 * most_dip * radius))  # dip = part²/(6 R)
-    return max(step, step * math.ceil(needed / step))
+    needed_parts = math.ceil(longest / math.sqrt(6 * most_dip * radius))  # dip = part²/(6 R)
+    return max(least_parts, least_parts * math.ceil(needed_parts / least_parts))
 
 
 def longest_edges(cloth: Cloth) -> np.ndarray:
@@ -186,22 +200,24 @@ def longest_edges(cloth: Cloth) -> np.ndarray:
 
 
 def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]:
-    """The points of a cloth with k parts an edge, each with its area.
+    """Return the points of a cloth whose edges are divided into k parts, each with its area.
 
-    The area of each part goes to its three corners in equal shares. The first kind are the
-    nodes, the second kind the points inside triangles, if there are any.
+    Each triangle has k² parts, and the corners of the parts are the points. The area of each
+    part goes to its three corners in equal shares. The first kind are the nodes, the second
+    kind the points inside triangles; it is left out if there are none. `find_slots` is the
+    `slots` of `Term.bind`.
     """
-    lattice, shares = _lattice(k)
-    values = _shape_functions(cloth, lattice)
+    corners, shares = _divide_triangle(k)
     stencil = cloth.stencil
     areas = np.outer(cloth.weights.sum(axis=1), shares).ravel()
-    triangle, place = np.divmod(np.arange(len(stencil) * len(lattice)), len(lattice))
-    N = values[place]
-    first, number = _distinct(stencil[triangle], N)
-    areas = np.bincount(number, areas)
-    triangle = triangle[first]
-    N = N[first]
-    is_node = N.max(axis=1) > 1 - LEAST_DIFFERENCE
+    # One row for each corner in each triangle, so that a point on a common edge has two rows.
+    triangle, corner = np.divmod(np.arange(len(stencil) * len(corners)), len(corners))
+    N = _shape_functions(cloth, corners)[corner]
+    first_row, point_of_row = _find_distinct(stencil[triangle], N)
+    areas = np.bincount(point_of_row, areas)
+    triangle = triangle[first_row]
+    N = N[first_row]
+    is_node = N.max(axis=1) > 1 - LEAST_DIFFERENCE  # 1 at its own node only
     node = stencil[triangle[is_node], N[is_node].argmax(axis=1)]
     nodes = NodePoints(np.bincount(node, areas[is_node], len(cloth.X)))
     if is_node.all():
@@ -217,47 +233,58 @@ def points_of(cloth: Cloth, k: int, find_slots: FindSlots) -> tuple[Points, ...]
     return nodes, inner
 
 
-def _lattice(k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (q, 2) of the k² parts of the reference triangle, and their shares in its area."""
+def _divide_triangle(k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Divide the reference triangle into k² equal parts.
+
+    Returns the corners (q, 2) of the parts, in its coordinates from 0 to 1, and the share (q,)
+    of each corner in its area: a third of each part at the corner.
+    """
     corners = [(i, j) for j in range(k + 1) for i in range(k + 1 - j)]
-    number = {corner: n for n, corner in enumerate(corners)}
-    share = np.zeros(len(corners))
+    index_of_corner = {corner: n for n, corner in enumerate(corners)}
+    shares = np.zeros(len(corners))
     for i, j in corners:
-        up = [(i, j), (i + 1, j), (i, j + 1)]
-        down = [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
-        for part in (up, down):
-            if all(corner in number for corner in part):
-                share[[number[corner] for corner in part]] += 1 / (3 * k**2)
-    return np.array(corners) / k, share
+        upright_part = [(i, j), (i + 1, j), (i, j + 1)]
+        inverted_part = [(i + 1, j), (i + 1, j + 1), (i, j + 1)]
+        for part in (upright_part, inverted_part):
+            is_in_triangle = all(corner in index_of_corner for corner in part)
+            if is_in_triangle:
+                shares[[index_of_corner[corner] for corner in part]] += 1 / (3 * k**2)
+    return np.array(corners) / k, shares
 
 
 def _shape_functions(cloth: Cloth, places: np.ndarray) -> np.ndarray:
     """(q, k) values of the shape functions at places (q, 2) of the reference triangle.
 
     Each is 1 at its node and 0 at the others. They are linear within the triangle or, for P2,
-    within the four triangles between its nodes: the surface that is drawn, and that touches
-    itself.
+    within the four triangles between its nodes. This is the surface that is drawn, and the
+    surface for which the cloth touches itself.
     """
     corners = np.column_stack([1 - places.sum(axis=1), places])
     if cloth.element == "P1":
         return corners
-    after = np.roll(corners, -1, axis=1)  # the midpoints of the edges 01, 12 and 20
-    middle = np.minimum(np.minimum(2 * corners, 2 * after), 2 * (corners + after) - 1)
-    return np.maximum(np.hstack([2 * corners - 1, middle]), 0.0)
+    # Column a of `corners` belongs to the corner a, column a of `next_corners` to the next one:
+    # the midpoint between both is the node of the edges 01, 12 and 20.
+    next_corners = np.roll(corners, -1, axis=1)
+    of_both = 2 * (corners + next_corners) - 1
+    midpoints = np.minimum(np.minimum(2 * corners, 2 * next_corners), of_both)
+    return np.maximum(np.hstack([2 * corners - 1, midpoints]), 0.0)
 
 
-def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first row of each place of the cloth, and the number of the place for each row.
+def _find_distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the rows that are the same point of the cloth.
 
-    A row has the nodes (k,) of a place and the values N (k,) of their shape functions. Two rows
-    are one place if the same nodes have the same values, as on a common edge.
+    A row has the nodes (k,) of a point and the values N (k,) of their shape functions. Two rows
+    are one point if the same nodes have the same values, as on a common edge. Returns the first
+    row of each distinct point, and for each row the number of its distinct point.
     """
-    value = np.rint(N / LEAST_DIFFERENCE).astype(np.int64)
-    acting = np.where(value == 0, -1, nodes)
-    order = np.argsort(acting, axis=1)
-    rows = np.hstack([np.take_along_axis(acting, order, 1), np.take_along_axis(value, order, 1)])
-    _, first, number = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return first, number.ravel()
+    rounded_N = np.rint(N / LEAST_DIFFERENCE).astype(np.int64)
+    acting_nodes = np.where(rounded_N == 0, -1, nodes)
+    order = np.argsort(acting_nodes, axis=1)  # triangles have their nodes in different orders
+    sorted_nodes = np.take_along_axis(acting_nodes, order, 1)
+    sorted_N = np.take_along_axis(rounded_N, order, 1)
+    keys = np.hstack([sorted_nodes, sorted_N])
+    _, first_row, point_of_row = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return first_row, point_of_row.ravel()
 
 
 # --- compiled loops: from nodes to points, and back ------------------------------------------
@@ -265,15 +292,22 @@ def _distinct(nodes: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 @kernel
 def find_near(
-    triangles: Array, stencil: Array, size: Array, at_nodes: Array, reach: Array, near: Array
+    triangles: Array,
+    stencil: Array,
+    size: Array,
+    node_distances: Array,
+    reach: Array,
+    near: Array,
 ) -> int:
-    """Write the numbers of points whose triangle has a node nearer than `reach` plus `size`.
+    """Write into `near` the numbers of the points that may be near an obstacle; return how many.
 
-    `triangles` (p,) is sorted, or nearly, so that a triangle is asked once for its points.
-    `reach` has one entry, or one a node. Returns the number of points.
+    A point may be near if its triangle has a node whose distance (`node_distances`) is less
+    than `reach` plus the `size` of the triangle. `reach` has one entry for all nodes, or one
+    for each. `triangles` (p,) are the triangles of the points. Points of one triangle mostly
+    follow each other: then the nodes of this triangle are looked at only once.
     """
     count = 0
-    last = -1
+    last = -1  # the triangle of the point before
     is_near = False
     has_reach_of_node = len(reach) > 1
     for p in range(len(triangles)):
@@ -286,7 +320,7 @@ def find_near(
                 own_reach = reach[0]
                 if has_reach_of_node:
                     own_reach = reach[node]
-                if at_nodes[node] - own_reach < size[e]:
+                if node_distances[node] - own_reach < size[e]:
                     is_near = True
         if is_near:
             near[count] = p
@@ -296,11 +330,16 @@ def find_near(
 
 @kernel
 def gather(
-    which: Array, triangles: Array, N: Array, stencil: Array, of_nodes: Array, values: Array
+    point_numbers: Array,
+    triangles: Array,
+    N: Array,
+    stencil: Array,
+    of_nodes: Array,
+    values: Array,
 ) -> None:
-    """values (p, 3) = Σ_a N_a of_nodes[a] of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    """values (p, 3) = Σ_a N_a of_nodes[a], at the points `point_numbers` (p,)."""
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         v0 = v1 = v2 = 0.0
         for a in range(stencil.shape[1]):
@@ -316,11 +355,11 @@ def gather(
 
 @kernel
 def add_forces(
-    which: Array, triangles: Array, N: Array, stencil: Array, F: Array, f: Array
+    point_numbers: Array, triangles: Array, N: Array, stencil: Array, F: Array, f: Array
 ) -> None:
-    """f (n, 3) += N_a F of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    """f (n, 3) += N_a F, for forces F (p, 3) at the points `point_numbers` (p,)."""
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         for a in range(stencil.shape[1]):
             node = stencil[e, a]
@@ -331,11 +370,14 @@ def add_forces(
 
 @kernel
 def add_tangents(
-    which: Array, triangles: Array, N: Array, slots: Array, K: Array, values: Array
+    point_numbers: Array, triangles: Array, N: Array, slots: Array, K: Array, values: Array
 ) -> None:
-    """The blocks of the matrix += N_a N_b K of some of the points."""
-    for i in range(len(which)):
-        p = which[i]
+    """Blocks (…, 3, 3) of the matrix, `values`, += N_a N_b K of the points `point_numbers` (p,).
+
+    `slots` (m, k, k) are the places of the blocks in `values`, for all triangles.
+    """
+    for i in range(len(point_numbers)):
+        p = point_numbers[i]
         e = triangles[p]
         for a in range(slots.shape[1]):
             for b in range(slots.shape[2]):

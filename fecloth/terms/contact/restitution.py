@@ -33,24 +33,31 @@ MOST_DAMPING = 20.0 / SLOWEST_IMPACT  # c [s/m]; y = c v₁ = 20 leaves 5 %
 
 
 def damping(restitution: float) -> float:
-    """y = c v₁ that leaves the part e of the speed; infinite for e = 0."""
+    """Return y = c v₁ with which an impact leaves the part e = `restitution` of the speed.
+
+    It solves the equation above; it is infinite for e = 0, and 0 for e = 1.
+    """
     e = restitution
     if e == 0.0:
         return np.inf
     if e == 1.0:
         return 0.0
 
-    def lost(y: float) -> float:
+    def residual(y: float) -> float:
+        """Left minus right side of y − ln(1 + y) = −e y − ln(1 − e y)."""
         return y - np.log1p(y) + e * y + np.log1p(-e * y)
 
-    most = (1 - np.finfo(float).eps) / e  # y < 1/e, where the logarithm of 1 − e y ends
-    if lost(most) > 0:
-        return most
-    return float(scipy.optimize.brentq(lost, 0.5 * (1 - e), most))
+    largest_y = (1 - np.finfo(float).eps) / e  # y < 1/e, where the logarithm of 1 − e y ends
+    if residual(largest_y) > 0:  # the solution is nearer to 1/e than round-off
+        return largest_y
+    return float(scipy.optimize.brentq(residual, 0.5 * (1 - e), largest_y))
 
 
 def rates(restitution: float, speeds: np.ndarray) -> np.ndarray:
-    """c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`."""
+    """Return c (p,) [s/m] for the speeds (p,) [m/s] of the first touch, at most `MOST_DAMPING`.
+
+    A speed of 0 gets `MOST_DAMPING`. For the restitution 1, all c are 0.
+    """
     y = damping(restitution)
     if y == 0.0:
         return np.zeros(np.shape(speeds))
@@ -78,7 +85,11 @@ class Approach:
         return np.maximum(0.0, 1 - self.a * (s - self.s0))
 
     def value(self, s: np.ndarray) -> np.ndarray:
-        """The potential ∫ p w dσ (p,); +∞ for s ≤ 0."""
+        """Return the potential ∫ p w dσ from s to m (p,), at the distances s (p,) over the gap.
+
+        It is +∞ for s ≤ 0. By parts, with w′ = −a, it is b(s) w(s) − a ∫ b dσ, as b or w is 0
+        at m.
+        """
         with np.errstate(divide="ignore"):
             m = np.minimum(1.0, self.s0 + 1 / self.a)
         w = self.factor(s)

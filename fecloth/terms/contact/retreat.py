@@ -64,24 +64,29 @@ class Retreat:
 
     @classmethod
     def at(cls, sets: ContactSets, x: np.ndarray, start: np.ndarray, dt: float) -> Retreat:
-        """The pairs at x (n, 3), over a step of dt [s] from `start` (n, 3)."""
+        """Make the retreat of the pairs in contact at x, over a step of dt [s] from `start`.
+
+        x and `start` are positions (n, 3) as the fixed mesh sees them. x is the begin of the
+        step itself, or the end of the step: then the distances at the begin are extrapolated.
+        """
         normals, d, energies = sets.pairs(x)
         thickness = sets.thickness
         reach = sets.gap + thickness
         span = reach**2 - thickness**2
         s = (d**2 - thickness**2) / span
         acts = (energies > 0) & (s < 1 - LEAST_DEPTH_OVER_GAP)
-        scale = np.where(acts, energies / barrier.value(np.where(acts, s, 0.5)), 0.0)
-        farthest = (1 - LEAST_START_OVER_DISTANCE) * (d - thickness)
-        z = np.minimum(normals @ (x - start).ravel(), farthest)
+        any_s = np.where(acts, s, 0.5)  # 0.5: any s with b(s) > 0, where a pair does not act
+        scale = np.where(acts, energies / barrier.value(any_s), 0.0)
+        largest_z = (1 - LEAST_START_OVER_DISTANCE) * (d - thickness)  # so that d₀ > thickness
+        z = np.minimum(normals @ (x - start).ravel(), largest_z)
         d0 = d - np.maximum(z, 0.0)
-        way_out = np.maximum(0.5 * (reach - d0), np.finfo(float).tiny)  # > 0, for 1/ρ
+        half_way_out = np.maximum(0.5 * (reach - d0), np.finfo(float).tiny)  # > 0, for 1/ρ
         return cls(
             start=start,
             normals=normals,
             d0=d0,
             scale=scale,
-            rho=np.minimum(dt / MOST_DAMPING, way_out),
+            rho=np.minimum(dt / MOST_DAMPING, half_way_out),
             thickness=thickness,
             span=span,
         )
@@ -96,7 +101,10 @@ class Retreat:
         return float((self._energies(self._released(z)) - self._energies(z)).sum())
 
     def held(self, z: np.ndarray) -> np.ndarray:
-        """(m,) p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ) ≥ 0 [N]: so much less each pair pushes."""
+        """Return by how much [N] each pair (m,) pushes less than an elastic pair would; ≥ 0.
+
+        It is p(d₀ + z) − p(d₀ + r) max(0, 1 − z/ρ).
+        """
         r = self._released(z)
         return self._pushes(z)[0] - self._pushes(r)[0] * np.maximum(1 - z / self.rho, 0.0)
 
@@ -107,8 +115,9 @@ class Retreat:
     def parts(self, y: np.ndarray) -> np.ndarray:
         """The part (m,) of their elastic force with which the pairs push at y (n, 3)."""
         z = self.apart(y)
-        elastic = self._pushes(z)[0]
-        return 1 - self.held(z) / np.where(elastic > 0.0, elastic, 1.0)
+        elastic_push, _ = self._pushes(z)
+        # Without a push, nothing is held back either: the part is 1.
+        return 1 - self.held(z) / np.where(elastic_push > 0.0, elastic_push, 1.0)
 
     def lost(self, y: np.ndarray) -> float:
         """Energy [J] that a step to y dissipates."""
@@ -116,12 +125,17 @@ class Retreat:
         return float(self.held(z) @ z)
 
     def tangent(self, y: np.ndarray, definite: bool) -> sparse.csr_matrix:
-        """(3n, 3n) ∂²energy/∂y² [N/m]; without its negative part if `definite`."""
+        """Return ∂²energy/∂y² (3n, 3n) [N/m] at positions y (n, 3).
+
+        If `definite`, the negative curvatures of pairs are set to 0.
+        """
         z = self.apart(y)
-        _, slope_elastic = self._pushes(z)
-        push, slope = self._pushes(self._released(z))
-        part = np.maximum(1 - z / self.rho, 0.0)
-        curvature = slope_elastic - slope * part**2 + push / self.rho * (part > 0)
+        _, slope_at_z = self._pushes(z)
+        push_at_r, slope_at_r = self._pushes(self._released(z))
+        # d²/dz² of E(d₀ + r) − E(d₀ + z), with p = −E′, r′ = max(0, 1 − z/ρ) and r″ = −1/ρ
+        slope_of_r = np.maximum(1 - z / self.rho, 0.0)
+        curvature = slope_at_z - slope_at_r * slope_of_r**2
+        curvature = curvature + push_at_r / self.rho * (slope_of_r > 0)
         curvature = np.where(z > 0, curvature, 0.0)
         if definite:
             curvature = np.maximum(curvature, 0.0)

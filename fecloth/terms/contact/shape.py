@@ -108,6 +108,7 @@ class Shape:
     deforms: ClassVar[bool] = False  # whether the distance depends on t
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a motion or a rotation that is none."""
         _ = self._motion  # a mistake in it is refused where the shape is written
         if self.rotate is not None and not isinstance(self.rotate, Rotation):
             allowed = "must be a Rotation(point, axis, angle)"
@@ -164,29 +165,34 @@ class Shape:
         """Where the body is at the time t."""
         if self.motion is None and self.rotate is None:
             return AT_REST
-        u = self._motion(t) - self._start
+        u = self._motion(t) - self._start  # only changes of the motion count
         if self.rotate is None:
             return Pose(np.eye(3), np.zeros(3), u)
         return Pose(self.rotate.matrix(t, since=0.0), np.array(self.rotate.point, float), u)
 
     def rates(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Velocity (3,) of a point [m/s], angular velocity (3,) [1/s], and that point (3,)."""
+        """Return the velocity of one point of the body, the angular velocity, and this point.
+
+        Each is (3,), in space at the time t: in m/s, in 1/s and in m. The point lies on the axis
+        of rotation. Without a rotation all points have this velocity, and the point is 0.
+        """
         velocity = self._motion.rate(t)
-        still = np.zeros(3)
         if self.rotate is None:
-            return velocity, still, still
-        return velocity, self.rotate.rate(t), self.pose(t).to_space(np.array(self.rotate.point))
+            return velocity, np.zeros(3), np.zeros(3)
+        point_on_axis = self.pose(t).to_space(np.array(self.rotate.point))
+        return velocity, self.rotate.rate(t), point_on_axis
 
     def velocity(self, x: np.ndarray, t: float) -> np.ndarray:
         """(m, 3) velocity [m/s] of the rigid body at points x (m, 3) of space."""
-        velocity, omega, centre = self.rates(t)
-        return velocity + np.cross(omega, x - centre)
+        velocity, omega, point_on_axis = self.rates(t)
+        return velocity + np.cross(omega, x - point_on_axis)
 
     def mean_velocity(self, y: np.ndarray, x: np.ndarray, t: float, dt: float | None) -> np.ndarray:
-        """(m, 3) mean velocity [m/s] of points of the body from t to t + dt.
+        """Return the mean velocity (m, 3) [m/s] of points of the body from t to t + dt.
 
-        The points are at y (m, 3) in the frame of the body and at x (m, 3) in space at t. With
-        dt = None it is the velocity at t. With dt = 0 it is 0: nothing moves meanwhile.
+        The points are at y (m, 3) in the frame of the body, and at the time t at x (m, 3) in
+        space. With dt = None it is the velocity at t. With dt = 0 it is 0, as nothing moves in
+        no time.
         """
         if dt is None:
             return self.velocity(x, t)
@@ -224,6 +230,7 @@ class Sdf(Shape):
     convex = False
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a wrong motion, radius or formula."""
         super().__post_init__()
         if self.radius is not None:
             validation.positive("radius", self.radius, "m", "Sdf")
@@ -249,8 +256,9 @@ class Sdf(Shape):
     @cached_property
     def _derivatives(self) -> tuple[list[Formula], list[list[Formula]]]:
         """The three first derivatives, and the second derivatives as rows of a matrix."""
-        first = [self._formula.derivative(variable) for variable in VARIABLES[:3]]
-        second = [[slope.derivative(by) for by in VARIABLES[:3]] for slope in first]
+        coordinates = VARIABLES[:3]  # without t
+        first = [self._formula.derivative(coordinate) for coordinate in coordinates]
+        second = [[slope.derivative(by) for by in coordinates] for slope in first]
         return first, second
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
@@ -259,16 +267,16 @@ class Sdf(Shape):
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         _, second = self._derivatives
         hessian = np.empty((len(y), 3, 3))
-        for i, j in zip(*np.triu_indices(3), strict=True):
+        for i, j in zip(*np.triu_indices(3), strict=True):  # it is symmetric
             hessian[:, i, j] = hessian[:, j, i] = _values(second[i][j], y, t)
         return self.gradient(y, t), hessian
 
     def gradient(self, y: np.ndarray, t: float) -> np.ndarray:
         first, _ = self._derivatives
-        return np.stack([_values(part, y, t) for part in first], axis=-1)
+        return np.stack([_values(derivative, y, t) for derivative in first], axis=-1)
 
 
 def _values(formula: Formula, y: np.ndarray, t: float) -> np.ndarray:
     """(m,) values of a formula at points (m, 3) and the time t."""
-    named = dict(zip(VARIABLES, (*y.T, np.full(len(y), t)), strict=True))
-    return np.asarray(formula(**named))
+    values_of_variables = dict(zip(VARIABLES, (*y.T, np.full(len(y), t)), strict=True))
+    return np.asarray(formula(**values_of_variables))

@@ -128,7 +128,9 @@ class Sphere(Round, Shape):
         super().__post_init__()
 
     def skeleton(self, extent: float) -> Skeleton:
-        return Skeleton(np.array([self.center], float), NO_EDGES, NO_TRIANGLES, self.radius)
+        """Its centre, with the radius as the thickness."""
+        points = np.array([self.center], float)
+        return Skeleton(points, edges=NO_EDGES, triangles=NO_TRIANGLES, thickness=self.radius)
 
     def offset(self, y: np.ndarray) -> np.ndarray:
         return y - np.array(self.center, float)
@@ -167,10 +169,11 @@ class Cylinder(Round, Shape):
         return np.eye(3) - np.outer(axis, axis)
 
     def skeleton(self, extent: float) -> Skeleton:
+        """A piece of its axis around `point`, as long as a cloth of this `extent` [m] needs."""
         axis = direction("axis", self.axis, "Cylinder")
         half = HALF_LENGTH_OVER_EXTENT * extent * axis
         ends = np.array(self.point, float) + np.array([-half, half])
-        return Skeleton(ends, ROD, NO_TRIANGLES, self.radius)
+        return Skeleton(ends, edges=ROD, triangles=NO_TRIANGLES, thickness=self.radius)
 
     def offset(self, y: np.ndarray) -> np.ndarray:
         return (y - np.array(self.point, float)) @ self._across
@@ -205,10 +208,15 @@ class Capsule(Round, Shape):
             raise InputError(f"a = b = {self.a!r}", "must differ", "Capsule", remedy)
 
     def skeleton(self, extent: float) -> Skeleton:
-        return Skeleton(np.array([self.a, self.b], float), ROD, NO_TRIANGLES, self.radius)
+        """The segment from a to b, with the radius as the thickness."""
+        ends = np.array([self.a, self.b], float)
+        return Skeleton(ends, edges=ROD, triangles=NO_TRIANGLES, thickness=self.radius)
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """y − a (m, 3), the part (m,) of the way from a (0) to b (1) beside y, and b − a."""
+        """Return y − a (m, 3), the part (m,) for each point, and b − a (3,).
+
+        The part is the place of the point along the axis: 0 beside a, 1 beside b.
+        """
         a = np.array(self.a, float)
         way = np.array(self.b, float) - a
         return y - a, (y - a) @ way / (way @ way), way
@@ -219,9 +227,9 @@ class Capsule(Round, Shape):
 
     def projector(self, y: np.ndarray) -> np.ndarray:
         _, part, way = self._parts(y)
-        at_end = (part <= 0) | (part >= 1)
-        along = np.outer(way, way) / (way @ way)
-        return np.eye(3) - np.where(at_end, 0.0, 1.0)[:, None, None] * along
+        is_at_end = (part <= 0) | (part >= 1)  # there the capsule is a ball: the projector is I
+        along_axis = np.outer(way, way) / (way @ way)
+        return np.eye(3) - np.where(is_at_end, 0.0, 1.0)[:, None, None] * along_axis
 
 
 @checks_arguments
@@ -247,7 +255,10 @@ class Box(Shape):
             raise InputError(f"size = {self.size!r}", "must be > 0 [m]", "Box")
 
     def _from_faces(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, 3) signs of y − center, and the distances from the planes of the faces."""
+        """Return the signs (m, 3) of y − center, and distances q (m, 3) from the faces' planes.
+
+        q is negative between the two planes of an axis.
+        """
         y = y - np.array(self.center, float)
         return np.sign(y), abs(y) - 0.5 * np.array(self.size, float)
 
@@ -261,16 +272,17 @@ class Box(Shape):
 
     def skeleton(self, extent: float) -> Skeleton:
         corners = np.array(self.center, float) + 0.5 * CORNERS * np.array(self.size, float)
-        return Skeleton(corners, NO_EDGES, FACES)
+        return Skeleton(corners, edges=NO_EDGES, triangles=FACES)
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
-        q = self._from_faces(y)[1]
+        _, q = self._from_faces(y)
         return _length(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         sign, q = self._from_faces(y)
-        beyond = (q > 0).astype(float)
-        n, H = _around(np.maximum(q, 0.0), beyond[:, :, None] * np.eye(3))
+        # The distance is |max(q, 0)|: only the components count that are beyond a face.
+        is_beyond = (q > 0).astype(float)
+        n, H = _around(np.maximum(q, 0.0), is_beyond[:, :, None] * np.eye(3))
         return sign * n, sign[:, :, None] * H * sign[:, None, :]
 
 
@@ -315,7 +327,7 @@ class Disk(Shape):
         return q, _length(q), height
 
     def _beyond(self, radius: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far points are beyond the rim, and beyond the faces."""
+        """Return how far (m,) [m] points are beyond the rim and beyond the faces; < 0 inside."""
         return radius - self.radius, abs(height) - 0.5 * self.thickness
 
     @property
@@ -327,13 +339,19 @@ class Disk(Shape):
         return min(self.width, self.thickness)
 
     def skeleton(self, extent: float) -> Skeleton:
-        """Two polygons of many sides in its faces, and the rim between them."""
+        """Return a closed surface: two polygons of `SIDES_OF_DISK` sides, and the rim between.
+
+        The corners of the polygons lie on the edges of the faces. `extent` is not used, as the
+        disk has an end.
+        """
         n = SIDES_OF_DISK
         angle = 2 * np.pi / n * np.arange(n)
-        least_axis = np.eye(3)[abs(self._axis).argmin()]
-        first = direction("across", np.cross(self._axis, least_axis), "")
-        across = np.stack([first, np.cross(self._axis, first)])
-        circle = self.radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+        # The coordinate axis farthest from the disk's axis, so that their product is not 0.
+        coordinate_axis = np.eye(3)[abs(self._axis).argmin()]
+        first = direction("across", np.cross(self._axis, coordinate_axis), "")
+        second = np.cross(self._axis, first)
+        unit_circle = np.column_stack([np.cos(angle), np.sin(angle)])
+        circle = self.radius * unit_circle @ np.stack([first, second])
         up = 0.5 * self.thickness * self._axis
         points = np.array(self.center, float) + np.vstack([circle - up, circle + up, [-up, up]])
         # Numbers of points: the polygon below, the polygon above, and the two middles.
@@ -344,13 +362,13 @@ class Disk(Shape):
         middle_low = np.full(n, 2 * n)
         middle_high = np.full(n, 2 * n + 1)
         triangles = [
-            (low_after, low, middle_low),
-            (high, high_after, middle_high),
-            (low, low_after, high),
+            (low_after, low, middle_low),  # the lower face
+            (high, high_after, middle_high),  # the upper face
+            (low, low_after, high),  # the rim, in two triangles a side
             (low_after, high_after, high),
         ]
         corners = np.concatenate([np.stack(corner, axis=1) for corner in triangles])
-        return Skeleton(points, NO_EDGES, corners)
+        return Skeleton(points, edges=NO_EDGES, triangles=corners)
 
     def distance(self, y: np.ndarray, t: float) -> np.ndarray:
         rim, face = self._beyond(*self._cylindrical(y)[1:])
@@ -358,20 +376,28 @@ class Disk(Shape):
         return outside + np.minimum(np.maximum(rim, face), 0.0)
 
     def slopes(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient n and Hessian of the distance d, which is √(rim² + face²) outside.
+
+        rim and face say how far a point is beyond the rim and beyond a face; they count as 0
+        where it is not. The surfaces of equal distance curve around the axis and, where both
+        are > 0, around the edge with the curvature 1/d.
+        """
         q, radius, height = self._cylindrical(y)
         rim, face = self._beyond(radius, height)
         radius = _or_one(radius)  # on the axis, where q is zero
         radial = q / radius[:, None]
         axial = np.sign(height)[:, None] * self._axis
         d = _or_one(np.hypot(np.maximum(rim, 0.0), np.maximum(face, 0.0)))
-        out = np.maximum(rim, 0.0) / d
-        up = np.maximum(face, 0.0) / d
-        n = out[:, None] * radial + up[:, None] * axial
-        around = np.cross(radial, axial)
-        tangent = up[:, None] * radial - out[:, None] * axial
-        edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
-        ring = (out / radius)[:, None, None]
-        return n, edge * _outer(tangent, tangent) + ring * _outer(around, around)
+        radial_part = np.maximum(rim, 0.0) / d  # of n
+        axial_part = np.maximum(face, 0.0) / d
+        n = radial_part[:, None] * radial + axial_part[:, None] * axial
+        around_axis = np.cross(radial, axial)
+        around_edge = axial_part[:, None] * radial - radial_part[:, None] * axial
+        curvature_of_edge = np.where((rim > 0) & (face > 0), 1 / d, 0.0)[:, None, None]
+        curvature_of_rim = (radial_part / radius)[:, None, None]
+        hessian = curvature_of_edge * _outer(around_edge, around_edge)
+        hessian = hessian + curvature_of_rim * _outer(around_axis, around_axis)
+        return n, hessian
 
 
 def _length(q: np.ndarray) -> np.ndarray:
@@ -390,7 +416,10 @@ def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _around(q: np.ndarray, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient n = q/|q| and Hessian (P − n nᵀ)/|q| of |q|, with the projector P = ∂q/∂x."""
+    """Return the gradient n = q/|q| (m, 3) and the Hessian (P − n nᵀ)/|q| (m, 3, 3) of |q|.
+
+    `across` is the projector P = ∂q/∂x, (3, 3) or (m, 3, 3). Where q is 0, n is 0.
+    """
     r = _or_one(_length(q))
     n = q / r[:, None]
     return n, (across - _outer(n, n)) / r[:, None, None]

@@ -44,41 +44,53 @@ def surface_of(shape: Shape, t: float, place: np.ndarray, reach: float) -> Trian
     Of an endless shape it is the part within `reach` [m] of `place` (3,) [m].
     """
     pose = shape.pose(t)
-    points, triangles = _in_its_frame(shape, t, pose.to_body(place[None])[0], reach)
+    place_in_frame = pose.to_body(place[None])[0]
+    points, triangles = _surface_in_frame(shape, t, place_in_frame, reach)
     return Triangles(pose.to_space(points), triangles)
 
 
-def _in_its_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
-    """The surface of a shape in its own frame, near a `place` (3,) in that frame."""
+def _surface_in_frame(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
+    """Return the surface of a shape at the time t, with points in the frame of the shape.
+
+    Of an endless shape, and of a formula, it is the part within `reach` [m] of `place` (3,),
+    which is in that frame, too.
+    """
     if isinstance(shape, shapes.Sphere):
-        return _turned(_arc(shape.radius, -1, 1), shape.center, (0.0, 0.0, 1.0))
+        half_circle = _arc(shape.radius, from_quarter=-1, to_quarter=1)
+        return _turn_profile(half_circle, middle=shape.center, axis=(0.0, 0.0, 1.0))
     if isinstance(shape, shapes.Capsule):
         a = np.array(shape.a, float)
         b = np.array(shape.b, float)
-        half = np.linalg.norm(b - a) / 2
-        low = _arc(shape.radius, -1, 0) - [0, half]
-        high = _arc(shape.radius, 0, 1) + [0, half]
-        return _turned(np.vstack([low, high]), (a + b) / 2, b - a)
+        half_length = np.linalg.norm(b - a) / 2
+        lower_arc = _arc(shape.radius, from_quarter=-1, to_quarter=0) - [0, half_length]
+        upper_arc = _arc(shape.radius, from_quarter=0, to_quarter=1) + [0, half_length]
+        profile = np.vstack([lower_arc, upper_arc])
+        return _turn_profile(profile, middle=(a + b) / 2, axis=b - a)
     if isinstance(shape, shapes.Cylinder):
         axis = np.array(shape.axis, float) / np.linalg.norm(shape.axis)
-        middle = shape.point + ((place - shape.point) @ axis) * axis
-        ends = [(shape.radius, -reach), (shape.radius, reach)]
-        return _turned(np.array(ends), middle, axis)
+        nearest_on_axis = shape.point + ((place - shape.point) @ axis) * axis
+        profile = np.array([(shape.radius, -reach), (shape.radius, reach)])
+        return _turn_profile(profile, middle=nearest_on_axis, axis=axis)
     if isinstance(shape, shapes.Plane):
         normal = np.array(shape.normal, float) / np.linalg.norm(shape.normal)
         foot = place - ((place - shape.point) @ normal) * normal
         corners = foot + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ _across(normal)
         return Triangles(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    if isinstance(shape, shapes.Box | shapes.Disk):  # triangles that share no point: sharp edges
+    if isinstance(shape, shapes.Box | shapes.Disk):
         body = shape.skeleton(reach)
+        # Each triangle has points of its own: where they share points, pictures round the edges.
         corners = body.points[body.triangles].reshape(-1, 3)
         return Triangles(corners, np.arange(len(corners)).reshape(-1, 3))
-    return _marched(shape, t, place, reach)
+    return _march_tetrahedra(shape, t, place, reach)
 
 
-def _arc(radius: float, low: float, high: float) -> np.ndarray:
-    """Points (r, z) of a circle around 0 from the angle low π/2 to high π/2."""
-    angle = np.linspace(low, high, 1 + int(CORNERS_OF_CIRCLE / 4 * (high - low))) * math.pi / 2
+def _arc(radius: float, from_quarter: float, to_quarter: float) -> np.ndarray:
+    """Return points (k, 2), as (r, z), of an arc around 0.
+
+    It goes from the angle `from_quarter` π/2 to the angle `to_quarter` π/2.
+    """
+    sides = int(CORNERS_OF_CIRCLE / 4 * (to_quarter - from_quarter))
+    angle = np.linspace(from_quarter, to_quarter, 1 + sides) * math.pi / 2
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
@@ -89,13 +101,19 @@ def _across(axis: np.ndarray) -> np.ndarray:
     return np.array([first, np.cross(axis, first)])
 
 
-def _turned(profile: np.ndarray, middle, axis) -> Triangles:
-    """A profile (k, 2) of (r, z) turned about an axis."""
+def _turn_profile(profile: np.ndarray, middle, axis) -> Triangles:
+    """Return the surface of revolution of a profile.
+
+    The profile (k, 2) has the radius r and the height z of its points. The axis (3,) may have
+    any length; it passes through the point `middle` (3,) with the height 0.
+    """
     axis = np.array(axis, float) / np.linalg.norm(axis)
     corners = CORNERS_OF_CIRCLE
     angle = 2 * math.pi / corners * np.arange(corners)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ _across(axis)
-    points = profile[:, 0, None, None] * circle + profile[:, 1, None, None] * axis
+    unit_circle = np.column_stack([np.cos(angle), np.sin(angle)]) @ _across(axis)
+    points = profile[:, 0, None, None] * unit_circle + profile[:, 1, None, None] * axis
+    # Point j of the circle i has the number corners × i + j. Each cell between two circles has
+    # the points a and b on the lower circle, and c and d on the upper one.
     i, j = np.meshgrid(np.arange(len(profile) - 1), np.arange(corners), indexing="ij")
     a = corners * i + j
     b = corners * i + (j + 1) % corners
@@ -108,24 +126,31 @@ def _turned(profile: np.ndarray, middle, axis) -> Triangles:
 # --- the surface of a formula ----------------------------------------------------------------
 
 
-def _marched(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
-    """Where the distance is 0 in the cube of half the edge `reach` around a place."""
+def _march_tetrahedra(shape: Shape, t: float, place: np.ndarray, reach: float) -> Triangles:
+    """Return the surface on which the distance from a shape is 0, by marching tetrahedra.
+
+    It is the part in a cube around `place` (3,) with half the edge `reach` [m].
+    """
     n = CELLS_OF_GRID
     grid = np.indices((n + 1, n + 1, n + 1)).reshape(3, -1).T
     nodes = place + reach * (2 / n * grid - 1)
     cubes = _cubes(n)
     d = shape.distance(nodes, t)
-    cut = cubes[(d[cubes].min(axis=1) < 0) & (d[cubes].max(axis=1) >= 0)]
-    edges = _cut_edges(cut[:, TETRAHEDRA].reshape(-1, 4), d)
-    ends, which = np.unique(np.sort(edges.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
-    part = d[ends[:, 0]] / (d[ends[:, 0]] - d[ends[:, 1]])
+    is_cut = (d[cubes].min(axis=1) < 0) & (d[cubes].max(axis=1) >= 0)
+    tetrahedra = cubes[is_cut][:, TETRAHEDRA].reshape(-1, 4)
+    edges = np.sort(_cut_edges(tetrahedra, d).reshape(-1, 2), axis=1)
+    # Triangles share a point where they lie on the same edge.
+    ends, point_of_corner = np.unique(edges, axis=0, return_inverse=True)
+    part = d[ends[:, 0]] / (d[ends[:, 0]] - d[ends[:, 1]])  # where d is 0, if it is linear
     points = nodes[ends[:, 0]] + part[:, None] * (nodes[ends[:, 1]] - nodes[ends[:, 0]])
-    for _ in range(3):  # onto the surface, where the distance is not linear in a cube
-        gradient = shape.slopes(points, t)[0]
-        steep = np.maximum(np.einsum("pi,pi->p", gradient, gradient), 1e-12)
-        away = np.clip(shape.distance(points, t) / steep, -reach / n, reach / n)
-        points -= away[:, None] * gradient
-    return _outwards(shape, t, points, which.reshape(-1, 3))
+    # Three steps of Newton's method along the gradient, each limited to half of a cell's edge,
+    # take the points onto the surface where d is not linear. 1e-12 avoids a division by 0.
+    for _ in range(3):
+        gradient, _ = shape.slopes(points, t)
+        squared_slope = np.maximum(np.einsum("pi,pi->p", gradient, gradient), 1e-12)
+        step = np.clip(shape.distance(points, t) / squared_slope, -reach / n, reach / n)
+        points -= step[:, None] * gradient
+    return _outwards(shape, t, points, point_of_corner.reshape(-1, 3))
 
 
 def _cubes(n: int) -> np.ndarray:
@@ -138,30 +163,39 @@ def _cubes(n: int) -> np.ndarray:
 
 
 def _cut_edges(tetrahedra: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """(q, 3, 2) the edges on which the corners of each triangle lie."""
-    inside = np.sort(np.where(d[tetrahedra] < 0, 0, 4) + np.arange(4), axis=1)
-    count = (inside < 4).sum(axis=1)
-    node = np.take_along_axis(tetrahedra, inside % 4, axis=1)  # corners inside first
-    a, b, c, e = node.T
-    pairs = {
+    """Return the edges (q, 3, 2) on which the three corners of each triangle of the surface lie.
+
+    The surface cuts each of the `tetrahedra` (p, 4) in a triangle if 1 or 3 of its corners are
+    inside (d < 0), and in two triangles if 2 are. `d` has the distances of all nodes.
+    """
+    # The numbers 0 … 3 of the corners, with 4 more for those outside: sorted, those inside come
+    # first, and the number modulo 4 is the corner.
+    sorted_corners = np.sort(np.where(d[tetrahedra] < 0, 0, 4) + np.arange(4), axis=1)
+    inside_count = (sorted_corners < 4).sum(axis=1)
+    nodes = np.take_along_axis(tetrahedra, sorted_corners % 4, axis=1)
+    a, b, c, e = nodes.T
+    triangles_by_count = {
         1: [((a, b), (a, c), (a, e))],
         2: [((a, c), (a, e), (b, e)), ((a, c), (b, e), (b, c))],
         3: [((a, e), (b, e), (c, e))],
     }
     edges = [
-        np.array(triangle).transpose(2, 0, 1)[count == k]
-        for k, triangles in pairs.items()
+        np.array(triangle).transpose(2, 0, 1)[inside_count == count]
+        for count, triangles in triangles_by_count.items()
         for triangle in triangles
     ]
     return np.concatenate(edges)
 
 
 def _outwards(shape: Shape, t: float, points: np.ndarray, triangles: np.ndarray) -> Triangles:
-    """The triangles, each turned so that its normal points out of the shape."""
+    """Return the surface, with each triangle (q, 3) turned so that its normal points outwards.
+
+    It changes the array `triangles`.
+    """
     if not len(triangles):
         return Triangles(points, triangles)
     a, b, c = points[triangles].transpose(1, 0, 2)
-    out = shape.slopes((a + b + c) / 3, t)[0]
-    turned = np.einsum("qi,qi->q", np.cross(b - a, c - a), out) < 0
-    triangles[turned] = triangles[turned][:, ::-1]
+    outward, _ = shape.slopes((a + b + c) / 3, t)
+    is_inward = np.einsum("qi,qi->q", np.cross(b - a, c - a), outward) < 0
+    triangles[is_inward] = triangles[is_inward][:, ::-1]
     return Triangles(points, triangles)

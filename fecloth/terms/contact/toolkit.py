@@ -30,14 +30,19 @@ def is_installed() -> bool:
 
 
 def load(where: str) -> Any:
-    """Import ipctk; raise `InputError` if it is missing."""
+    """Import the module ipctk, set it to one thread and no warnings, and return it.
+
+    Raises `InputError` if it is missing; `where` names what needs it.
+    """
     try:
         import ipctk
     except ImportError as error:
         remedy = "In the clone, pip install '.[contact]'."
         raise InputError(where, "needs the package ipctk", remedy=remedy) from error
-    ipctk.set_logger_level(ipctk.LoggerLevel.error)  # its doubts are tested after each step
-    ipctk.set_num_threads(1)  # on more, sums have another order in each run, and other bits
+    # No warnings: whether triangles intersect is tested after each step anyway.
+    ipctk.set_logger_level(ipctk.LoggerLevel.error)
+    # With more threads, sums have another order in each run, and so other round-off.
+    ipctk.set_num_threads(1)
     return ipctk
 
 
@@ -100,32 +105,40 @@ class ContactSets:
         stiffness: float,
         fixed: Skeleton | None = None,
     ) -> Self:
-        """The pairs of a cloth with itself, or with the fixed mesh `fixed`.
+        """Make the sets of a cloth with itself, or with the fixed mesh `fixed`.
 
-        `where` begins the `InputError` if ipctk is missing.
+        `gap` and `thickness` are in m, `stiffness` is κ [Pa]. Raises `InputError` if the package
+        ipctk is missing; `where` names what needs it.
         """
         ipctk = load(where)
         triangles = Surface.from_cloth(cloth).triangles
         rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-        others = fixed or Skeleton(np.zeros((0, 3)), NO_EDGES, NO_TRIANGLES)
-        faces = np.vstack([triangles, others.triangles + len(rest)]).astype(np.int32)
-        edges = np.vstack([ipctk.edges(np.asfortranarray(faces)), others.edges + len(rest)])
-        nodes = np.asfortranarray(np.vstack([rest, others.points]))
+        fixed_mesh = fixed or Skeleton(np.zeros((0, 3)), NO_EDGES, NO_TRIANGLES)
+        # One mesh of the toolkit: first the nodes of the cloth, then those of the fixed mesh.
+        faces = np.vstack([triangles, fixed_mesh.triangles + len(rest)]).astype(np.int32)
+        edges_of_faces = ipctk.edges(np.asfortranarray(faces))
+        edges = np.vstack([edges_of_faces, fixed_mesh.edges + len(rest)])
+        nodes = np.asfortranarray(np.vstack([rest, fixed_mesh.points]))
         mesh = ipctk.CollisionMesh(nodes, edges.astype(np.int32, order="F"), faces)
         largest = math.inf
         if fixed:
-            patches = np.repeat([0, 1], [len(rest), len(others.points)]).astype(np.int32)
+            # Two nodes with the same number of a patch do not collide: the cloth meets the fixed
+            # mesh only, and not itself.
+            patches = np.repeat([0, 1], [len(rest), len(fixed_mesh.points)]).astype(np.int32)
             mesh.can_collide = ipctk.make_vertex_patches_filter(patches)
-            of_cloth = np.array(mesh.edge_areas)[edges.max(axis=1) < len(rest)].max()
-            if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > of_cloth:
-                largest = 0.5 * float(of_cloth)
+            is_edge_of_cloth = edges.max(axis=1) < len(rest)
+            largest_of_cloth = np.array(mesh.edge_areas)[is_edge_of_cloth].max()
+            # A fixed mesh with larger parts than the cloth must not weight contacts with its own
+            # areas: see `largest`.
+            if max(max(mesh.edge_areas), max(mesh.vertex_areas)) > largest_of_cloth:
+                largest = 0.5 * float(largest_of_cloth)
         potential = ipctk.BarrierPotential(gap, stiffness, use_physical_barrier=True)
         return cls(
             toolkit=ipctk,
             mesh=mesh,
             potential=potential,
             triangles=triangles,
-            fixed=others.points,
+            fixed=fixed_mesh.points,
             gap=gap,
             thickness=thickness,
             largest=largest,
@@ -142,7 +155,11 @@ class ContactSets:
         return self._last[1]
 
     def _find_contacts(self, x: np.ndarray) -> Any:
-        """The contacts at x (n, 3), from the pairs that are kept if there are any."""
+        """Find the contacts at x (n, 3), as an object of the toolkit.
+
+        They come from the pairs that are kept, or else from a search by the toolkit. No contact
+        counts with a larger area than `largest`.
+        """
         contacts = self.toolkit.NormalCollisions()
         contacts.use_area_weighting = True
         pairs = self.candidates(x)
@@ -156,9 +173,11 @@ class ContactSets:
         return contacts
 
     def candidates(self, x: np.ndarray, end: np.ndarray | None = None) -> Any | None:
-        """The pairs that can touch at x, or on the straight way from x to `end`.
+        """Return the pairs that can touch at x, or on the straight way from x to `end`.
 
-        None if they are too many to be kept: then the toolkit must search by itself.
+        They are the pairs that are kept, if these cover x and `end`; otherwise they are searched
+        for anew, and kept. None if they are too many to be kept: then the toolkit must search by
+        itself. If they are too many at x alone, nothing is kept any more until `forget`.
         """
         y = x
         if end is not None:
@@ -171,8 +190,9 @@ class ContactSets:
             pairs.build(self.mesh, self.nodes(x), self.nodes(y), growth)
             way = self._without_mean(y - x)
             if self._are_far(pairs, x, longest(way)):
-                pairs.clear()
+                pairs.clear()  # boxes overlap, but no parts are near: keep that none can touch
             if len(pairs) > MOST_PAIRS_PER_NODE * len(x):
+                # A long way has many pairs, also where places on it have few.
                 self._crowded = end is None
                 return None
             self._pairs = KeptPairs(start=x.copy(), way=way, pairs=pairs)
@@ -183,8 +203,10 @@ class ContactSets:
     def _are_far(self, pairs: Any, x: np.ndarray, way: float) -> bool:
         """Whether no pair can touch while each node is less than a gap from its way from x.
 
-        `way` [m] is the longest one.
+        `way` [m] is the length of the longest way. The answer is also False where the test would
+        cost more than it saves.
         """
+        # Both nodes of a pair may move towards each other, by their way and a gap.
         reach = self.gap + 2 * (way + self.gap)
         if reach > FARTHEST_ASKED_OVER_GAP * self.gap:
             return False
@@ -229,7 +251,10 @@ class ContactSets:
         return -np.reshape(gradient, (-1, 3))[: len(x)]
 
     def tangent(self, x: np.ndarray, definite: bool) -> sparse.csr_matrix | None:
-        """(3n, 3n) ∂²energy/∂x² [N/m]; None without contacts."""
+        """(3n, 3n) ∂²energy/∂x² [N/m]; None without contacts.
+
+        If `definite`, the negative eigenvalues of each contact are set to 0.
+        """
         contacts = self.at(x)
         if not len(contacts):
             return None
@@ -237,54 +262,62 @@ class ContactSets:
         if definite:
             projection = self.toolkit.PSDProjectionMethod.CLAMP
         K = self.potential.hessian(contacts, self.mesh, self.nodes(x), projection)
-        return K[: x.size, : x.size].tocsr()
+        return K[: x.size, : x.size].tocsr()  # without the nodes of the fixed mesh
 
     def pairs(self, x: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-        """Of the m contacts at x (n, 3): ∇d (m, 3n), d (m,) [m] and energies (m,) [J].
+        """Return the gradients ∇d (m, 3n), distances d (m,) [m] and energies (m,) [J].
 
-        A contact has up to four nodes. The way from one part to the other is Σ c_a x_a with the
-        coefficients c_a of the toolkit, so that ∇d has the block c_a way/d for the node a.
+        They belong to the m contacts at x (n, 3). A contact has up to four nodes. The vector
+        from one part to the other is Σ c_a x_a, with the coefficients c_a of the toolkit. So ∇d
+        has the block c_a vector/d for the node a. Nodes of the fixed mesh have no block.
         """
         contacts = self.at(x)
-        ids = nodes_of(contacts, self.mesh)
-        m = len(ids)
-        places = self.nodes(x)[ids].reshape(m, 12)
-        ways = np.zeros((m, 3))
+        node_numbers = nodes_of(contacts, self.mesh)
+        m = len(node_numbers)
+        places = self.nodes(x)[node_numbers].reshape(m, 12)
+        vectors = np.zeros((m, 3))
         coefficients = np.zeros((m, 4))
         energies = np.zeros(m)
-        for number, size in enumerate(3 * (ids >= 0).sum(axis=1)):
+        coordinate_counts = 3 * (node_numbers >= 0).sum(axis=1)
+        for number, count in enumerate(coordinate_counts):
             pair = contacts[number]
-            own_places = places[number, :size]
-            way, parts = pair.compute_distance_vector_with_coefficients(own_places)
-            ways[number] = way
-            coefficients[number, : len(parts)] = parts
+            own_places = places[number, :count]
+            vector, own_coefficients = pair.compute_distance_vector_with_coefficients(own_places)
+            vectors[number] = vector
+            coefficients[number, : len(own_coefficients)] = own_coefficients
             energies[number] = self.potential(pair, own_places)
-        d = np.sqrt(np.einsum("mi,mi->m", ways, ways))
-        blocks = coefficients[:, :, None] * (ways / d[:, None])[:, None]
-        columns = 3 * ids[:, :, None] + np.arange(3)
+        d = np.sqrt(np.einsum("mi,mi->m", vectors, vectors))
+        blocks = coefficients[:, :, None] * (vectors / d[:, None])[:, None]
+        columns = 3 * node_numbers[:, :, None] + np.arange(3)
         rows = np.broadcast_to(np.arange(m)[:, None, None], columns.shape)
-        is_of_cloth = (ids[:, :, None] >= 0) & (ids[:, :, None] < len(x))
-        kept = np.broadcast_to(is_of_cloth, columns.shape)
-        where = (rows[kept], columns[kept])
-        normals = sparse.csr_matrix((blocks[kept], where), shape=(m, x.size))
+        is_of_cloth = (node_numbers[:, :, None] >= 0) & (node_numbers[:, :, None] < len(x))
+        is_entry = np.broadcast_to(is_of_cloth, columns.shape)
+        places_of_entries = (rows[is_entry], columns[is_entry])
+        normals = sparse.csr_matrix((blocks[is_entry], places_of_entries), shape=(m, x.size))
         return normals, d, energies
 
     def lag(self, x: np.ndarray, friction: float, parts: np.ndarray | None = None) -> Any:
-        """The contacts at x with their normal forces and directions of sliding, for μ.
+        """Return the toolkit's record of the contacts that slide at x (n, 3).
 
-        The normal forces are multiplied with `parts` (m,), if given.
+        It holds their normal forces and directions of sliding, for the coefficient `friction` μ.
+        The normal forces of the m contacts are multiplied with `parts` (m,), if given.
         """
         contacts = self.at(x)
         if parts is not None:
             for number, part in enumerate(parts):
                 contacts[number].weight *= part
-            self._last = None  # as these contacts have other weights now
+            # `at` would return these contacts again, and now they have other weights.
+            self._last = None
         lagged = self.toolkit.TangentialCollisions()
         lagged.build(self.mesh, self.nodes(x), contacts, self.potential, friction)
         return lagged
 
     def rub(self, lagged: Any, v: np.ndarray, creep: float) -> tuple[float, np.ndarray]:
-        """Σ μ λ f₀(y) [W] at velocities v (n, 3), and minus its derivative by v, the force [N]."""
+        """Return the rate Σ μ λ f₀(y) [W] of friction, and its force (n, 3) [N].
+
+        The force is minus the derivative of the rate by the velocities v (n, 3) [m/s].
+        `lagged` is the result of `lag`, and `creep` the speed ε [m/s].
+        """
         if not len(lagged):
             return 0.0, np.zeros_like(v)
         potential = self.toolkit.FrictionPotential(creep)
@@ -307,15 +340,25 @@ class ContactSets:
         return np.asfortranarray(np.vstack([v, np.zeros_like(self.fixed)]))
 
     def free_part(self, x: np.ndarray, y: np.ndarray) -> float:
-        """The largest α ≤ 1 for which nothing meets on the straight way to x + α (y − x)."""
+        """Return a part α ≤ 1 for which nothing meets on the straight way to x + α (y − x).
+
+        It is 1 if nothing meets on all of the way. Otherwise it is `PART_OF_FREE_WAY` of the way
+        to the first collision that the toolkit detects, which itself leaves some distance. x and
+        y are (n, 3) [m].
+        """
+        # Without a contact, `least_distance` is infinite, but it is only known that no parts
+        # are nearer than the gap.
         room = min(self.least_distance(x) - self.thickness, self.gap)
+        # Two parts come nearer by at most twice the longest way; a common motion of the cloth
+        # changes no distance in it.
         if 2 * longest(self._without_mean(y - x)) < PART_OF_FREE_WAY * room:
             return 1.0
-        # Only the pairs that can touch are asked, or else the toolkit for all.
-        asked = self.candidates(x, y)
-        if asked is None:
-            asked = self.toolkit
-        part = asked.compute_collision_free_stepsize(
+        # Only the pairs that can touch are tested. Without a list of them (None), the toolkit
+        # searches among all pairs.
+        detector = self.candidates(x, y)
+        if detector is None:
+            detector = self.toolkit
+        part = detector.compute_collision_free_stepsize(
             self.mesh,
             self.nodes(x),
             self.nodes(y),
@@ -327,26 +370,27 @@ class ContactSets:
         return PART_OF_FREE_WAY * float(part)
 
     def struck(self, x: np.ndarray, y: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """The nodes of edges and triangles that meet others from x to y, among the nodes `held`.
+        """Return the nodes, among those `held` by pins, that must meet something from x to y.
 
-        Only pairs count whose nodes are all held, or belong to the fixed mesh.
+        They are the nodes of edges and triangles that meet on their straight ways. Only pairs
+        count whose nodes are all held, or belong to the fixed mesh: other pairs can give way.
         """
         mesh = self.mesh
         pairs = self.toolkit.Candidates()
         begin = self.nodes(x)
         end = self.nodes(y)
         pairs.build(mesh, begin, end, self.thickness)
-        prescribed = {*held, *range(len(x), len(begin))}
-        struck: set[int] = set()
+        prescribed_nodes = {*held, *range(len(x), len(begin))}
+        struck_nodes: set[int] = set()
         for pair in [*pairs.ee_candidates, *pairs.fv_candidates]:
             nodes = pair.vertex_ids(mesh.edges, mesh.faces)
-            if not prescribed.issuperset(nodes):
+            if not prescribed_nodes.issuperset(nodes):
                 continue
             rows = list(nodes)
             meets, _ = pair.ccd(begin[rows].ravel(), end[rows].ravel())
             if meets:
-                struck.update(nodes)
-        return np.array(sorted(struck.intersection(held)), int)
+                struck_nodes.update(nodes)
+        return np.array(sorted(struck_nodes.intersection(held)), int)
 
     def intersects(self, x: np.ndarray) -> bool:
         """Whether parts that share no node pass through each other."""

@@ -70,7 +70,10 @@ class BoundTriangleContact(BoundContact):
 
     @cached_property
     def retreat(self) -> Retreat | None:
-        """The pairs at the begin of the step, which push less over it; None without any."""
+        """The pairs in contact at the begin of the step, which push less while they move apart.
+
+        None if there are none, at one state, and for an elastic contact.
+        """
         moved = self.moved
         if moved is None:
             return None
@@ -111,6 +114,7 @@ class BoundTriangleContact(BoundContact):
         return energy
 
     def push(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) force [N] on the nodes without friction; over a step with that of `Retreat`."""
         y = self.place(x, t)
         f = self.sets.force(y)
         if self.retreat:
@@ -136,27 +140,36 @@ class BoundTriangleContact(BoundContact):
         return self.couplings(x, t, wx, rubbing, wv, definite)
 
     def couplings(self, x, t, wx, rubbing, weight, definite) -> sparse.spmatrix | None:
+        """Return wx K of the barrier plus `weight` D of friction (3n, 3n); None if both are 0.
+
+        K has the part of `Retreat` over a step. If `definite`, K has no negative parts.
+        """
         y = self.place(x, t)
-        stiff = [self.sets.tangent(y, definite)]
+        stiffness_matrices = [self.sets.tangent(y, definite)]
         if self.retreat:
-            stiff.append(self.retreat.tangent(y, definite))
+            stiffness_matrices.append(self.retreat.tangent(y, definite))
         R = self.rotation(t)
-        parts = [turn_matrix(wx * K, R) for K in stiff if K is not None]
+        matrices = [turn_matrix(wx * K, R) for K in stiffness_matrices if K is not None]
         for sliding, w in rubbing:
             D = sliding.damping(w, weight)
             if D is not None:
-                parts.append(D)
-        if not parts:
+                matrices.append(D)
+        if not matrices:
             return None
-        return sum(parts[1:], start=parts[0])
+        return sum(matrices[1:], start=matrices[0])
 
     def lag(self, x: np.ndarray, t: float, dt: float | None) -> Sequence[SlidingTriangles]:
-        """What slides at x and t; over a step with the normal forces that dissipation leaves."""
+        """Return what slides at x (n, 3) and the time t, in a list of one entry.
+
+        If the contact dissipates over a step (`moved`), the normal forces are those that the
+        dissipation leaves. The velocity of the surface is its mean from t to t + dt; for
+        dt = None that at t.
+        """
         y = self.place(x, t)
         surface: np.ndarray | float = 0.0
         if self.body is not None:
             surface = self.body.mean_velocity(y, x, t, dt)
-        parts = None
+        parts = None  # of the elastic normal forces: all
         moved = self.moved
         if moved is not None:
             begin = self.place(moved.start, moved.begin)
@@ -176,12 +189,19 @@ class BoundTriangleContact(BoundContact):
         return self.sets.gap
 
     def touch_speed(self, old: Any, x: np.ndarray, t: float) -> float:
+        """Return the largest speed [m/s] with which a pair newly enters the gap; 0 without any.
+
+        Only pairs count that are in the gap at x and t, and were outside of it in the `State`
+        `old`: the others have touched before. Their old distance is extrapolated with the
+        normals at x. The speed is that of `old`, along the same normals.
+        """
         y = self.place(x, t)
         begin = self.place(old.x, old.t)
         normals, d, _ = self.sets.pairs(y)
-        was_outside = d - normals @ (y - begin).ravel() >= self.gap + self.sets.thickness
-        nearer = -normals @ self.slip(old.x, old.v, old.t).ravel()
-        return float(np.max(nearer[was_outside], initial=0.0))
+        old_d = d - normals @ (y - begin).ravel()
+        was_outside = old_d >= self.gap + self.sets.thickness
+        speeds = -normals @ self.slip(old.x, old.v, old.t).ravel()
+        return float(np.max(speeds[was_outside], initial=0.0))
 
     def limit(self, x: np.ndarray, s: np.ndarray, t: float) -> float:
         """The largest α ≤ 1 for which no triangle passes through another up to x + α s."""
@@ -210,16 +230,16 @@ class BoundTriangleContact(BoundContact):
         if self.sets.intersects(y):
             what, allowed = self.crossing(x)
             raise InputError(what, allowed, where, "Move them apart at the start.")
-        nearest = self.sets.least_distance(y)
+        least_distance = self.sets.least_distance(y)
         thickness = self.sets.thickness
-        if nearest <= thickness:
-            what = f"two layers start at a distance of {nearest:.3g} m"
+        if least_distance <= thickness:
+            what = f"two layers start at a distance of {least_distance:.3g} m"
             allowed = f"must be farther apart than the thickness, {thickness:g} m"
             remedy = "Move them apart, or take a smaller thickness."
             raise InputError(what, allowed, where, remedy)
 
     def crossing(self, x: np.ndarray) -> tuple[str, str]:
-        """The triangles that intersect at x, and what is allowed, as the words of an error."""
+        """Return two texts for an error: which triangles intersect at x, and what is allowed."""
         allowed = "must start free of intersections"
         pairs = find_intersections(self.sets.triangles, x)
         if pairs is None or not len(pairs):
@@ -299,6 +319,11 @@ class SelfContact:
     stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTriangleContact:
+        """Bind the contact.
+
+        Raises `InputError` for a gap that is too large for the mesh, and without the package
+        ipctk.
+        """
         cloth = panel.cloth
         stiffness = barrier.stiffness_of(self.stiffness, panel, self.gap)
         sets = ContactSets.bind(

@@ -80,7 +80,9 @@ class Condition:
     name: str = "Condition"
 
     def __post_init__(self):
-        if self.name in RESERVED or not all(c.isalnum() or c in " _-" for c in str(self.name)):
+        """Raise `InputError` for wrong arguments, and keep `nodes` as an array of int32."""
+        has_plain_name = all(c.isalnum() or c in " _-" for c in str(self.name))
+        if self.name in RESERVED or not has_plain_name:
             reserved = ", ".join(RESERVED)
             allowed = f"must be letters, digits, spaces, _ and -, and none of {reserved}"
             raise InputError(f"name = {self.name!r}", allowed, "Condition")
@@ -103,19 +105,30 @@ class Condition:
     traits = TermTraits(elements=("P1", "P2"))
 
     def stencil(self, cloth: Cloth) -> np.ndarray:
+        """Return `nodes` (m, k).
+
+        Raises `InputError` for nodes that the cloth does not have, and for a stencil with a node
+        twice.
+        """
         low = self.nodes.min()
         high = self.nodes.max()
         if low < 0 or high >= len(cloth.X):
             allowed = f"must lie in 0 … {len(cloth.X) - 1}"
             raise InputError(f"node indices {low} … {high}", allowed, self.name)
-        ordered = np.sort(self.nodes, axis=1)
-        if (ordered[:, 1:] == ordered[:, :-1]).any():
+        sorted_nodes = np.sort(self.nodes, axis=1)
+        if (sorted_nodes[:, 1:] == sorted_nodes[:, :-1]).any():
             raise InputError("a stencil", "must not hold a node twice", self.name)
         return self.nodes
 
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
+        """Check the user's functions near rest, and bind the condition.
+
+        Raises `InputError` for nodes that the cloth does not have, for shapes that do not fit,
+        for values that are not finite, and for a derivative that is wrong.
+        """
         cloth = panel.cloth
-        rest = np.column_stack([cloth.X, np.zeros(len(cloth.X))])[self.stencil(cloth)]
+        flat_cloth = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
+        rest = flat_cloth[self.stencil(cloth)]
         size_of_triangle = float(np.sqrt(cloth.area / len(cloth.triangles)))
         functions = self._make_functions(rest, size_of_triangle)
         functions.check(rest)
@@ -130,7 +143,7 @@ class Condition:
                 panel=panel,
                 slots=slots,
                 nodes=self.nodes,
-                constants=np.zeros(1),
+                constants=np.zeros(1),  # `BoundUserCondition.table` takes their place
                 stiffness=self.stiffness,
                 damping=self.damping,
                 hessian=hessian,
@@ -139,14 +152,17 @@ class Condition:
                 rest=rest,
             )
         except ValueError as error:
-            if isinstance(error, InputError):
+            if isinstance(error, InputError):  # it says already what is wrong
                 raise
+            # Numpy could not bring stiffness and damping to the shape (m, r).
             raise self._wrong_shapes(functions.r) from None
 
     def _make_functions(self, rest: np.ndarray, least_size: float) -> Derivatives:
-        """C, ∂C and ∂²C, with the sizes of the stencils at `rest` (m, k, 3) for differences.
+        """Return the functions C, ∂C and ∂²C of stencils that are at `rest` (m, k, 3).
 
-        A stencil of one node has no size: it takes `least_size` [m].
+        The size of a stencil, for finite differences, is the largest distance of a node from the
+        mean of its nodes. A stencil of one node has no size: it takes `least_size` [m]. Raises
+        `InputError` as `_count_components` does.
         """
         extent = np.linalg.norm(rest - rest.mean(axis=1, keepdims=True), axis=2).max(axis=1)
         return Derivatives(
@@ -154,7 +170,7 @@ class Condition:
             gradient=self.gradient,
             hessian=self.hessian,
             size=np.where(extent > 0, extent, least_size),
-            r=self._components(rest),
+            r=self._count_components(rest),
             name=self.name,
         )
 
@@ -165,8 +181,8 @@ class Condition:
         what = f"stiffness and damping of shapes {shapes}"
         return InputError(what, f"must be numbers, ({m},) or ({m}, {r})", self.name)
 
-    def _components(self, rest: np.ndarray) -> int:
-        """r, the number of components of C, from its value at rest.
+    def _count_components(self, rest: np.ndarray) -> int:
+        """Return r, the number of components of C, from its value at `rest` (m, k, 3).
 
         Raises `InputError` for a wrong shape, and for values that are not finite.
         """
@@ -175,9 +191,10 @@ class Condition:
         if C.ndim not in (1, 2) or len(C) != m:
             allowed = f"must be ({m},) or ({m}, r) for y of shape {rest.shape}"
             raise InputError(f"value(y) of shape {C.shape}", allowed, self.name)
-        bad = np.flatnonzero(~np.isfinite(C.reshape(m, -1)).all(axis=1))
-        if len(bad):
-            what = f"C = {C[bad[0]]} at rest in stencil {bad[0]}"
+        not_finite_rows = np.flatnonzero(~np.isfinite(C.reshape(m, -1)).all(axis=1))
+        if len(not_finite_rows):
+            first_row = not_finite_rows[0]
+            what = f"C = {C[first_row]} at rest in stencil {first_row}"
             raise InputError(what, "must be finite", self.name)
         return C.reshape(m, -1).shape[1]
 
@@ -202,7 +219,10 @@ class BoundUserCondition(bound_condition.BoundCondition):
         return self.functions.is_objective(self.rest)
 
     def table(self, x, t, order) -> np.ndarray:
-        """Rows (m, p) with C of each stencil, for `order` 1 also with ∂C, for 2 also with ∂²C."""
+        """Rows (m, p) with C of each stencil, for `order` 1 also with ∂C, for 2 also with ∂²C.
+
+        A symmetric tangent of Gauss and Newton has no ∂²C, so that it is left out.
+        """
         y = x[self.nodes]
         m = len(self.nodes)
         parts = [self.functions.C, self.functions.dC, self.functions.ddC][: order + 1]
@@ -213,7 +233,12 @@ class BoundUserCondition(bound_condition.BoundCondition):
 
 @inner
 def read_table(y, c, order, C, g, H):
-    """Read C, ∂C and ∂²C from the row c."""
+    """Fill C, g = ∂C and H = ∂²C from the row c of `BoundUserCondition.table`.
+
+    The row has the n values of C, then n d values of ∂C, then n d² values of ∂²C, for the d
+    coordinates of the nodes. Coordinate a is the component a % 3 of node a // 3. The arguments
+    are those of every family of conditions: see `loops.condition`.
+    """
     n = len(C)
     d = 3 * len(y)
     for r in range(n):

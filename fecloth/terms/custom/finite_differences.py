@@ -61,37 +61,51 @@ class Derivatives:
         return 0.5 * (H + H.transpose(0, 1, 4, 5, 2, 3))
 
     def differentiate(self, function: Function, y: np.ndarray) -> np.ndarray:
-        """Differentiate a function (m, k, 3) → (m, …) by y with `WEIGHTS`: (m, …, k, 3)."""
+        """Return the derivative (m, …, k, 3) of a function by y (m, k, 3), from differences.
+
+        The function takes positions (m, k, 3) and returns (m, …). It is called four times for
+        each of the 3 k coordinates; a coordinate is moved in all m stencils at once.
+        """
         m, k, _ = y.shape
         h = STEP_OVER_SIZE * self.size[:, None, None]
         columns = []
-        for coordinate in np.eye(3 * k).reshape(3 * k, k, 3):
-            terms = [weight * function(y + s * h * coordinate) for s, weight in WEIGHTS]
-            column = np.asarray(sum(terms))
-            columns.append(column / h.reshape(m, *[1] * (column.ndim - 1)))
+        for unit_vector in np.eye(3 * k).reshape(3 * k, k, 3):
+            terms = [weight * function(y + s * h * unit_vector) for s, weight in WEIGHTS]
+            difference = np.asarray(sum(terms))
+            h_of_rows = h.reshape(m, *[1] * (difference.ndim - 1))  # axes as of `difference`
+            columns.append(difference / h_of_rows)
         return np.stack(columns, axis=-1).reshape(*columns[0].shape, k, 3)
 
     def beside(self, rest: np.ndarray) -> np.ndarray:
-        """(m, k, 3) positions in a state near rest, without symmetries."""
+        """Return positions (m, k, 3) [m] near rest, without symmetries.
+
+        They are the same in every call. In a symmetric state, a wrong entry of a derivative
+        could be right by chance.
+        """
         noise = np.random.default_rng(0).standard_normal(rest.shape)
         return rest + 0.05 * self.size[:, None, None] * noise
 
     def is_objective(self, rest: np.ndarray) -> bool:
-        """Whether ∂C has no resultant and no moment, as no rigid motion changes C."""
+        """Whether no rigid motion changes C, tested near `rest` (m, k, 3).
+
+        Then ∂C has no resultant, as no translation changes C, and no moment, as no rotation
+        does. A NaN counts as not objective.
+        """
         y = self.beside(rest)
         arms = (y - y.mean(axis=1, keepdims=True))[:, None]
         g = self.dC(y)
         moments = np.cross(arms, g)
-        for parts in (g, moments):
-            resultant = np.abs(parts.sum(axis=2)).max()
-            if not resultant <= WRONG_DERIVATIVE * np.abs(parts).max():
+        for vectors_of_nodes in (g, moments):
+            resultant = np.abs(vectors_of_nodes.sum(axis=2)).max()
+            if not resultant <= WRONG_DERIVATIVE * np.abs(vectors_of_nodes).max():
                 return False
         return True
 
     def check(self, rest: np.ndarray) -> None:
-        """Compare the user's derivatives with differences, in a state near rest.
+        """Compare the user's derivatives with finite differences, in a state near rest.
 
-        Raises `InputError` for the entry that is farthest off.
+        The user's gradient is compared with differences of the value, and the hessian with
+        differences of the gradient. Raises `InputError` for a derivative that differs.
         """
         y = self.beside(rest)
         if self.gradient is not None:
@@ -102,25 +116,35 @@ class Derivatives:
             self._compare("hessian", self.ddC(y), expected, "the gradient")
 
     def _compare(self, name: str, values: np.ndarray, expected: np.ndarray, of: str) -> None:
-        """Raise `InputError` if a derivative is not what differences `of` its function give."""
+        """Raise `InputError` if a user's derivative differs from finite differences.
+
+        The error names the entry that differs most. `name` is the derivative, with `values`;
+        `expected` are the differences of the function that is named `of`.
+        """
+        # The difference of each entry, above what is allowed.
         excess = np.abs(values - expected) - WRONG_DERIVATIVE * np.abs(expected).max()
-        worst = int(np.argmax(np.nan_to_num(excess, nan=np.inf)))
-        at = np.unravel_index(worst, excess.shape)
-        if excess[at] <= 0:
+        worst_entry = int(np.argmax(np.nan_to_num(excess, nan=np.inf)))  # a NaN is wrong, too
+        worst_index = np.unravel_index(worst_entry, excess.shape)
+        if excess[worst_index] <= 0:
             return
-        what = f"{name}[{', '.join(str(int(i)) for i in at)}] = {values[at]:.9g}"
-        allowed = f"differences of {of} give {expected[at]:.9g}"
+        index_in_words = ", ".join(str(int(i)) for i in worst_index)
+        what = f"{name}[{index_in_words}] = {values[worst_index]:.9g}"
+        allowed = f"differences of {of} give {expected[worst_index]:.9g}"
         remedy = "Correct it, or leave it out to have it computed."
         raise InputError(what, allowed, self.name, remedy)
 
     def _check_shape(self, name: str, values: np.ndarray, y: np.ndarray, order: int) -> np.ndarray:
-        """Check the shape of a derivative of an order, and insert the axis of one component."""
+        """Return a user's derivative of `order` 1 or 2 at y with the axis of its r components.
+
+        With one component, the user may leave this axis out. Raises `InputError` for any other
+        shape; `name` is the derivative.
+        """
         m, k, _ = y.shape
         values = np.asarray(values, dtype=float)
-        tail = (k, 3) * order
-        if values.shape == (m, *tail) and self.r == 1:
+        axes_of_nodes = (k, 3) * order
+        if values.shape == (m, *axes_of_nodes) and self.r == 1:
             return values[:, None]
-        if values.shape != (m, self.r, *tail):
-            allowed = f"must be {(m, self.r, *tail)} for y of shape {y.shape}"
+        if values.shape != (m, self.r, *axes_of_nodes):
+            allowed = f"must be {(m, self.r, *axes_of_nodes)} for y of shape {y.shape}"
             raise InputError(f"{name}(y) of shape {values.shape}", allowed, self.name)
         return values

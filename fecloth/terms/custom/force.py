@@ -81,12 +81,13 @@ class UserForce:
     stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Bind the force, with the amount A_a of each node."""
         cloth = panel.cloth
         if self.per == "area":
             amount = cloth.load()
         elif self.per == "mass":
             amount = panel.nodal_mass
-        else:
+        else:  # per node
             amount = np.ones(len(cloth.X))
         function = self.force
         if not callable(function):
@@ -101,9 +102,13 @@ class UserForce:
 
 
 def _validated_parts(parts) -> tuple:
-    """Three numbers or `Formula`s; raises `InputError` for anything else."""
+    """Return the three components of a user's force, each as a number or a `Formula`.
+
+    Raises `InputError` unless `parts` are a tuple or a list of three finite numbers or texts,
+    and for a text that is no formula of `VARIABLES`.
+    """
     allowed = "must be three finite numbers or formulas, or a function of x, v, t"
-    if isinstance(parts, str) or not isinstance(parts, tuple | list) or len(parts) != 3:
+    if not isinstance(parts, tuple | list) or len(parts) != 3:
         raise InputError(f"force = {parts!r}", allowed, "UserForce")
     for part in parts:
         is_number = np.isscalar(part) and not isinstance(part, str | bool)
@@ -129,12 +134,13 @@ class FormulaForce:
     X: np.ndarray
 
     def __call__(self, x: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        columns = (*self.X.T, *x.T, *v.T, t)
-        values = dict(zip(VARIABLES, columns, strict=True))
+        """Return the values (n, 3) of the three parts, at all nodes."""
+        columns = (*self.X.T, *x.T, *v.T, t)  # in the order of VARIABLES
+        values_of_variables = dict(zip(VARIABLES, columns, strict=True))
         g = np.empty_like(x)
         for c, part in enumerate(self.parts):
             if isinstance(part, Formula):
-                g[:, c] = part(**values)
+                g[:, c] = part(**values_of_variables)
             else:
                 g[:, c] = part
         return g
@@ -170,19 +176,23 @@ class BoundUserForce(BoundTerm):
     velocity_dependent = True
 
     def _value(self, x, v, t) -> np.ndarray:
-        """g (n, 3); raises `InputError` if its shape is wrong or it is not finite."""
+        """Return g (n, 3); raise `InputError` if its shape is wrong or it is not finite."""
         return _check_value(self.function(x, v, t), x.shape, "force", t)
 
-    def _blocks(self, x, v, t) -> tuple[np.ndarray, ...]:
-        """∂g/∂x and ∂g/∂v, (n, 3, 3) each."""
+    def _differentiate(self, x, v, t) -> tuple[np.ndarray, ...]:
+        """Return ∂g/∂x and ∂g/∂v, (n, 3, 3) each, by the user's function or by differences.
+
+        All nodes are shifted at once, as the force on a node depends on this node only. Raises
+        `InputError` for a value that is not finite or has a wrong shape.
+        """
         if self.derivatives is not None:
             parts = self.derivatives(x, v, t)
             return tuple(_check_value(part, (len(x), 3, 3), "derivative", t) for part in parts)
-        shifts = STEP_OF_DIFFERENCES * np.eye(3)
-        dx = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
-        dv = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
+        shifts = STEP_OF_DIFFERENCES * np.eye(3)  # along the three axes
+        changes_by_x = [self._value(x + s, v, t) - self._value(x - s, v, t) for s in shifts]
+        changes_by_v = [self._value(x, v + s, t) - self._value(x, v - s, t) for s in shifts]
         width = 2 * STEP_OF_DIFFERENCES
-        return np.stack(dx, axis=2) / width, np.stack(dv, axis=2) / width
+        return np.stack(changes_by_x, axis=2) / width, np.stack(changes_by_v, axis=2) / width
 
     def supply(self, x, v, t) -> float:
         """Power f · v [W]."""
@@ -193,6 +203,10 @@ class BoundUserForce(BoundTerm):
         f += self.amount[:, None] * self._value(x, v, t)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """Return the compiled calls that add the force, or None.
+
+        Only a force of three numbers has them: it is the same at all x, v and t.
+        """
         if not isinstance(self.function, FormulaForce):
             return None
         if not all(isinstance(part, float) for part in self.function.parts):
@@ -200,19 +214,28 @@ class BoundUserForce(BoundTerm):
         return [(add, (self.amount[:, None] * self._value(x, v, t), f))]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v), or the symmetric or positive part of this."""
-        dg_dx, dg_dv = self._blocks(x, v, t)
+        """J_aa −= A_a (wx ∂g/∂x + wv ∂g/∂v).
+
+        Of the blocks that are added, only the symmetric part counts if `symmetric`. If
+        `definite`, its negative eigenvalues are set to 0, too.
+        """
+        dg_dx, dg_dv = self._differentiate(x, v, t)
         blocks = -self.amount[:, None, None] * (wx * dg_dx + wv * dg_dv)
         if self.symmetric or definite:
             blocks = 0.5 * (blocks + blocks.transpose(0, 2, 1))
         if definite:
-            values, vectors = np.linalg.eigh(blocks)
-            blocks = np.einsum("nij,nj,nkj->nik", vectors, np.maximum(values, 0.0), vectors)
+            eigenvalues, vectors = np.linalg.eigh(blocks)
+            positive_values = np.maximum(eigenvalues, 0.0)
+            blocks = np.einsum("nij,nj,nkj->nik", vectors, positive_values, vectors)
         add_blocks(J.pattern.diagonal, blocks, J.values)
 
 
 def _check_value(value, shape: tuple[int, ...], name: str, t: float) -> np.ndarray:
-    """The value of a user's function as an array; raises `InputError` if it is not usable."""
+    """Return the value of a user's function as an array.
+
+    Raises `InputError` if it does not have the `shape`, or is not finite. `name` says which
+    function it is, and t [s] the time of the call.
+    """
     value = np.asarray(value, dtype=float)
     if value.shape != shape or not np.isfinite(value).all():
         what = f"{name} of shape {value.shape} at t = {t:g}"

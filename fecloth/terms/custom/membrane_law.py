@@ -76,10 +76,16 @@ class MembraneLaw:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> membrane.BoundMembrane:
+        """Check the law, compile it, and bind the membrane.
+
+        Raises `InputError` for wrong constants, for a wrong law (`check_law`), and for a law
+        that Numba cannot compile.
+        """
         name = type(self).__name__
         constants = panel.each(self._row)
         panel.each(self.moduli)  # checks the law
         try:
+            # The first call compiles the law by itself: an error is then about the law only.
             _compile_law(self.law)(STRAIN_NEAR_REST, constants[0])
         except NumbaError as error:
             what = f"law: {' '.join(str(error).split())}"
@@ -88,7 +94,10 @@ class MembraneLaw:
         return membrane.bind(name, _kernels(self.law), constants, panel, slots, self.strain)
 
     def _row(self, fabric: Fabric) -> np.ndarray:
-        """Check `constants` and return them as an array."""
+        """Return the constants c (p,) of a fabric as an array.
+
+        Raises `InputError` if `constants` does not return a list of finite numbers, or fails.
+        """
         name = f"{type(self).__name__}.constants"
         try:
             c = np.array(self.constants(fabric), dtype=float)
@@ -104,15 +113,20 @@ class MembraneLaw:
 
 @inner
 def positive(C):
-    """Raise the negative eigenvalues of ℂ to zero."""
+    """Return ℂ with its negative eigenvalues raised to zero.
+
+    ℂ is given and returned as (C11, C22, C66, C12, C16, C26).
+    """
     C11, C22, C66, C12, C16, C26 = C
     minor = C11 * C22 - C12 * C12
     det = C66 * minor - C11 * C26 * C26 - C22 * C16 * C16 + 2.0 * C12 * C16 * C26
+    # With all three leading minors positive, ℂ is positive definite. If it is not finite, it has
+    # no eigenvalues.
     if (C11 > 0.0 and minor > 0.0 and det > 0.0) or not math.isfinite(det):
         return C
     matrix = np.array([[C11, C12, C16], [C12, C22, C26], [C16, C26, C66]])
     values, vectors = np.linalg.eigh(matrix)
-    A = np.zeros((3, 3))
+    A = np.zeros((3, 3))  # Σ max(λ, 0) v ⊗ v
     for k in range(3):
         for i in range(3):
             for j in range(3):
@@ -129,7 +143,10 @@ def law(E, c):
 
 
 def floating_point(E, c):
-    """The law with floating-point numbers in place of integers."""
+    """Return W, S and ℂ of the law as floating-point numbers.
+
+    A law may return integers, such as 0, which would have another type for Numba.
+    """
     W, S, C = law(E, c)
     W = 1.0 * W
     S = (1.0 * S[0], 1.0 * S[1], 1.0 * S[2])
@@ -177,20 +194,25 @@ def check_law(law: Callable, c: np.ndarray, name: str) -> tuple:
         allowed = "must be a function of E and c, under @staticmethod"
         raise InputError(f"law = {brief(law)}", allowed, name)
     law = getattr(law, "py_func", law)  # compiled code does not check shapes
-    rest = _evaluate(law, (0.0, 0.0, 0.0), c, name)
-    if not all(np.isfinite(part).all() for part in rest):
-        raise InputError(f"law at E = 0 gives {rest}", "must be finite", name)
+    at_rest = _evaluate(law, (0.0, 0.0, 0.0), c, name)
+    if not all(np.isfinite(part).all() for part in at_rest):
+        raise InputError(f"law at E = 0 gives {at_rest}", "must be finite", name)
     W, S, C = _evaluate(law, STRAIN_NEAR_REST, c, name)
+    # Where the law overflows near rest, there is nothing to compare.
     if np.isfinite(W) and np.isfinite(S).all() and np.isfinite(C).all():
         dW, dS = _differentiate(law, c, name)
         _compare("S", S, dW, np.abs(dW).max(), (0, 1, 3), "W", name)
         for row, order in enumerate(VOIGT):
             _compare("C", C[list(order)], dS[row], np.abs(C).max(), order, "S", name)
-    return rest
+    return at_rest
 
 
 def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
-    """W, S (3,) and ℂ (6,) of the plain function; NaN where it overflows."""
+    """Return W, S (3,) and ℂ (6,) of the plain Python function `law` at E, with constants c.
+
+    All of them are NaN where the law overflows. Raises `InputError` for a law that fails
+    otherwise, or returns other shapes; `name` is the term.
+    """
     allowed = "must return W, (S11, S22, S12), (C11, C22, C66, C12, C16, C26)"
     try:
         with np.errstate(all="ignore"):
@@ -210,7 +232,11 @@ def _evaluate(law: Callable, E: tuple, c: np.ndarray, name: str) -> tuple:
 
 
 def _differentiate(law, c, name):
-    """Differences of W (3,) and S (3, 3) by E11, E22 and 2 E12, at `STRAIN_NEAR_REST`."""
+    """Return dW (3,) and dS (3, 3), by differences at `STRAIN_NEAR_REST`.
+
+    The last index is that of the strain E11, E22 or 2 E12. The differences are central, of
+    order 4. Raises `InputError` as `_evaluate` does; `name` is the term.
+    """
     dW = np.zeros(3)
     dS = np.zeros((3, 3))
     for k, steps in enumerate(STEP_OF_STRAIN * np.diag([1.0, 1.0, 0.5])):  # half of 2 E12
@@ -231,15 +257,16 @@ def _compare(
     of: str,
     name: str,
 ) -> None:
-    """Raise `InputError` for the value that differs most from the differences `of` W or S.
+    """Raise `InputError` if entries of S or ℂ differ from the differences `of` W or S.
 
-    `scale` is the largest entry, with which the difference is compared; `order` are the places
-    of the values in `NAMES`.
+    The error names the entry that differs most. `symbol` is "S" or "C", with the `values` of
+    three entries; `order` are the places of their numbers in `NAMES`. `scale` is the largest
+    entry, with which the errors are compared. `name` is the term.
     """
-    wrong = np.abs(values - expected)
-    at = int(np.argmax(wrong))
-    if wrong[at] > WRONG_DERIVATIVE * scale:
-        what = f"{symbol}{NAMES[order[at]]} = {values[at]:.9g} at E = {STRAIN_NEAR_REST}"
-        allowed = f"differences of {of} give {expected[at]:.9g}"
+    errors = np.abs(values - expected)
+    worst = int(np.argmax(errors))
+    if errors[worst] > WRONG_DERIVATIVE * scale:
+        what = f"{symbol}{NAMES[order[worst]]} = {values[worst]:.9g} at E = {STRAIN_NEAR_REST}"
+        allowed = f"differences of {of} give {expected[worst]:.9g}"
         remedy = "S12 is half of ∂W/∂E12; the C are on E11, E22 and 2 E12."
         raise InputError(what, allowed, name, remedy)

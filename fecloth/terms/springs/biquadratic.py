@@ -17,16 +17,24 @@ from fecloth.terms.loops.bound_condition import LengthCondition
 
 
 def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
-    """Bind the springs of all triangles, each condition damped with k_d = `damping` k."""
+    """Bind the springs of all triangles; raise `InputError` for an orthotropic fabric.
+
+    Each triangle is a condition with three components and a matrix k (3, 3). Its damping is
+    k_d = `damping` k, with `damping` in s. `slots` are those of `Term.bind`, and `tangent` is
+    that of `Springs`.
+    """
     cloth = panel.cloth
     corners = cloth.X[cloth.stencil]
     sides = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)  # i: opposite node i
-    square = np.sum(sides**2, axis=2)
+    squared_lengths_at_rest = np.sum(sides**2, axis=2)
     area = cloth.weights.sum(axis=1)
-    cot = (square.sum(axis=1, keepdims=True) - 2 * square) / (4 * area[:, None])
+    # By the law of cosines: cot α_i = (L_j² + L_k² − L_i²)/(4 A).
+    sum_of_squares = squared_lengths_at_rest.sum(axis=1, keepdims=True)
+    cot = (sum_of_squares - 2 * squared_lengths_at_rest) / (4 * area[:, None])
     lam, mu = panel.each(_lame).T[..., None, None]
+    # The energy is ½ Cᵀ k C. So k_ii = ½ k_i and k_ij = ½ c_ij, with k_i and c_ij of `Springs`.
     k = 2 * (lam + mu) * cot[:, :, None] * cot[:, None, :] + mu * (2 * np.eye(3) - 1)
-    k = k / (32 * area[:, None, None])  # ½ Cᵀ k C with halves of Delingette's k_i and c_ij
+    k = k / (32 * area[:, None, None])
     return BoundSides.bind(
         "Springs",
         KERNELS,
@@ -34,7 +42,7 @@ def bind(panel: Panel, slots, damping: float, tangent: str) -> LengthCondition:
         panel=panel,
         slots=slots,
         nodes=cloth.stencil,
-        constants=square,
+        constants=squared_lengths_at_rest,
         stiffness=k,
         damping=damping * k,
         tangent=tangent,
@@ -52,7 +60,11 @@ class BoundSides(LengthCondition):
         return rest
 
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
-        """4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I."""
+        """Return 4 k_rs e_r ⊗ e₁_s + 2 (k C̄)_r δ_rs I (m, 3, 3, 3, 3), with e₁ = 2e − e₀.
+
+        C̄ is the mean of C at both ends of the step; e₀ (m, 3, 3) are the sides at its begin,
+        and e those at the mean.
+        """
         C = np.sum(e * e, axis=2) - self.rest_over_step(e0, e)
         tension = 2.0 * (self.stiffness @ C[..., None]) * np.eye(3)
         dyads = e[:, :, None, :, None] * (2.0 * e - e0)[:, None, :, None, :]
@@ -62,7 +74,11 @@ class BoundSides(LengthCondition):
 
 
 def _lame(fabric: Fabric) -> np.ndarray:
-    """λ and μ = 2 G as Delingette defines them [N/m]; an orthotropic fabric is an error."""
+    """Return λ and μ = 2 G (2,) [N/m] of a fabric, as Delingette defines them.
+
+    Raises `InputError` for an orthotropic fabric: if warp and weft differ, or if the shear
+    modulus is not Y/(2 (1 + ν)).
+    """
     warp, weft = fabric.tensile
     nu = fabric.poisson_ratio
     if warp != weft or not math.isclose(fabric.shear, warp / (2 * (1 + nu)), rel_tol=1e-12):
@@ -73,7 +89,11 @@ def _lame(fabric: Fabric) -> np.ndarray:
 
 @inner
 def squared_lengths(y, c, order, C, g, H):
-    """C_i = |y_k − y_j|² − c_i; ∂C_i = ±2 (y_k − y_j); ∂²C_i = ±2 I."""
+    """Fill C_i = |y_b − y_a|² − c_i, ∂C_i = ±2 (y_b − y_a) and ∂²C_i = ±2 I of a triangle.
+
+    a and b are the two nodes of the side i, which is opposite node i. The arguments are those
+    of every family of conditions: see `loops.condition`.
+    """
     for r in range(3):
         a = (r + 1) % 3
         b = (r + 2) % 3
@@ -86,7 +106,7 @@ def squared_lengths(y, c, order, C, g, H):
                 g[r, a, i] = -2.0 * d
                 g[r, b, i] = 2.0 * d
     if order > 1:
-        H[:] = 0.0
+        H[:] = 0.0  # it holds the values of another triangle
         for r in range(3):
             a = (r + 1) % 3
             b = (r + 2) % 3

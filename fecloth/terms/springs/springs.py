@@ -51,6 +51,7 @@ class KnownSprings:
         return self.nodes
 
     def bind(self, panel: Panel, slots) -> LengthCondition:
+        """Bind each spring as a condition with one component, its lengthening."""
         return BoundSprings.bind(
             "Springs",
             KERNELS,
@@ -155,14 +156,17 @@ class Springs:
     traits = replace(MEMBRANE, elements=("P1",), cheaper=())
 
     def __post_init__(self):
+        """Raise `InputError` for a wrong parameter, or for one that the kind does not have."""
         validation.one_of("kind", self.kind, KINDS, "Springs")
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), "Springs")
         for name in ("stiffness", "shear", "bend", "damping"):
             value = getattr(self, name)
-            if value is not None and not (is_number(value) and value >= 0):
+            if value is None:
+                continue
+            if not (is_number(value) and value >= 0):
                 unit = {"damping": "s"}.get(name, "N/m")
                 raise InputError(f"{name} = {value!r}", f"must be >= 0 [{unit}]", "Springs")
-            if value is not None and name != "damping" and self.kind != "structural":
+            if name != "damping" and self.kind != "structural":
                 allowed = f"the fabric gives the springs of kind {self.kind!r}"
                 raise InputError(f"{name} = {value!r}", allowed, "Springs", "Leave it out.")
 
@@ -196,7 +200,12 @@ class Springs:
 
 @inner
 def elongation(y, c, order, C, g, H):
-    """C = l − c₀, ∂C = ±n, ∂²C = ±(I − n nᵀ)/l; a spring of length 0 has no force."""
+    """Fill C = l − c₀, ∂C = ±n and ∂²C = ±(I − n nᵀ)/l of a spring.
+
+    l is its length, n its unit vector from node 0 to node 1, and c₀ its length at rest. A spring
+    of length 0 has n = 0, and so no force. The arguments are those of every family of
+    conditions: see `loops.condition`.
+    """
     d = (y[1, 0] - y[0, 0], y[1, 1] - y[0, 1], y[1, 2] - y[0, 2])
     l = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     C[0] = l - c[0]
@@ -211,7 +220,7 @@ def elongation(y, c, order, C, g, H):
         if order > 1:
             for i in range(3):
                 for j in range(3):
-                    h = -n[i] * n[j] * inverse
+                    h = -n[i] * n[j] * inverse  # entry i, j of (I − n nᵀ)/l
                     if i == j:
                         h = (1.0 - n[i] * n[i]) * inverse
                     H[0, 0, i, 0, j] = H[0, 1, i, 1, j] = h

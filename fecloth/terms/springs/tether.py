@@ -57,6 +57,10 @@ class Tether:
         return np.asarray(cloth.nodes(self.where), dtype=np.int32)[:, None]
 
     def bind(self, panel: Panel, slots) -> bound_condition.BoundCondition:
+        """Bind each node as a condition with the three components of x − p.
+
+        Raises `InputError` for a point that is no function of time.
+        """
         point = vector(self.point, "point", "Tether")
         point(0.0)  # an error in a function of time is raised here, not in a step
         return BoundTether.bind(
@@ -66,7 +70,7 @@ class Tether:
             panel=panel,
             slots=slots,
             nodes=self.stencil(panel.cloth),
-            constants=np.zeros(3),
+            constants=np.zeros(3),  # `BoundTether.table` gives p(t) in their place
             stiffness=self.stiffness,
             damping=self.damping,
             point=point,
@@ -89,13 +93,16 @@ class BoundTether(bound_condition.BoundCondition):
         return self.point.rate(t)
 
     def supply(self, x, v, t) -> float:
-        """Power of the hand on the damping, −Σ k_d (v − ṗ)·ṗ [W]; the ledger adds ∂U/∂t."""
+        """Return the power of the hand by the damping, −Σ k_d (v − ṗ)·ṗ [W].
+
+        The power by the springs is not in it: the ledger adds ∂U/∂t.
+        """
         speed = self.speed(t)
         force = np.zeros_like(x)
-        elastic = np.zeros_like(x)
+        elastic_force = np.zeros_like(x)
         super().add_force(x, v - speed, t, force)
-        super().add_force(x, np.zeros_like(x), t, elastic)
-        return float((force - elastic).sum(axis=0) @ speed)
+        super().add_force(x, np.zeros_like(x), t, elastic_force)
+        return float((force - elastic_force).sum(axis=0) @ speed)
 
     def power(self, x, v, t) -> float:
         return super().power(x, v - self.speed(t), t)
@@ -110,7 +117,10 @@ class BoundTether(bound_condition.BoundCondition):
 
 @inner
 def offset(y, c, order, C, g, H):
-    """C = y − c; ∂C = I; ∂²C = 0."""
+    """Fill C = y − c, ∂C = I and ∂²C = 0 of a node at y, with the point c.
+
+    The arguments are those of every family of conditions: see `loops.condition`.
+    """
     for r in range(3):
         C[r] = y[0, r] - c[r]
         if order > 0:

@@ -12,7 +12,7 @@ from scipy import sparse
 import fecloth as fc
 from fecloth.terms.contact.advance import advance, goes_through, move_out
 from fecloth.terms.contact.inside import cutting_depth
-from fecloth.terms.contact.points import _distinct
+from fecloth.terms.contact.points import _find_distinct
 from fecloth.terms.contact.retreat import Retreat
 
 S = fc.shapes
@@ -159,7 +159,7 @@ def test_nodes_leave_a_shape_that_deforms_by_up_to_thirty_two_gaps_more(needed, 
     monkeypatch.setattr(
         type(term), "least_distance", lambda self, x, t: x[:, 2].min() - needed * GAP
     )
-    places = term._make_way(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
+    places = term._move_nodes_out(flat(sheet) + [0, 0, GAP], 0.0, 0.1)
     assert places[:, 2] == pytest.approx(np.full(len(places), (1 + more) * GAP))
 
 
@@ -195,7 +195,7 @@ def test_a_pair_counts_from_a_millionth_of_the_gap_on(part, acts):
 def test_places_are_one_where_their_shape_functions_differ_by_round_off(part, places):
     nodes = np.array([[3, 5, 7], [7, 3, 5]])
     N = np.array([[0.5, 0.25, 0.25], [0.25, 0.5, 0.25 + part * 1e-9]])
-    first, number = _distinct(nodes, N)
+    first, number = _find_distinct(nodes, N)
     assert len(first) == places
     assert len(set(number.tolist())) == places
 
