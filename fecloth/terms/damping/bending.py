@@ -75,6 +75,7 @@ class BendingDamping:
         return cloth.hinges.nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the term on a panel; raise `InputError` for a fabric without rigidity."""
         if self._is_plate(panel.cloth):
             angles = bind_angles(panel, slots, "BendingDamping")
             return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")
@@ -83,7 +84,7 @@ class BendingDamping:
             "BendingDamping",
             panel,
             slots,
-            rest=0.0,
+            rest=0.0,  # damping does not depend on it
             stiffness=0.0,
             damping=damping,
             tangent=self.tangent,
@@ -116,12 +117,13 @@ class BoundPlateDamping(BoundTerm):
     def force_calls(self, x, v, t, f) -> Calls | None:
         plate = self.plate
         if plate.moved is not None:
-            return None
+            return None  # the normals of clamps depend on t
+        # Work arrays: the calls, in this order, fill them anew each time.
         mu, g = plate.gradients(x, t)
         rate = plate.rates(g, v)
         return [
             plate.gradient_call(x, t, mu, g),
-            (clear, (rate,)),
+            (clear, (rate,)),  # `rate_call` adds to it
             plate.rate_call(g, v, rate),
             (scale, (self.time, rate)),
             plate.force_call(rate, g, f),

@@ -86,6 +86,7 @@ class Wind:
     traits = DRAG
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         check_drag(self)
         air_velocity.velocity_field(self.velocity, "Wind")
         if not (is_number(self.gusts) and 0 <= self.gusts <= GUST_INTENSITY_LIMIT):
@@ -106,7 +107,7 @@ class Wind:
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
         if self.gusts:
-            # `__post_init__` has checked that they are three numbers.
+            # `__post_init__` has checked that the velocity is three numbers.
             x, y, z = map(float, self.velocity)  # type: ignore[arg-type]
             gusts = air_velocity.Gusts(
                 mean=(x, y, z), intensity=self.gusts, length=self.gust_length, seed=self.seed
