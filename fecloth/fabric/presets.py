@@ -48,11 +48,11 @@ def rows(name: str) -> dict[str, list[list[float]]]:
 
 
 def wang(density: float, stretching: list, bending: list, least: float = 0.0) -> dict:
-    """Return constants of `Fabric` by name, from the measurements of a fabric of Wang et al. 2011.
+    """Return constants of `Fabric` by name, from a row of the measurements of Wang et al. (2011).
 
     Their energy at zero strain is c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂² with the axes
-    1 = u, the weft, and 2 = v, the warp. In fabrics.toml the source has its address, and it says
-    how the numbers are read.
+    1 = u, the weft, and 2 = v, the warp. The head of fabrics.toml has the address of the source,
+    and says how the numbers are read.
 
     Parameters
     ----------
@@ -72,7 +72,8 @@ def wang(density: float, stretching: list, bending: list, least: float = 0.0) ->
     warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)
     # Moduli are second derivatives of the energy, 2 c. By the shear angle 2 E₁₂ that of shear
     # is c₃₃.
-    moduli = orthotropic(C11=2 * c_warp, C12=2 * max(c_coupling, least), C22=2 * c_weft, G=c_shear)
+    coupling = 2 * max(c_coupling, least)
+    moduli = orthotropic(C11=2 * c_warp, C12=coupling, C22=2 * c_weft, G=c_shear)
     return {
         "areal_density": density,
         **moduli,

@@ -138,7 +138,7 @@ def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
 
 
 def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
-    """Return the table of uncertainties `own`, in which the keys of the table `new` replace others.
+    """Return the table of uncertainties `own`, changed by the keys of the table `new`.
 
     The uncertainties of the constants `replaced` (names) are left out, because they belong to
     other numbers. So are correlations with constants that have no uncertainty any more.

@@ -50,6 +50,7 @@ def checks_arguments(target: Target) -> Target:
     @functools.wraps(create)
     def checked(*positional: Any, **named: Any) -> Any:
         named = by_new_names(target.__qualname__, named)
+        # Numbers are in SI already: without texts the call needs no work here.
         if any(map(_has_text, (*positional, *named.values()))):
             bound = _bind(target, create, positional, named)
             bound.arguments.update(_read(target, bound.arguments))

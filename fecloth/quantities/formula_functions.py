@@ -239,7 +239,7 @@ def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]
     """
 
     def apply(*arguments: Any) -> Any:
-        """Apply the function to numbers, arrays and duals; return a dual if the value has a slope.
+        """Return the value at numbers, arrays and duals: a dual if the value has a slope.
 
         In a derivative of a derivative the arguments have duals of several levels. The smallest
         level is resolved here, and the values and slopes in it by further calls.

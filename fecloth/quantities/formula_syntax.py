@@ -56,7 +56,7 @@ class _Reader:
         try:
             with warnings.catch_warnings(action="ignore"):  # Python's advice, as on "1if"
                 return ast.parse(self.text, mode="eval").body
-        # The last two where it is nested too deep for Python's parser.
+        # `MemoryError` and `RecursionError` come where it is nested too deep for the parser.
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             problem = "not an expression"
             if place := getattr(error, "offset", None):

@@ -72,6 +72,7 @@ class Pressure:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the pressure on the triangles of a panel; on P2 they are curved."""
         cloth = panel.cloth
         p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"

@@ -106,6 +106,7 @@ class Wind:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
+        """Return the drag on a panel, in gusts or in the field of the `velocity`."""
         if self.gusts:
             # `__post_init__` has checked that the velocity is three numbers.
             x, y, z = map(float, self.velocity)  # type: ignore[arg-type]

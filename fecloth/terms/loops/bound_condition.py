@@ -258,7 +258,7 @@ class LengthsOverStep(OverMean):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K + wv D; if neither symmetric nor `definite`, of the exact force over the step.
+        """J += wx K + wv D, exact unless the term is symmetric or J must be `definite`.
 
         −∂f_r/∂e_s becomes blocks of nodes by e_r = Σ_a D_ra x_a. The damping is added as it is
         without a step.

@@ -63,7 +63,7 @@ def rate(per_node: Zeros, convex: Zeros, g: Array, u: Array, out: Array) -> None
 
 
 def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x: Array) -> float:
-    """Return ½ Σ Cᵀ k_s C [J] over the stencils `nodes` (m, k), with c (m, p) and ks (m, r, r)."""
+    """Return ½ Σ Cᵀ k_s C [J] over the stencils `nodes` (m, k); c is (m, p), ks (m, r, r)."""
     y = np.empty((len(per_node), 3))
     C = np.empty(len(convex))
     g = np.empty((len(convex), len(per_node), 3))
@@ -81,7 +81,7 @@ def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x:
 def power(
     per_node: Zeros, convex: Zeros, nodes: Array, c: Array, kd: Array, x: Array, v: Array
 ) -> float:
-    """Return the dissipated power Σ Ċᵀ k_d Ċ [W], with c (m, p) and kd (m, r, r)."""
+    """Return the dissipated power Σ Ċᵀ k_d Ċ [W]; c is (m, p), kd (m, r, r)."""
     y = np.empty((len(per_node), 3))
     u = np.empty((len(per_node), 3))
     C = np.empty(len(convex))

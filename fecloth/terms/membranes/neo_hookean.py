@@ -201,7 +201,7 @@ def compressible_stress(E, c):
     lam = c[1]
     trace, determinant, d = invariants(E)
     D = positive(1.0 + d)
-    log_J = 0.5 * math.log1p(max(d, -1.0))  # below −1 it would fail; D is NaN there
+    log_J = 0.5 * math.log1p(max(d, -1.0))  # no value below −1; there D is NaN
     A = inverse(E, D)
     s = mu / D
     p = lam * log_J
@@ -209,7 +209,8 @@ def compressible_stress(E, c):
     S11 = s * (2.0 * E[0] + 4.0 * determinant) + p * A[0]
     S22 = s * (2.0 * E[1] + 4.0 * determinant) + p * A[1]
     S12 = s * 2.0 * E[2] + p * A[2]
-    return mu * (trace - log_J) + 0.5 * p * log_J, (S11, S22, S12), mu - p, A
+    W = mu * (trace - log_J) + 0.5 * p * log_J
+    return W, (S11, S22, S12), mu - p, A
 
 
 @inner
