@@ -69,9 +69,9 @@ def wang(density: float, stretching: list, bending: list, least: float = 0.0) ->
     """
     c_weft, c_coupling, c_warp, c_shear = stretching[0]
     # An edge has the energy k l²θ²/8 over the area of its triangles: k = 4 B, here in µN m.
-    warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)
-    # Moduli are second derivatives of the energy, 2 c. By the shear angle 2 E₁₂ that of shear
-    # is c₃₃.
+    warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)  # B [N m]
+    # Moduli are second derivatives of the energy: by E₁₁ and E₂₂ they are 2 c. The one of shear
+    # is c₃₃, because it is by the shear angle 2 E₁₂.
     coupling = 2 * max(c_coupling, least)
     moduli = orthotropic(C11=2 * c_warp, C12=coupling, C22=2 * c_weft, G=c_shear)
     return {
@@ -110,10 +110,10 @@ def _fabrics() -> dict[str, dict]:
     negative couplings count as printed; in the constants they are zero.
     """
     fabrics: dict[str, dict] = {}
-    # Of each preset: the name of its publication, its kind (the same where none is printed), and
-    # the printed thicknesses.
+    # Of each preset: the name of its publication, its kind (where the table has none, that name
+    # again), and the printed thicknesses.
     origins: dict[str, tuple[str, str, list[float]]] = {}
-    as_printed: dict[str, dict] = {}  # the constants with negative couplings
+    as_printed: dict[str, dict] = {}  # the same, but with negative couplings
     for publication, table in _tables().items():
         for name, published in table["fabrics"].items():
             row = dict(published)

@@ -111,11 +111,13 @@ class CoupledRows:
 
 def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndarray:
     """(h,) the number of different nodes of the hinges in each row of Q."""
-    here = nodes >= 0
-    start = np.concatenate([[0], np.cumsum(here.sum(axis=1))])
-    of_hinge = sparse.csr_array((np.ones(start[-1], bool), nodes[here], start), (len(nodes), n))
-    coupled = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
-    return np.diff((coupled @ of_hinge).indptr).astype(np.int64)
+    is_node = nodes >= 0  # −1 is held in space
+    start = np.concatenate([[0], np.cumsum(is_node.sum(axis=1))])
+    ones = np.ones(start[-1], bool)
+    nodes_of_hinge = sparse.csr_array((ones, nodes[is_node], start), (len(nodes), n))
+    coupled_hinges = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
+    # A row of the product of these patterns has an entry for each node.
+    return np.diff((coupled_hinges @ nodes_of_hinge).indptr).astype(np.int64)
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -296,6 +298,7 @@ class PlateAngles:
         nodes, held, first = self.at(t)
 
         def call(part: slice, values: np.ndarray) -> Call:
+            # The clamped edges begin at `first`; the kernel counts from the begin of the part.
             of_hinges = nodes[part], held, first - part.start, x
             of_rows = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
             arguments = *of_hinges, *of_rows, moment[part], scale, values

@@ -271,12 +271,12 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
     area are left out.
     """
     kn, kt, quadratic = law
-    Fw = np.empty((3, 3))
-    FN = np.empty((3, 3))
+    Fw = np.empty((3, 3))  # ∂F/∂w
+    FN = np.empty((3, 3))  # ∂F/∂N
     own = np.empty((3, 3))  # a third of the parts with ∂F/∂w, equal for all b
     for e in range(len(nodes)):
         N, L, _, s, wt = flow(nodes, e, u, x, v)
-        if L == 0.0:
+        if L == 0.0:  # no direction of N, and no force
             continue
         wn = s / L
         speed = np.sqrt(dot(wt, wt))
@@ -291,7 +291,7 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
             phi = speed
             if speed > 0.0:
                 phi_slope = 1 / speed
-        y = s / (L * L)
+        y = s / (L * L)  # w_t = w − y N
         for i in range(3):
             for j in range(3):
                 delta = 1.0 if i == j else 0.0
@@ -303,7 +303,7 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
                 rotation = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * delta
                 FN[i, j] = -0.5 * kn * (g * delta + slope / L * N[i] * wt[j])
                 FN[i, j] -= 0.5 * kt / L * (phi * rotation - s * phi_slope * tt)
-        a = min(e, len(du) - 1)
+        a = min(e, len(du) - 1)  # du has one row for all triangles, or one row for each
         for i in range(3):
             for j in range(3):
                 change = Fw[i, 0] * du[a, 0, j] + Fw[i, 1] * du[a, 1, j] + Fw[i, 2] * du[a, 2, j]

@@ -208,11 +208,11 @@ class SharedLoop:
         From a certain size on it is the sum of `SUM_BLOCKS` partial sums, on one thread and on
         many, so that the bits do not depend on the number of threads.
         """
-        if self.counted is not None:
+        if self.counted is not None:  # a part of a cloth, in one of several processes
             calls = [call(run) for run in self.runs]
             return float(sum(function(*arguments) for function, arguments in calls))
         m = len(self.nodes)
-        count = self.team.count
+        threads = self.team.count
         function, arguments = call(self.whole)
         if m < SUM_BLOCKS * SMALLEST_SHARED_LOOP:
             return float(function(*arguments))
@@ -222,22 +222,23 @@ class SharedLoop:
             """Compute the partial sums first, first + step, first + 2 step …"""
             for block in range(first, SUM_BLOCKS, step):
                 span = slice(block * m // SUM_BLOCKS, (block + 1) * m // SUM_BLOCKS)
-                sums[block] = function(*call(span)[1])
+                _, arguments_of_block = call(span)
+                sums[block] = function(*arguments_of_block)
 
         self.team.do(
             name=(function, id(self)),
             alone=lambda: fill_sums(0, 1),
-            together=lambda: self.team.run(lambda p: fill_sums(p, count)),
+            together=lambda: self.team.run(lambda p: fill_sums(p, threads)),
         )
         return float(sum(sums))
 
     @cached_property
     def runs(self) -> list[slice]:
-        """The ranges of elements that count."""
+        """The ranges of elements that count in sums, one for each row of successive elements."""
         if self.counted is None:
             return [self.whole]
         counted = np.concatenate([[False], self.select(np.ones(len(self.nodes))) > 0, [False]])
-        ends = np.flatnonzero(counted[1:] != counted[:-1])
+        ends = np.flatnonzero(counted[1:] != counted[:-1])  # begin, end, begin, end …
         return [slice(int(a), int(b)) for a, b in ends.reshape(-1, 2)]
 
     def select(self, values: np.ndarray) -> np.ndarray:
@@ -250,9 +251,9 @@ class SharedLoop:
 def by_part(
     kernel: Callable[..., Any], shape: tuple[Any, ...], arrays: Iterable[np.ndarray], *others: Any
 ) -> Callable[..., Call]:
-    """Make a function ``call(part, …)`` of a kernel.
+    """Return a function ``call(part, *target)`` that returns a call of a kernel.
 
-    The kernel gets the `shape`, the part's rows of the arrays, and the others.
+    The kernel gets the `shape`, the part's rows of the arrays, the others, and the target.
     """
     return lambda part, *target: (kernel, (*shape, *cut(arrays, part), *others, *target))
 
@@ -301,8 +302,8 @@ def _pieces_of_thread(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piec
             continue
         begin = int(run[0])
         end = int(run[-1]) + 1
-        # Elements that belong in seams: those of the lower half at the begin, the others at the
-        # end.
+        # The elements that belong in seams: in the lower half of the run in the seam at its
+        # begin, in the upper half in the seam at its end.
         shared = begin + np.flatnonzero(touches_others[begin:end])
         low, high = np.split(shared, [np.searchsorted(shared, (begin + end) // 2)])
         inner_begin = int(low[-1]) + 1 if len(low) else begin
@@ -313,7 +314,7 @@ def _pieces_of_thread(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piec
                 continue
             touched = np.unique(nodes[span])
             own_nodes = touched[owner[touched] == p]
-            pieces.append(Piece(span, own_nodes if is_seam else None))
+            pieces.append(Piece(span, nodes=own_nodes if is_seam else None))
     return pieces
 
 

@@ -63,18 +63,18 @@ def read_rows(name: str, data: Any) -> Rows:
     elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
-    has_stiffness = "stiffness" in table
+    column = "stiffness" if "stiffness" in table else "force"
     x = table.numbers(along, si=unit, plain=True)
     labels = [f"{label} {line}" for line in table.lines]
-    force = table.numbers("stiffness" if has_stiffness else "force", si="N/m", plain=True)
-    if len(x) and x[0] > rest:
+    values = table.numbers(column, si="N/m", plain=True)
+    if len(x) and x[0] > rest:  # the point at rest is missing
         x = np.append(rest, x)
-        force = np.append(0.0, force)
+        values = np.append(0.0, values)
         labels = [name, *labels]
-    if has_stiffness:
-        stiffness = force  # dS/dE from the point before to each point
+    force = values
+    if column == "stiffness":  # dS/dE from the point before to each point
         E, force_per_stress = _strain(name, x)
-        S = np.cumsum(stiffness * np.diff(E, prepend=0.0))
+        S = np.cumsum(values * np.diff(E, prepend=0.0))
         force = force_per_stress * S
     _check(name, along, x, force, labels)
     return tuple(zip(x.tolist(), force.tolist(), strict=True))
