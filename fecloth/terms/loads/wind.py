@@ -108,8 +108,8 @@ class Wind:
     def bind(self, panel: Panel, slots) -> BoundDrag:
         """Return the drag on a panel, in gusts or in the field of the `velocity`."""
         if self.gusts:
-            # `__post_init__` has checked that the velocity is three numbers.
-            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]
+            # Three numbers, as `__post_init__` has checked.
+            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # not a function
             gusts = air_velocity.Gusts(
                 mean=(x, y, z), intensity=self.gusts, length=self.gust_length, seed=self.seed
             )
