@@ -406,6 +406,7 @@ def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
+    """Return (warp, weft) from one number for both, or two; raise `InputError` for others."""
     if np.ndim(value) == 0:
         return (value, value)
     if len(value) != 2:

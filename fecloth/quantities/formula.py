@@ -42,6 +42,7 @@ class Formula:
     by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a text that is not a formula, or an unknown variable in `by`."""
         if not self.by:
             _ = self._value  # parsed and checked now, not at the first call
         elif self.condition:

@@ -102,6 +102,7 @@ class _Reader:
                 self.refuse("not allowed", node)
 
     def check_name(self, node: ast.AST, name: str) -> None:
+        """Raise `InputError` if the name is neither a variable nor a constant."""
         if name in self.variables or name in CONSTANTS:
             return
         if name in FUNCTIONS:

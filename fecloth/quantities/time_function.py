@@ -132,6 +132,7 @@ def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
 
 
 def _part(value: object, name: str, where: str) -> float | Formula:
+    """Return a number or a formula of t from one part of a value; else raise `InputError`."""
     if isinstance(value, str):
         with errors_of(where, f"{name}: "):
             return Formula(value, ("t",))

@@ -168,9 +168,10 @@ class BoundPlate(BoundTerm):
         self.plate.add_force(mu - self.rest, g, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """The calls of `add_force`; None where clamps move, whose normals depend on t."""
         plate = self.plate
         if plate.moved is not None:
-            return None  # the normals of clamps depend on t
+            return None
         mu, g = plate.gradients(x, t)  # arrays that the first call fills anew each time
         return [
             plate.gradient_call(x, t, mu, g),

@@ -133,7 +133,7 @@ def add_products(indptr, indices, Q, place, start, width, slots, left, right, sc
     least 3 times the largest width,) is work space.
     """
     for e in range(len(width)):
-        u = width[e]
+        u = width[e]  # number of nodes of the row
         for b in range(3 * u):
             y[b] = 0.0
         # y_b = scale Σ_f Q_ef right_fb
@@ -206,7 +206,7 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
             gradient(left, right, g)
             add_fold(slope, bend, g, H)
         column = place[np.uintp(own[n])]  # where the hinge's own nodes are in its row
-        row = start[n]
+        row = start[n]  # where the blocks of node i begin in `slots`
         for i in range(4):
             if nodes[n, i] >= 0:
                 for j in range(4):

@@ -59,6 +59,7 @@ class BendingDamping:
     traits = replace(DAMPING, reach=8, damps="bending")
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         where = "BendingDamping"
         validation.positive("time", self.time, "s", where)
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
@@ -115,9 +116,10 @@ class BoundPlateDamping(BoundTerm):
         self.plate.add_force(self.time * self.plate.rates(g, v), g, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """The calls of `add_force`; None where clamps move, whose normals depend on t."""
         plate = self.plate
         if plate.moved is not None:
-            return None  # the normals of clamps depend on t
+            return None
         # Work arrays: the calls, in this order, fill them anew each time.
         mu, g = plate.gradients(x, t)
         rate = plate.rates(g, v)

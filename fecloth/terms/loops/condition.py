@@ -167,13 +167,14 @@ def add_tangent(
             s = 0.0
             for q in range(n):
                 s += ks[e, r, q] * C[q] + kd[e, r, q] * Cdot[q]
-            tension[r] = wx * s  # 0 where the part with ∂²C_r is left out
+            tension[r] = wx * s  # the factor of ∂²C_r; 0 where that part is left out
             if not geometric or (definite and (convex[r] == 0 or tension[r] < 0.0)):
                 tension[r] = 0.0
             for b in range(k):
                 for j in range(3):
                     T[r, b, j] = 0.0
                     for q in range(n):
+                        # dCdot is zero without the mixed part
                         weight = wx * ks[e, r, q] + wv * kd[e, r, q]
                         T[r, b, j] += weight * g[q, b, j] + kd[e, r, q] * dCdot[q, b, j]
         for a in range(k):

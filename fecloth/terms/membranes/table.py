@@ -88,6 +88,7 @@ class MembraneTable:
     strain: str = "interpolated"
 
     def __post_init__(self) -> None:
+        """Replace the data of curves by their points; raise `InputError` as the class says."""
         check_strain(self.strain, "MembraneTable")
         if self.poisson is not None and not (is_number(self.poisson) and abs(self.poisson) < 1):
             allowed = "must lie between -1 and 1"
