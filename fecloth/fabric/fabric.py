@@ -84,6 +84,10 @@ class Fabric:
     uncertainty: Uncertainty | Mapping[str, Any] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Replace a table of uncertainties by an `Uncertainty`, and check all constants.
+
+        Raises `InputError` as the class says.
+        """
         object.__setattr__(self, "uncertainty", Uncertainty.read(self.uncertainty))
         _check_positive("areal_density", self.areal_density, "kg/m²")
         for value in self.tensile:
@@ -106,10 +110,15 @@ class Fabric:
         self._check_bending()
         for value in self.hysteresis or ():
             validation.positive("bending_hysteresis", value, "N", "Fabric", or_zero=True)
-            _check_positive("bending_hysteresis", value or 1.0, "N")
+            if value:  # not zero, which is allowed here: not a mistake in a unit either
+                _check_positive("bending_hysteresis", value, "N")
 
     def _check_bending(self) -> None:
-        """Raise `InputError` if a plate of these constants would release energy."""
+        """Raise `InputError` if a plate of these constants would release energy.
+
+        So it would if its stiffness `plate` were not positive definite. The error is also raised
+        for a `bias_rigidity` that is not positive, or without a `bending_rigidity`.
+        """
         nu = self.bending_poisson_ratio
         bias = self.bias_rigidity
         if not (is_number(nu) and abs(nu) < 1):
@@ -261,7 +270,8 @@ class Fabric:
         """Create the fabric of a homogeneous isotropic sheet of thickness h.
 
         Its constants are Y = E h, B = E h³ / (12 (1 − ν²)), ν_b = ν and the areal density ρ h.
-        Raises `InputError` for E, thickness or density not positive, or nu outside (-1, 0.5].
+        Raises `InputError` for E, thickness or density not positive, or nu outside (-1, 0.5],
+        the limits of ν for a solid that stores energy in every deformation.
 
         Parameters
         ----------
@@ -318,18 +328,19 @@ class Fabric:
         """
         assert self.bending is not None
         warp, weft = self.bending
-        mean = math.sqrt(warp * weft)
+        geometric_mean = math.sqrt(warp * weft)
         if self.bias_rigidity is None:
-            H = mean
+            H = geometric_mean
         else:
             H = (4 * self.bias_rigidity - warp - weft) / 2
-        D12 = self.bending_poisson_ratio * mean
+        D12 = self.bending_poisson_ratio * geometric_mean
         return np.array([[warp, D12, 0.0], [D12, weft, 0.0], [0.0, 0.0, (H - D12) / 2]])
 
     def isotropic(self, where: str) -> tuple[float, float]:
-        """(Y [N/m], ν) for an isotropic law.
+        """Return (Y [N/m], ν) for an isotropic law.
 
-        Raises `InputError` if the stiffness depends on the direction.
+        Raises `InputError` if the stiffness depends on the direction: if Y differs between warp
+        and weft, or if G is not Y/(2 (1 + ν)).
 
         Parameters
         ----------
@@ -338,13 +349,14 @@ class Fabric:
         """
         warp, weft = self.tensile
         nu = self.poisson_ratio
-        shear = warp / (2 * (1 + nu))
+        isotropic_shear = warp / (2 * (1 + nu))
         remedy = "StVK supports orthotropic fabrics."
         if warp != weft:
             what = f"the fabric's tensile_stiffness = ({warp!r}, {weft!r})"
             raise InputError(what, "must be one number: the law is isotropic", where, remedy)
-        if abs(self.shear - shear) > 1e-9 * shear:
-            allowed = f"must be Y/(2 (1 + ν)) = {shear:.6g}: the law is isotropic"
+        # G may differ by the round-off of another formula for it.
+        if abs(self.shear - isotropic_shear) > 1e-9 * isotropic_shear:
+            allowed = f"must be Y/(2 (1 + ν)) = {isotropic_shear:.6g}: the law is isotropic"
             what = f"the fabric's shear_stiffness = {self.shear!r}"
             raise InputError(what, allowed, where, remedy)
         return warp, nu
@@ -364,14 +376,18 @@ class Fabric:
 
 
 def constants_in(path: str | Path) -> dict[str, Any]:
-    """Return the arguments of `Fabric` in the table [fabric] of a TOML file."""
+    """Return the arguments of `Fabric` by name, from the table [fabric] of a TOML file.
+
+    Lists become tuples. Raises `InputError` for a file that cannot be read or is not TOML, that
+    has no such table, or whose table has a key that is no argument. The values are not checked.
+    """
     names = [constant.name for constant in fields(Fabric)]
     where = "Fabric.read"
     try:
         tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror})", where=where) from None
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also text that is not UTF-8, or deep nesting
         raise InputError(f"{path} is not TOML ({error})", where=where) from None
     if not isinstance(table := tables.get("fabric"), dict):
         raise InputError(f"{path} has no table [fabric]", f"of {', '.join(names)}", where)
@@ -379,8 +395,8 @@ def constants_in(path: str | Path) -> dict[str, Any]:
         allowed = f"unknown key; the keys are {', '.join(names)}"
         what = f"{path}: fabric.{key} = {brief(table[key])}"
         raise InputError(what, allowed, where, did_you_mean(key, names))
-    pairs = {key: tuple(value) for key, value in table.items() if isinstance(value, list)}
-    return table | pairs
+    tuples = {key: tuple(value) for key, value in table.items() if isinstance(value, list)}
+    return table | tuples
 
 
 def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:
@@ -390,6 +406,7 @@ def _optional_pair(name: str, value: Pair | None) -> tuple[float, float] | None:
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
+    """Return (warp, weft) from one number for both, or two; raise `InputError` for others."""
     if np.ndim(value) == 0:
         return (value, value)
     if len(value) != 2:

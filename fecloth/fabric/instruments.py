@@ -57,7 +57,12 @@ FAST_UNUSED = ["T2", "T100", "ST", "STR", "F", "RS", "HE"]
 
 
 def kes(fields: Mapping, load: float, tensile: str) -> dict:
-    """Return constants of a fabric by name, from the fields of KES-F; see `Fabric.from_kes`."""
+    """Return constants of a fabric by name, in SI, from the fields of KES-F.
+
+    The arguments and the formulas are those of `Fabric.from_kes`. Raises `InputError` for a
+    field that is missing, unknown or not positive, for another `load` or `tensile` than allowed,
+    and if LT and WT disagree.
+    """
     where = "Fabric.from_kes"
     values = _to_si(fields, KES_UNITS, KES_UNUSED, where)
     _check_present(values, ("W", "EMT", "G", "B"), where)
@@ -66,9 +71,9 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
     if tensile == "secant":
         Y = tuple(secant(force, extension) for extension in values["EMT"])
     else:
-        work = _work(values, force, where)
-        strain = [_green_strain(extension) for extension in values["EMT"]]
-        Y = tuple(2 * W / E**2 for W, E in zip(work, strain, strict=True))
+        energies = _work(values, force, where)
+        strains = [_green_strain(extension) for extension in values["EMT"]]
+        Y = tuple(2 * W / E**2 for W, E in zip(energies, strains, strict=True))
     if "LT" in values and "WT" in values:
         _check_agreement(values, force, where)
     constants = {
@@ -85,7 +90,10 @@ def kes(fields: Mapping, load: float, tensile: str) -> dict:
 
 
 def fast(fields: Mapping, load: int) -> dict:
-    """Return constants of a fabric by name, from the fields of FAST; see `Fabric.from_fast`.
+    """Return constants of a fabric by name, in SI, from the fields of FAST.
+
+    The arguments are those of `Fabric.from_fast`. Raises `InputError` for a field that is
+    missing, unknown or not positive, and for another `load` than 5, 20 or 100 gf/cm.
 
     Shear: if the threads are stiff, a force F per width extends a strip cut at 45° by F/(4 G).
     With F = 4.903 N/m this gives G = 1.23/EB5.
@@ -122,11 +130,16 @@ def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
 
     The curve `warp` or `weft` is the exponential P = F (e^(a x) − 1)/(e^a − 1) of the part x of
     the extension EMT, with the a that gives the linearity LT. The curve `shear` is a line of the
-    slope G, up to 8°.
+    slope G, up to 8°, which is how far the instrument shears.
+
+    `fields` may also have the `load` Fm [gf/cm], else it is 500. Returned are the columns
+    `stretch` (λ), or for `shear` `angle` [rad], and `force` [N/m], both without the point of
+    rest. Raises `InputError` for a field that is missing, unknown or not positive, and for an LT
+    outside 0.1 … 1.9.
     """
     where = "MembraneTable"
-    read = {key: value for key, value in fields.items() if key != "load"}
-    values = _to_si(read, KES_UNITS, KES_UNUSED, where)
+    kes_fields = {key: value for key, value in fields.items() if key != "load"}
+    values = _to_si(kes_fields, KES_UNITS, KES_UNUSED, where)
     x = np.linspace(0.0, 1.0, 17)[1:]
     if name == "shear":
         _check_present(values, ("G",), where)
@@ -134,11 +147,13 @@ def kes_curve(fields: Mapping[str, Any], name: str) -> dict[str, list[float]]:
         return {"angle": list(angles), "force": list(sum(values["G"]) / 2 * angles)}
     _check_present(values, ("EMT",), where)
     force = _largest_force(fields.get("load", 500.0), where)
-    side = int(name == "weft")
-    extension = values["EMT"][side]
-    linearity = 2 * _work(values, force, where)[side] / (force * extension)
+    direction = int(name == "weft")  # the place in the pairs (warp, weft)
+    extension = values["EMT"][direction]
+    linearity = 2 * _work(values, force, where)[direction] / (force * extension)
     if not 0.1 <= linearity <= 1.9:
         raise InputError(f"LT = {linearity:.4g}", "must lie between 0.1 and 1.9", where)
+    # The exponential has LT/2 = 1/a − 1/(e^a − 1). Within ±30 this covers 0.1 ≤ LT ≤ 1.9. The
+    # limits differ in size, so that their middle is not a = 0, where the formula is 0/0.
     a = scipy.optimize.brentq(lambda a: 1 / a - 1 / np.expm1(a) - linearity / 2, -30.0, 30.5)
     P = force * np.expm1(a * x) / np.expm1(a)
     return {"stretch": list(1 + extension * x), "force": list(P)}
@@ -172,7 +187,10 @@ def _work(values: dict[str, Pair], force: float, where: str) -> Pair:
 
 
 def _check_agreement(values: dict[str, Pair], force: float, where: str) -> None:
-    """Raise `InputError` if WT and LT disagree by more than 10 %."""
+    """Raise `InputError` if WT is not the energy LT Fm EMT/2 to 10 %; `force` is Fm [N/m].
+
+    The fields `values` must have EMT, WT and LT, in SI.
+    """
     without_work = {name: pair for name, pair in values.items() if name != "WT"}
     by_linearity = _work(without_work, force, where)
     for measured, expected in zip(values["WT"], by_linearity, strict=True):
@@ -195,7 +213,12 @@ def _to_si(fields: Mapping, units: Mapping[str, float], unused: list[str], where
 
 
 def _pair(name: str, value: Any, unit: float, where: str) -> Pair:
-    """Return (warp, weft) in SI from one number or two; raise `InputError` for other values."""
+    """Return (warp, weft) in SI from one number for both, or from a list or tuple of two.
+
+    `unit` is the value in SI of the unit of the field `name`. Raises `InputError` for other
+    values, for numbers that are not positive, and for two different numbers where a fabric has
+    one: its mass, and what is measured at 45°.
+    """
     if is_number(value):
         pair = (value, value)
     else:

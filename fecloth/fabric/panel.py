@@ -81,10 +81,10 @@ class Panel:
         fabric: Fabric | Mapping[str, Fabric],
         grain: float | Mapping[str, float] = 0.0,
     ) -> Self:
-        """Assign fabrics and warp directions to the triangles of a cloth.
+        """Return the panel with a fabric and a warp direction for each triangle of a cloth.
 
-        Raises `InputError` for other types, and for a triangle that is not in exactly one of the
-        named regions.
+        Raises `InputError` for arguments of other types, for an angle that is not finite, for an
+        unknown region, and for a triangle that is not in exactly one of the named regions.
 
         Parameters
         ----------
@@ -156,19 +156,24 @@ class Panel:
 
 
 def _by_region(cloth: Cloth, values: Any, name: str) -> tuple[tuple, np.ndarray]:
-    """The different values, and the index (m,) of the value of each triangle."""
+    """Return the different values, and the index (m,) in them of the value of each triangle.
+
+    `values` is one value for the whole cloth, or a mapping from the name of each region to its
+    value. Raises `InputError`, with the `name` of the argument of `System`, for an empty mapping,
+    an unknown region, and a triangle that is not in exactly one of the regions.
+    """
     if not isinstance(values, Mapping):
         return (values,), np.zeros(len(cloth.triangles), int)
     where = f"System({name}=...)"
     if not values:
         raise InputError(f"{name} = {{}}", "must name a region", where)
-    inside = np.zeros((len(values), len(cloth.triangles)), bool)
-    for row, region in zip(inside, values, strict=True):
+    is_inside = np.zeros((len(values), len(cloth.triangles)), bool)  # of each region
+    for row, region in zip(is_inside, values, strict=True):
         row[cloth.region(region)] = True
-    count = inside.sum(axis=0)
+    count = is_inside.sum(axis=0)
     if (count != 1).any():
         bad = int(np.flatnonzero(count != 1)[0])
         what = f"triangle {bad} is in {count[bad]} of the regions {', '.join(values)}"
         remedy = f"The cloth has the regions {', '.join(sorted(cloth.triangle_sets))}."
         raise InputError(what, f"each triangle needs one {name}", where, remedy)
-    return tuple(values.values()), inside.argmax(axis=0)
+    return tuple(values.values()), is_inside.argmax(axis=0)

@@ -48,25 +48,35 @@ def rows(name: str) -> dict[str, list[list[float]]]:
 
 
 def wang(density: float, stretching: list, bending: list, least: float = 0.0) -> dict:
-    """Return constants from a row of the measurements of Wang.
+    """Return constants of `Fabric` by name, from a row of the measurements of Wang et al. (2011).
+
+    Their energy at zero strain is c₁₁E₁₁² + 2 c₁₂E₁₁E₂₂ + c₂₂E₂₂² + 2 c₃₃E₁₂² with the axes
+    1 = u, the weft, and 2 = v, the warp. The head of fabrics.toml has the address of the source,
+    and says how the numbers are read.
 
     Parameters
     ----------
     density
         Areal density [kg/m²].
     stretching
-        Rows [N/m], of which the first is used, at zero strain.
+        Six rows of c₁₁, c₁₂, c₂₂, c₃₃ [N/m], of which the first is used, at zero strain.
     bending
-        Rows [µN m] for edges along u, at 45° and along v; the first column is used, at zero
+        Rows k [µN m] of edges along u, at 45° and along v; the first column is used, at zero
         curvature. An edge along u resists a curvature along v, the warp.
     least
-        Least coupling modulus; a smaller one is replaced by it.
+        Least coupling modulus c₁₂ [N/m]; a smaller one is replaced by it. The simulator of the
+        authors replaces negative ones by zero.
     """
-    c11, c12, c22, c33 = stretching[0]
-    warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)
+    c_weft, c_coupling, c_warp, c_shear = stretching[0]
+    # An edge has the energy k l²θ²/8 over the area of its triangles: k = 4 B, here in µN m.
+    warp, bias, weft = (1e-6 * row[0] / 4 for row in bending)  # B [N m]
+    # Moduli are second derivatives of the energy: by E₁₁ and E₂₂ they are 2 c. The one of shear
+    # is c₃₃, because it is by the shear angle 2 E₁₂.
+    coupling = 2 * max(c_coupling, least)
+    moduli = orthotropic(C11=2 * c_warp, C12=coupling, C22=2 * c_weft, G=c_shear)
     return {
         "areal_density": density,
-        **orthotropic(2 * c22, 2 * max(c12, least), 2 * c11, c33),
+        **moduli,
         "bending_rigidity": (warp, weft),
         "bias_rigidity": bias,
     }
@@ -94,27 +104,32 @@ def _tables() -> dict[str, Any]:
 
 @cache
 def _fabrics() -> dict[str, dict]:
-    """Return the constants of all presets by name, with their source and uncertainty.
+    """Return, by the name of each preset, the arguments of `Fabric`.
 
-    For the uncertainty of Wang's fabrics negative couplings count as printed; in the constants
-    they are zero.
+    They are its constants, its source and its uncertainty. For the uncertainty of Wang's fabrics
+    negative couplings count as printed; in the constants they are zero.
     """
     fabrics: dict[str, dict] = {}
-    kinds: dict[str, tuple] = {}
-    printed: dict[str, dict] = {}
-    for family, table in _tables().items():
+    # Of each preset: the name of its publication, its kind (where the table has none, that name
+    # again), and the printed thicknesses.
+    origins: dict[str, tuple[str, str, list[float]]] = {}
+    as_printed: dict[str, dict] = {}  # the same, but with negative couplings
+    for publication, table in _tables().items():
         for name, published in table["fabrics"].items():
             row = dict(published)
             source = f"{row.pop('what')}. {table['source']}"
-            kinds[name] = family, row.pop("kind", family), row.pop("thicknesses", [])
-            fabrics[name] = _CONVERSIONS[family](**row) | {"source": source}
-            if family == "wang":
-                printed[name] = wang(**row, least=-math.inf)
+            kind = row.pop("kind", publication)
+            thicknesses = row.pop("thicknesses", [])
+            origins[name] = publication, kind, thicknesses
+            fabrics[name] = _CONVERSIONS[publication](**row) | {"source": source}
+            if publication == "wang":
+                as_printed[name] = wang(**row, least=-math.inf)
             else:
-                printed[name] = fabrics[name]
-    for name, (family, kind, thicknesses) in kinds.items():
-        of_source = [printed[other] for other in kinds if kinds[other][0] == family]
-        of_kind = [printed[other] for other in kinds if kind in kinds[other]]
+                as_printed[name] = fabrics[name]
+    for name, (publication, kind, thicknesses) in origins.items():
+        of_source = [as_printed[other] for other in origins if origins[other][0] == publication]
+        # Where `kind` is the name of a publication, these are all its fabrics.
+        of_kind = [as_printed[other] for other in origins if kind in origins[other]]
         fabrics[name]["uncertainty"] = _uncertainty(of_source, of_kind, kind, thicknesses)
     return fabrics
 
@@ -122,20 +137,32 @@ def _fabrics() -> dict[str, dict]:
 def _uncertainty(
     of_source: list[dict], of_kind: list[dict], kind: str, thicknesses: list[float]
 ) -> dict:
-    """Return the table of the uncertainty of a preset.
+    """Return the table of the uncertainty of a preset, for `Uncertainty.read`.
 
     It is the spread among the fabrics of the source, or of the kind where the kind has several.
     If two thicknesses were printed for a fabric, their difference says how uncertain its
     stiffness is.
+
+    Parameters
+    ----------
+    of_source, of_kind
+        The constants of all fabrics of its source, and of all fabrics of its kind.
+    kind
+        Name of the kind.
+    thicknesses
+        [the thickness taken, the other printed one] in mm; or [].
     """
     table = spread(of_source)
     words = f"spread of {len(of_source)} fabrics of the source"
     if thicknesses:
         taken, other = thicknesses
-        part = f"{100 * abs(taken - other) / math.sqrt(2) / taken:.0f} %"
-        stiff = ["tensile_stiffness.0", "tensile_stiffness.1", "shear_stiffness"]
-        table |= dict.fromkeys(stiff, part)
-        table["correlation"] = tuple((a, b, 1.0) for a, b in itertools.combinations(stiff, 2))
+        # The standard deviation of two numbers is their difference over √2.
+        relative_deviation = f"{100 * abs(taken - other) / math.sqrt(2) / taken:.0f} %"
+        stiffness_keys = ["tensile_stiffness.0", "tensile_stiffness.1", "shear_stiffness"]
+        table |= dict.fromkeys(stiffness_keys, relative_deviation)
+        # All stiffness is proportional to the one thickness: it is wrong by one factor.
+        pairs = itertools.combinations(stiffness_keys, 2)
+        table["correlation"] = tuple((first, second, 1.0) for first, second in pairs)
         words = f"two printed thicknesses, {taken} and {other} mm; of ν the {words}"
     elif of_kind != of_source:
         table |= spread(of_kind)
@@ -145,14 +172,16 @@ def _uncertainty(
 
 
 def spread(fabrics: list[dict]) -> dict[str, Any]:
-    """Return the standard deviation of each constant among fabrics.
+    """Return the standard deviation of each constant among fabrics, by the constant's key.
 
-    The deviation is of the logarithms, in per cent; for ν, which may be zero, it is of the
-    numbers. A constant of one fabric alone is left out.
+    The deviation is of the logarithms, as a text in per cent; for ν, which may be zero, it is of
+    the numbers. A constant that fewer than two fabrics have is left out, and so is the areal
+    density, which a user can weigh. `fabrics` are the constants of each.
     """
     rows = [numbers_of(constants) for constants in fabrics]
     table: dict[str, Any] = {}
-    for key in [key for row in rows for key in row if key != "areal_density"]:
+    keys = [key for row in rows for key in row if key != "areal_density"]
+    for key in keys:
         values = [row[key] for row in rows if key in row]
         if len(values) < 2:
             continue

@@ -55,21 +55,23 @@ class Uncertainty:
     def read(cls, table: Any) -> Self | None:
         """Read a table: key → a number in SI, a text with a unit, "10 %", or two for a pair.
 
-        It may also have `correlation`, a list of [key, key, number], and `source`. Raises
-        `InputError` for an unknown key, a negative number, or a correlation beyond ±1.
+        It may also have `correlation`, a list of [key, key, number], and `source`. None, and an
+        `Uncertainty`, are returned as they are. Raises `InputError` for what is not a table, an
+        unknown key, a negative number, or a correlation beyond ±1 or given twice.
         """
         if table is None or isinstance(table, cls):
             return table
         if not isinstance(table, Mapping):
             allowed = 'must be a table, as { shear_stiffness = "5 %" }'
             raise InputError(f"uncertainty = {brief(table)}", allowed, WHERE)
-        given = dict(_flat(table))
-        listed = given.pop("correlation", ())
-        source = given.pop("source", "")
+        by_key = dict(_flat(table))
+        correlation = by_key.pop("correlation", ())
+        source = by_key.pop("source", "")
         if not isinstance(source, str):
             raise InputError(f"source = {brief(source)}", "must be a text", WHERE)
-        deviations = tuple((key, _deviation(key, value)) for key, value in given.items())
-        return cls(deviations, _correlations(listed, dict(deviations)), source)
+        deviations = tuple((key, _deviation(key, value)) for key, value in by_key.items())
+        rows = _correlations(correlation, dict(deviations))
+        return cls(deviations, correlation=rows, source=source)
 
     def table(self) -> dict[str, Any]:
         """Return a table from which `read` makes the same uncertainty."""
@@ -77,9 +79,10 @@ class Uncertainty:
         return dict(self.deviations) | {key: value for key, value in others.items() if value}
 
     def standard(self, fabric: Any) -> dict[str, float]:
-        """Return the standard uncertainty of each number of the fabric that has one, in SI.
+        """Return the standard uncertainty, in SI, of each number of a `Fabric` that has one.
 
-        Raises `InputError` for a key without a number in the fabric, or a percentage of 0.
+        They are by the keys of `numbers_of`, in its order. Raises `InputError` for a key without
+        a number in the fabric, or a percentage of 0.
         """
         numbers = numbers_of(vars(fabric))
         deviations: dict[str, float] = {}
@@ -92,21 +95,23 @@ class Uncertainty:
                     remedy = "Give the uncertainty as a number."
                     raise InputError(f'{key} = "{value}"', "is a part of 0", WHERE, remedy)
                 else:
-                    part = float(value.removesuffix("%")) / 100
-                    deviations[name] = part * abs(numbers[name])
+                    relative = float(value.removesuffix("%")) / 100
+                    deviations[name] = relative * abs(numbers[name])
         return {name: deviations[name] for name in numbers if name in deviations}
 
     def covariance(self, fabric: Any, keys: Iterable[str] | None = None) -> np.ndarray:
-        """Return the covariance (k, k) of numbers of the fabric: ρ_ij u_i u_j, in SI.
+        """Return the covariance (k, k) of k numbers of a `Fabric`: ρ_ij u_i u_j, in SI.
 
-        Without `keys` these are the numbers of `standard`. Raises `InputError` for a key without
-        an uncertainty, and for correlations that contradict each other: then the matrix ρ has a
-        negative eigenvalue.
+        The numbers are those with these `keys`, in their order, where the key of a pair stands
+        for both numbers; without `keys` they are all numbers of `standard`. Raises `InputError`
+        for a key without an uncertainty, and for correlations that contradict each other: then
+        the matrix ρ has a negative eigenvalue.
         """
         standard = self.standard(fabric)
         place = {name: i for i, name in enumerate(standard)}
         rho = np.eye(len(place))
         for *pair, value in self.correlation:
+            # Lists of numbers: a key of a pair (warp, weft) correlates both.
             i, j = ([place[name] for name in _number_names(key, place)] for key in pair)
             rho[np.ix_(i, j)] = rho[np.ix_(j, i)] = value
         if len(rho) and (least := np.linalg.eigvalsh(rho)[0]) < -LARGEST_NEGATIVE_EIGENVALUE:
@@ -133,18 +138,19 @@ def numbers_of(constants: Mapping[str, Any]) -> dict[str, float]:
 
 
 def merged(own: Mapping[str, Any], replaced: Iterable[str], new: Any) -> Any:
-    """Return the table `own` with the keys of `new`.
+    """Return the table of uncertainties `own`, changed by the keys of the table `new`.
 
-    The uncertainties of constants that were `replaced` are left out, and so are correlations
-    with constants that have no uncertainty any more.
+    The uncertainties of the constants `replaced` (names) are left out, because they belong to
+    other numbers. So are correlations with constants that have no uncertainty any more.
     """
     if not isinstance(new, Mapping):
         return new  # `Uncertainty.read` refuses it
     new = dict(_flat(new))
     gone = {*new, *(CONSTANTS.keys() & set(replaced))}
-    kept = {k: v for k, v in _flat(own) if not {k, _constant(k)} & gone}
+    # A key goes if it, or the constant that it is a number of, is gone.
+    kept = {key: value for key, value in _flat(own) if not {key, _constant(key)} & gone}
     rows = kept.pop("correlation", ())
-    rows = [row for row in rows if all({k, _constant(k)} & kept.keys() for k in row[:2])]
+    rows = [row for row in rows if all({key, _constant(key)} & kept.keys() for key in row[:2])]
     if rows:
         kept["correlation"] = rows
     return kept | new
@@ -167,13 +173,18 @@ def _flat(table: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
 
 
 def _deviation(key: str, value: Any) -> float | str:
-    """Return a standard uncertainty in SI, or a text with %; raise `InputError` for others."""
+    """Return the standard uncertainty of a key: a number in SI, or a text such as "10 %".
+
+    Raises `InputError` for an unknown key, a number that is negative or not finite, and for
+    another text.
+    """
     name, _, item = key.partition(".")
     if name not in CONSTANTS or (item and (name not in PAIRS or item not in ("0", "1"))):
         allowed = f"unknown key; the keys are {', '.join(CONSTANTS)}; KEY.0 and KEY.1 of a pair"
         raise InputError(f"{key} = {brief(value)}", allowed, WHERE, did_you_mean(key, CONSTANTS))
     dimension = CONSTANTS[name]
     number = value
+    # To 15 digits, so that "10 %", "10.0%" and "1e1 %" give equal texts.
     if isinstance(value, str) and (part := PART.fullmatch(value.strip())):
         return f"{float(part[1]):.15g} %"
     if isinstance(value, str) and dimension:
@@ -185,22 +196,28 @@ def _deviation(key: str, value: Any) -> float | str:
     return float(number)
 
 
-def _correlations(listed: Any, known: Mapping[str, Any]) -> tuple[tuple[str, str, float], ...]:
-    """Return the rows of a table of correlations; raise `InputError` for wrong ones."""
-    if not isinstance(listed, list | tuple):
-        listed = [listed]
+def _correlations(
+    correlation: Any, deviations: Mapping[str, Any]
+) -> tuple[tuple[str, str, float], ...]:
+    """Return the rows (key, key, number) of the entry `correlation` of a table.
+
+    Raises `InputError` for a row of another form, a number beyond ±1, a key that has no
+    uncertainty in `deviations`, and two keys that are given twice.
+    """
+    if not isinstance(correlation, list | tuple):
+        correlation = [correlation]  # refused below
     rows: list[tuple[str, str, float]] = []
-    for row in listed:
+    for row in correlation:
         fits = isinstance(row, list | tuple) and len(row) == 3 and is_number(row[2])
         if not (fits and abs(row[2]) <= 1 and row[0] != row[1]):
             allowed = "must be [key, another key, a number from -1 to 1]"
             raise InputError(f"correlation {brief(row)}", allowed, WHERE)
         for key in row[:2]:
-            if key not in known and _constant(str(key)) not in known:
+            if key not in deviations and _constant(str(key)) not in deviations:
                 what = f"correlation of {key!r}, which has no uncertainty"
-                allowed = f"must be one of {', '.join(known)}"
-                raise InputError(what, allowed, WHERE, did_you_mean(key, known))
-        if {row[0], row[1]} in [{a, b} for a, b, _ in rows]:
+                allowed = f"must be one of {', '.join(deviations)}"
+                raise InputError(what, allowed, WHERE, did_you_mean(key, deviations))
+        if {row[0], row[1]} in [{first, second} for first, second, _ in rows]:
             raise InputError(f"correlation {brief(row)}", "is given twice", WHERE)
         rows.append((row[0], row[1], float(row[2])))
     return tuple(rows)

@@ -38,8 +38,10 @@ def checks_arguments(target: Target) -> Target:
     """Let a class or function take texts with units, and refuse arguments that do not fit it.
 
     A number may be a text with a unit where the type has a dimension, as
-    ``h: Annotated[float, LENGTH]``. An argument that is missing, unknown or too many raises an
-    `InputError` that lists all arguments.
+    ``h: Annotated[float, LENGTH]``. Arguments may also have their `OLD_NAMES`. An argument that
+    is missing, unknown or too many raises an `InputError` that lists all arguments.
+
+    A class is returned itself, with another ``__init__``; of a function a new one is returned.
     """
     create: Any = target
     if isinstance(target, type):
@@ -48,15 +50,17 @@ def checks_arguments(target: Target) -> Target:
     @functools.wraps(create)
     def checked(*positional: Any, **named: Any) -> Any:
         named = by_new_names(target.__qualname__, named)
+        # Numbers are in SI already: without texts the call needs no work here.
         if any(map(_has_text, (*positional, *named.values()))):
-            given = _bind(target, create, positional, named)
-            given.arguments.update(_read(target, given.arguments))
-            positional = given.args
-            named = given.kwargs
+            bound = _bind(target, create, positional, named)
+            bound.arguments.update(_read(target, bound.arguments))
+            positional = bound.args
+            named = bound.kwargs
         try:
             return create(*positional, **named)
         except TypeError:
-            _bind(target, create, positional, named)  # raises if the arguments do not fit
+            # An `InputError` if the arguments do not fit; else the error is from within.
+            _bind(target, create, positional, named)
             raise
 
     if not isinstance(target, type):
@@ -68,45 +72,55 @@ def checks_arguments(target: Target) -> Target:
 def _bind(
     target: Target, create: Target, positional: tuple[Any, ...], named: dict[str, Any]
 ) -> Any:
-    """Bind the arguments by the signature; raise `InputError` if they do not fit."""
+    """Return the arguments as `inspect.BoundArguments` of the function `create`.
+
+    Raises `InputError` if they do not fit its signature; the message lists the arguments of
+    `target`, whose ``__init__`` or self `create` is.
+    """
     signature = inspect.signature(create)
     try:
         return signature.bind(*positional, **named)
     except TypeError:
-        what, remedy = _misfit(signature, positional, named)
-    takes = []
+        what, remedy = _describe_misfit(signature, positional, named)
+    phrases = []
     if required := _list_arguments(target, required=True):
-        takes.append(f"it needs {required}")
+        phrases.append(f"it needs {required}")
     if optional := _list_arguments(target, required=False):
-        takes.append(f"it may have {optional}")
-    allowed = ", and ".join(takes) or "it takes no arguments"
+        phrases.append(f"it may have {optional}")
+    allowed = ", and ".join(phrases) or "it takes no arguments"
     remedy = remedy or MADE_BY.get(target.__qualname__, "")
     raise InputError(what, allowed, target.__qualname__, remedy) from None
 
 
-def _misfit(
+def _describe_misfit(
     signature: inspect.Signature, positional: tuple[Any, ...], named: dict[str, Any]
 ) -> tuple[str, str]:
-    """Return what does not fit, and the remedy."""
+    """Return two texts for arguments that do not fit: what does not fit, and the remedy or ""."""
     parameters = {
         name: parameter
         for name, parameter in signature.parameters.items()
         if parameter.kind not in ANY
     }
-    by_place = [
-        n for n, parameter in parameters.items() if parameter.kind != parameter.KEYWORD_ONLY
+    names_by_place = [
+        name for name, parameter in parameters.items() if parameter.kind != parameter.KEYWORD_ONLY
     ]
-    unknown = [name for name in named if name not in parameters]
-    if unknown and len(parameters) == len(signature.parameters):
-        return f"argument {unknown[0]!r} is unknown", did_you_mean(unknown[0], parameters)
-    if len(positional) > len(by_place):
-        return f"{brief(positional[len(by_place)])} is a value too many", ""
-    twice = [name for name in by_place[: len(positional)] if name in named]
+    takes_any = len(parameters) < len(signature.parameters)  # by *values or **named
+    unknown_names = [name for name in named if name not in parameters]
+    if unknown_names and not takes_any:
+        name = unknown_names[0]
+        return f"argument {name!r} is unknown", did_you_mean(name, parameters)
+    if len(positional) > len(names_by_place):
+        return f"{brief(positional[len(names_by_place)])} is a value too many", ""
+    filled_names = names_by_place[: len(positional)]
+    twice = [name for name in filled_names if name in named]
     if twice:
         return f"{twice[0]} is given twice, by its place and by its name", ""
-    given = {*by_place[: len(positional)], *named}
-    needed = [n for n, parameter in parameters.items() if parameter.default is parameter.empty]
-    missing = [name for name in needed if name not in given]
+    # No other way not to fit is left: an argument without a default is missing.
+    missing = [
+        name
+        for name, parameter in parameters.items()
+        if parameter.default is parameter.empty and name not in {*filled_names, *named}
+    ]
     verb = "is" if len(missing) == 1 else "are"
     return f"{' and '.join(missing)} {verb} missing", ""
 
@@ -131,7 +145,10 @@ def _read(target: Callable[..., Any], values: Mapping[str, Any]) -> dict[str, An
 
 @functools.cache
 def _fields(target: Callable[..., Any]) -> dict[str, Measured]:
-    """Return what the arguments of the class or function hold, without `self` and `cls`."""
+    """Return, by the name of each argument, its type, its dimensions and its default.
+
+    `self`, `cls`, *values and **named are left out.
+    """
     hints = get_type_hints(target, include_extras=True)
     fields = {}
     for name, parameter in inspect.signature(target).parameters.items():

@@ -22,16 +22,26 @@ DIMENSIONS = {dimension.si: dimension for dimension in reversed(units.DIMENSIONS
 
 
 def factor_to_si(name: str, unit: str | None, si: str) -> float:
-    """Return the value of a unit in SI.
+    """Return the value in SI of the unit of a column.
 
     Raises `InputError` if quantities with this SI unit do not have the unit, or if the column
     has no unit and its quantity has one.
+
+    Parameters
+    ----------
+    name
+        Name of the column, for messages.
+    unit
+        Its unit as it is written; None or "" if it has none.
+    si
+        The SI unit of its quantity; "" for a quantity without a dimension.
     """
     if not si:
         if (unit or "") not in PLAIN:
             allowed = "its quantity has no unit; write no unit or [%]"
             raise InputError(f"column {name} [{unit}]", allowed)
         return PLAIN[unit or ""]
+    # A unit that is not in the tables can only be written as it is.
     dimension = DIMENSIONS.get(si.replace("²", "^2").replace("³", "^3"), Dimension({si: 1.0}))
     if not unit:
         raise InputError(f"column {name!r}", f"has no unit; write it as {name} [{dimension.si}]")
@@ -66,11 +76,13 @@ class DataTable:
         return name in self.cells
 
     def numbers(self, name: str, si: str | None, plain: bool = False) -> np.ndarray:
-        """Return the values of a column in SI.
+        """Return the values (rows,) of the column `name` in SI.
 
-        If `si` is None, the values are as they are written; so are values without a unit if
-        `plain` is true. Raises `InputError` for a column that is missing, an unknown unit, and a
-        cell that is not a finite number.
+        `si` is the SI unit of its quantity, "" for a quantity without a dimension. If `si` is
+        None, the values are returned as they are written; so are the values of a column without
+        a unit if `plain` is true. Raises `InputError` for a column that is missing, for an
+        unknown unit, for a missing unit (if not `plain`), and for a cell that is not a finite
+        number.
         """
         if name not in self.cells:
             allowed = f"is not in the file, which has {', '.join(self.cells)}"
@@ -88,11 +100,14 @@ class DataTable:
         return factor * np.array(values)
 
     def _number(self, name: str, cell: Any, line: int) -> float:
-        """Return the number in a cell; raise `InputError` if it is none or not finite."""
+        """Return the number in a cell of the column `name`, in the line of that number.
+
+        Raises `InputError` if the cell is not a number, or not a finite one.
+        """
         try:
             value = float(cell)
         except (TypeError, ValueError):
-            value = np.nan
+            value = np.nan  # refused below
         if not np.isfinite(value):
             what = f"line {line}, column {name!r}: {cell!r}"
             raise InputError(what, "must be a finite number", self.where)
@@ -100,10 +115,10 @@ class DataTable:
 
 
 def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> DataTable:
-    """Read a CSV file, or a mapping of names with units to values.
+    """Return the table in a CSV file, or in a mapping from "name [unit]" to values.
 
-    Raises `InputError` for anything but columns of one length with names of their own; `label`
-    is the name of a mapping in messages.
+    Raises `InputError` for other data, for columns of different lengths, and for two columns of
+    one name. In messages `label` is the name of a mapping; a file has its path.
     """
     if not isinstance(data, str | Path | Mapping):
         allowed = "must be a path, or a mapping of columns"
@@ -113,37 +128,49 @@ def read_table(data: str | Path | Mapping[str, Sequence[float]], label: str) -> 
         lengths = {len(values) for _, values in columns}
         if len(lengths) != 1:
             raise InputError("data", "needs columns of one length", label)
-        return _table(label, columns, range(1, 1 + lengths.pop()))
+        return _make_table(label, columns, lines=range(1, 1 + lengths.pop()))
     return _read_csv(Path(data), where=str(data))
 
 
 def _read_csv(path: Path, where: str) -> DataTable:
-    """Read a CSV file; empty lines, and lines that begin with #, are left out."""
+    """Return the table in a CSV file; empty lines, and lines that begin with #, are left out.
+
+    Raises `InputError`, with the place `where`, for a file that cannot be read or has fewer than
+    two lines, for semicolons between the names, and for a line with more or fewer cells than the
+    first.
+    """
     if problem := file_problem(path):
         raise InputError(problem[0], "must be a CSV file", where, problem[1])
+    # "utf-8-sig" leaves out the mark with which some programs begin a file in UTF-8.
     content = path.read_text(encoding="utf-8-sig", errors="replace")
-    numbered = [
+    numbered_lines = [
         (number, line)
         for number, line in enumerate(content.splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    rows = list(csv.reader(line for _, line in numbered))
+    rows = list(csv.reader(line for _, line in numbered_lines))
     if len(rows) < 2:
         allowed = "it needs a line of names, then lines of numbers"
         raise InputError("too few lines", allowed, where)
-    if ";" in numbered[0][1]:
+    if ";" in numbered_lines[0][1]:
         raise InputError("columns between semicolons", COMMAS, where)
-    for (number, _), row in zip(numbered, rows, strict=True):
+    for (number, _), row in zip(numbered_lines, rows, strict=True):
         if len(row) != len(rows[0]):
             what = f"line {number} has {len(row)} cells"
             allowed = f"must have {len(rows[0])}, as the first line; {COMMAS}"
             raise InputError(what, allowed, where)
-    columns = [(name, list(cells)) for name, *cells in zip(*rows, strict=True)]
-    return _table(where, columns, [number for number, _ in numbered[1:]])
+    columns = [(head, list(cells)) for head, *cells in zip(*rows, strict=True)]
+    return _make_table(where, columns, lines=[number for number, _ in numbered_lines[1:]])
 
 
-def _table(where: str, columns: Sequence[tuple[str, list[Any]]], lines: Sequence[int]) -> DataTable:
-    """Return the table of columns, pairs of a head "name [unit]" and cells."""
+def _make_table(
+    where: str, columns: Sequence[tuple[str, list[Any]]], lines: Sequence[int]
+) -> DataTable:
+    """Return the table of `columns`, pairs of a head "name [unit]" and the cells.
+
+    `lines` are the line numbers of the cells. Raises `InputError`, with the place `where`, for
+    a head of another form, and for two columns of one name.
+    """
     cells: dict[str, tuple[str | None, Sequence[Any]]] = {}
     for head, values in columns:
         match = _HEAD.fullmatch(head)

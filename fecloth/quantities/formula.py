@@ -42,6 +42,7 @@ class Formula:
     by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a text that is not a formula, or an unknown variable in `by`."""
         if not self.by:
             _ = self._value  # parsed and checked now, not at the first call
         elif self.condition:
@@ -58,22 +59,23 @@ class Formula:
         return Formula, (self.text, self.variables, self.condition, self.by)
 
     def __call__(self, **values: ArrayLike) -> float | np.ndarray:
-        """Return the value at the variables, which are broadcast; a float if all are scalars.
+        """Return the value at the variables by name: a float if all are scalars, else an array.
 
-        Raises `InputError` for a value that is not finite.
+        Arrays of different shapes are broadcast against each other. Raises `InputError` for a
+        value that is not finite.
         """
         arrays = [np.asarray(values[name], dtype=float) for name in self.variables]
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
         if not shape:
             return self.at(*map(float, arrays))
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # values that are not finite are refused below
             value = np.broadcast_to(self._value(arrays), shape)
         finite = np.isfinite(value)
         if not finite.all():
-            place = tuple(np.argwhere(~finite)[0])
-            numbers = [np.broadcast_to(array, shape)[place] for array in arrays]
-            raise self._error(value[place], numbers)
-        return value.copy()
+            first_bad = tuple(np.argwhere(~finite)[0])
+            numbers = [np.broadcast_to(array, shape)[first_bad] for array in arrays]
+            raise self._error(value[first_bad], numbers)
+        return value.copy()  # what `broadcast_to` returns cannot be written to
 
     def at(self, *numbers: float) -> float:
         """Return the value at one float for each variable, in their order; faster than a call.

@@ -97,19 +97,21 @@ Closure = Callable[[Sequence[Any]], Any]
 
 
 def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = False) -> Closure:
-    """Return the closure of a checked syntax tree; if `derived`, it also takes values `Dual`.
+    """Return the closure of the syntax tree `node`, which must have been checked.
 
-    Call it with NumPy's errors ignored. All arithmetic is in doubles, so that no power grows
-    without limit.
+    If `derived`, the closure also takes variables that are a `Dual`. Call the closure with
+    NumPy's errors ignored. All arithmetic is in doubles, so that no power grows without limit,
+    as one of Python's integers would.
     """
 
-    def inner(part: ast.AST) -> Closure:
+    def compile_part(part: ast.AST) -> Closure:
         return compile_tree(part, variables, derived)
 
     def apply(key: object, function: Callable[..., Any], *parts: ast.AST) -> Closure:
+        """Return the closure of a function of parts; `key` is its key in `_PARTIALS`."""
         if derived:
             function = _with_duals(key, function)
-        return _apply(function, *map(inner, parts))
+        return _apply(function, *map(compile_part, parts))
 
     match node:
         case ast.Constant(value=int() | float() as number):
@@ -125,11 +127,12 @@ def compile_tree(node: ast.AST, variables: tuple[str, ...], derived: bool = Fals
         case ast.BinOp(left=left, op=op, right=right):
             return apply(type(op), BINARY[type(op)], left, right)
         case ast.BoolOp(op=op, values=parts):
-            join = BOOLEAN[type(op)]
-            return reduce(partial(_apply, join), map(inner, parts))
+            join = BOOLEAN[type(op)]  # truth values have no slopes: no duals are needed
+            return reduce(partial(_apply, join), map(compile_part, parts))
         case ast.Compare(left=left, ops=ops, comparators=others):
-            pairs = zip(ops, (left, *others), others, strict=False)
-            comparisons = [apply(type(op), COMPARE[type(op)], a, b) for op, a, b in pairs]
+            # a < b < c is a < b and b < c, as in Python.
+            sides = zip(ops, (left, *others), others, strict=False)
+            comparisons = [apply(type(op), COMPARE[type(op)], a, b) for op, a, b in sides]
             return reduce(partial(_apply, np.logical_and), comparisons)
         case ast.Call(func=ast.Name(id=name), args=parts):
             return apply(name, FUNCTIONS[name].value, *parts)
@@ -229,9 +232,18 @@ def _slope_of(value: Any, level: int) -> Any:
 
 
 def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that also takes duals, with the partial derivatives of the key."""
+    """Return a function like `function` that also takes arguments that are a `Dual`.
+
+    Its derivatives are those with the `key` in `_PARTIALS` or `_RULES_OF_CHOICES`. A function
+    that has none, such as floor or a comparison, is constant but for jumps: its derivative is 0.
+    """
 
     def apply(*arguments: Any) -> Any:
+        """Return the value at numbers, arrays and duals: a dual if the value has a slope.
+
+        In a derivative of a derivative the arguments have duals of several levels. The smallest
+        level is resolved here, and the values and slopes in it by further calls.
+        """
         levels = [argument.level for argument in arguments if isinstance(argument, Dual)]
         if not levels:
             return function(*arguments)
@@ -239,14 +251,16 @@ def _with_duals(key: object, function: Callable[..., Any]) -> Callable[..., Any]
         values = [_value_of(argument, level) for argument in arguments]
         if key in _RULES_OF_CHOICES:
             slopes = [_slope_of(argument, level) for argument in arguments]
-            return Dual(apply(*values), _RULES_OF_CHOICES[key]([*values, *slopes]), level)
+            slope_of_choice = _RULES_OF_CHOICES[key]([*values, *slopes])
+            return Dual(apply(*values), slope_of_choice, level)
         # The chain rule: the sum of partial derivatives times slopes.
+        partial_derivatives = _RULES.get(key, ())
         terms = [
             _multiply(partial_derivative(values), argument.slope)
-            for argument, partial_derivative in zip(arguments, _RULES.get(key, ()), strict=False)
+            for argument, partial_derivative in zip(arguments, partial_derivatives, strict=False)
             if _is_dual(argument, level)
         ]
-        if not terms:
+        if not terms:  # no rule for the key: the slope is 0, and a plain value stands for that
             return apply(*values)
         return Dual(apply(*values), reduce(_add, terms), level)
 

@@ -14,9 +14,9 @@ MOST_NESTED = 100  # operations, each of which takes some levels of Python's sta
 
 
 def parse(text: str, variables: tuple[str, ...], condition: bool) -> ast.expr:
-    """Return the checked syntax tree of a number, or of a condition.
+    """Return the checked syntax tree of a formula: of a condition if `condition`, else a number.
 
-    Raises `InputError` for a text that is not such a formula of the variables.
+    Raises `InputError` for a text that is not such a formula of these variables.
     """
     reader = _Reader(text, variables)
     tree = reader.parse()
@@ -47,12 +47,16 @@ class _Reader:
         raise InputError(f"formula {shown!r}, {problem}", self.allowed, "Formula", remedy)
 
     def parse(self) -> ast.expr:
-        """Return the syntax tree, which is not checked yet."""
+        """Return the syntax tree of the text, whose nodes are not checked yet.
+
+        Raises `InputError` for a text that is too long or not one expression of Python.
+        """
         if len(self.text) > MOST_CHARACTERS:
             self.refuse(f"{len(self.text)} characters are more than {MOST_CHARACTERS}")
         try:
             with warnings.catch_warnings(action="ignore"):  # Python's advice, as on "1if"
                 return ast.parse(self.text, mode="eval").body
+        # `MemoryError` and `RecursionError` come where it is nested too deep for the parser.
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             problem = "not an expression"
             if place := getattr(error, "offset", None):
@@ -62,20 +66,23 @@ class _Reader:
                 remedy = "A formula has no units: write its numbers in SI, as 0.02 for 2 cm."
             elif "^" in self.text:
                 remedy = "Powers are written **."
-            self.refuse(problem, None, remedy)
+            self.refuse(problem, remedy=remedy)
 
     def check_depth(self, depth: int) -> None:
         if depth > MOST_NESTED:
             self.refuse(f"nested more than {MOST_NESTED} deep")
 
     def check_number(self, node: ast.AST, depth: int) -> None:
-        """Refuse a node that is not an allowed number."""
+        """Raise `InputError` if the node, with all nodes in it, is not an allowed number.
+
+        `depth` is the number of the node's level in the tree, from 1.
+        """
         self.check_depth(depth)
         match node:
-            case ast.Constant(value=bool()):
+            case ast.Constant(value=bool()):  # first, because for Python it is an integer too
                 self.refuse("not a finite number", node)
             case ast.Constant(value=int() | float() as value) if abs(value) < 1e300:
-                pass
+                pass  # it fits in a double
             case ast.Constant():
                 self.refuse("not a finite number", node)
             case ast.Name(id=name):
@@ -89,22 +96,26 @@ class _Reader:
                 self.check_call(node, depth)
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
                 self.refuse("a comparison instead of a number", node, "Use where(a < b, c, d).")
-            case ast.BinOp(op=ast.BitXor()):
+            case ast.BinOp(op=ast.BitXor()):  # a ^ b
                 self.refuse("not allowed", node, "Powers are written **.")
             case _:
                 self.refuse("not allowed", node)
 
     def check_name(self, node: ast.AST, name: str) -> None:
+        """Raise `InputError` if the name is neither a variable nor a constant."""
         if name in self.variables or name in CONSTANTS:
             return
         if name in FUNCTIONS:
             self.refuse(f"the function {name} without arguments", node)
         remedy = did_you_mean(name, (*self.variables, *CONSTANTS))
-        self.refuse(f"unknown name {name!r}", None, remedy)
+        self.refuse(f"unknown name {name!r}", remedy=remedy)
 
     def check_call(self, node: ast.Call, depth: int) -> None:
-        """Refuse an unknown function, and arguments that it does not take."""
-        name = getattr(node.func, "id", "")  # of a plain name
+        """Raise `InputError` for a call of an unknown function, or with arguments not allowed.
+
+        `depth` is the number of the node's level in the tree, from 1.
+        """
+        name = getattr(node.func, "id", "")  # "" for what is no plain name, such as a.b(x)
         if name not in FUNCTIONS:
             self.refuse("unknown function", node.func, did_you_mean(name, FUNCTIONS))
         _, arguments, meaning = FUNCTIONS[name]
@@ -118,7 +129,10 @@ class _Reader:
                 self.check_number(value, depth + 1)
 
     def check_condition(self, node: ast.AST, depth: int) -> None:
-        """Refuse a node that is not an allowed condition."""
+        """Raise `InputError` if the node, with all nodes in it, is not an allowed condition.
+
+        `depth` is the number of the node's level in the tree, from 1.
+        """
         self.check_depth(depth)
         match node:
             case ast.Compare(left=left, ops=ops, comparators=others):
@@ -131,7 +145,7 @@ class _Reader:
                     self.check_condition(part, depth + 1)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 self.check_condition(operand, depth + 1)
-            case ast.BinOp(op=ast.BitAnd() | ast.BitOr()):
+            case ast.BinOp(op=ast.BitAnd() | ast.BitOr()):  # a & b, a | b
                 remedy = "Join conditions by and, or."
                 self.refuse("a condition such as X < 0.01 is needed here", node, remedy)
             case _:

@@ -43,7 +43,10 @@ class TimeFunction:
     where: str
 
     def __call__(self, t: float) -> np.ndarray:
-        """Return the value at the time t [s], of the shape `shape`."""
+        """Return the value at the time t [s], an array of the shape `shape`.
+
+        Raises `InputError` for a value that is not finite, or of another shape.
+        """
         if callable(self.parts):
             value = np.asarray(self.parts(t), dtype=float)
         else:
@@ -72,7 +75,7 @@ class TimeFunction:
 
     @cached_property
     def _rates(self) -> list[float | Formula]:
-        """The derivatives of numbers and formulas."""
+        """The derivative by t of each part, if the parts are numbers and formulas."""
         assert not callable(self.parts)
         rates: list[float | Formula] = []
         for part in self.parts:
@@ -89,7 +92,7 @@ def difference_quotient(
     """Return the derivative of a function u of time by differences of second order.
 
     With h = 1e-5 s it is the central difference (u(t + h) − u(t − h))/(2h). If t − h is before
-    `since`, it is (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h).
+    the time `since` [s], at which u begins, it is (−3 u(t) + 4 u(t + h) − u(t + 2h))/(2h).
     """
     u = function
     h = DIFFERENCE_STEP
@@ -114,11 +117,12 @@ def scalar(value: OfTime, name: str, where: str) -> TimeFunction:
 def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
     """Make a vector of time from three numbers or formulas of t [s], or a function of t.
 
-    The function returns three numbers. Raises `InputError`, with the names `name` and `where`,
-    for another value.
+    A function must return three numbers, which is checked at each call. Raises `InputError`,
+    with the names `name` and `where`, for another value.
     """
     if callable(value):
         return TimeFunction(value, (3,), name, where)
+    # As objects, because numbers and texts may be mixed.
     is_list = np.ndim(np.asarray(value, dtype=object)) == 1 and not isinstance(value, str)
     if not is_list or len(value) != 3:
         allowed = "must be three numbers or formulas of t, or a function of t"
@@ -128,6 +132,7 @@ def vector(value: VectorOfTime, name: str, where: str) -> TimeFunction:
 
 
 def _part(value: object, name: str, where: str) -> float | Formula:
+    """Return a number or a formula of t from one part of a value; else raise `InputError`."""
     if isinstance(value, str):
         with errors_of(where, f"{name}: "):
             return Formula(value, ("t",))

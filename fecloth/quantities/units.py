@@ -107,8 +107,9 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
 
     ``²``, ``³``, ``·`` and ``µ`` mean ``^2``, ``^3``, ``*`` and ``u``; a space between two
     units means ``*``. The value is exact in decimals: 150 g/m^2 is 0.15 kg/m^2 and not
-    0.15000000000000002. Raises `InputError` for another text; the message has the `name` of the
-    quantity, and says what `other` text is allowed, such as ", or a formula".
+    0.15000000000000002. Raises `InputError` for another text, for a unit of another dimension,
+    and for a value that is not finite. The message has the `name` of the quantity, and says what
+    `other` text is allowed, such as ", or a formula".
     """
     units = dimension.units
     allowed = f"must be a number with one of the units {', '.join(units)}{other}"
@@ -120,9 +121,10 @@ def quantity(name: str, text: str, dimension: Dimension, other: str = "") -> flo
     number, unit = match.groups()
     unit = unit.translate(_SPELLINGS)
     if unit.startswith("/"):
-        unit = f"1{unit}"
+        unit = f"1{unit}"  # "/s" is the unit "1/s" of the tables
     if unit not in units:
         raise InputError(f"{name} = {text!r}", allowed, remedy=did_you_mean(unit, units))
+    # The product of the decimals as they are written; binary numbers would be rounded before.
     value = float(Decimal(repr(float(number))) * Decimal(repr(units[unit])))
     if not is_number(value):
         raise InputError(f"{name} = {text!r}", "must be finite")
@@ -165,26 +167,38 @@ def in_si(
     return read
 
 
-def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse: bool) -> Any:
-    """Return a text in SI if its type allows a number; in a list, each item."""
-    kinds = _kinds(hint)
-    items = [get_args(kind)[0] for kind in kinds if get_origin(kind) in (tuple, Sequence)]
-    if isinstance(value, tuple | list) and items:
-        return type(value)(_value(key, item, items[0], dimension, refuse) for item in value)
-    if not isinstance(value, str) or float not in kinds:
+def _value(key: str, value: Any, hint: Any, dimension: Dimension, refuse_other_text: bool) -> Any:
+    """Return the value of the field `key`, of the type `hint`, with texts replaced by SI values.
+
+    A text becomes a number where the type allows a number; in a list or tuple, each item does.
+    A text that does not look like a number with a unit is returned as it is where the type
+    allows a formula or a word, or if not `refuse_other_text`; else it raises `InputError`, as a
+    text with an unknown unit does.
+    """
+    types_allowed = _members(hint)
+    item_types = [
+        get_args(member)[0] for member in types_allowed if get_origin(member) in (tuple, Sequence)
+    ]
+    if isinstance(value, tuple | list) and item_types:
+        item_type = item_types[0]
+        return type(value)(
+            _value(key, item, item_type, dimension, refuse_other_text) for item in value
+        )
+    if not isinstance(value, str) or float not in types_allowed:
         return value
-    may_be_formula = str in kinds
-    may_be_word = any(get_origin(kind) is Literal for kind in kinds)
-    if (may_be_formula or may_be_word or not refuse) and not is_quantity(value):
+    may_be_formula = str in types_allowed
+    may_be_word = any(get_origin(member) is Literal for member in types_allowed)
+    may_be_other = may_be_formula or may_be_word or not refuse_other_text
+    if may_be_other and not is_quantity(value):
         return value
     other = ", or a formula" if may_be_formula else ""
     return quantity(key, value, dimension, other)
 
 
-def _kinds(hint: Any) -> list[Any]:
+def _members(hint: Any) -> list[Any]:
     """Return the members of a union of types, without annotations."""
     if get_origin(hint) is Annotated:
-        return _kinds(get_args(hint)[0])
+        return _members(get_args(hint)[0])
     if get_origin(hint) in (Union, types.UnionType):
-        return [kind for arg in get_args(hint) for kind in _kinds(arg)]
+        return [member for arg in get_args(hint) for member in _members(arg)]
     return [hint]

@@ -89,8 +89,9 @@ def gradient(left, right, g):
 
 @inner
 def add_side(arm, s, p, q, u, t, H):
-    """Add the part of one triangle to H (4, 3, 4, 3); its arm leads to the node `arm`.
+    """Add the part of one triangle to H (4, 3, 4, 3) = ∂²θ/∂x∂x.
 
+    Its arm leads to the node number `arm` of the hinge, 2 or 3, and its foot on the edge is s.
     p = n̂/h, q = m/h, u = ê/|e| and t = h/|e|, so that A = −(p qᵀ + q pᵀ), ê gᵀ/|e| = u pᵀ and
     n̂ mᵀ/|e|² = t² p qᵀ.
     """
@@ -100,9 +101,11 @@ def add_side(arm, s, p, q, u, t, H):
             A = -pq - q[i] * p[j]
             up = u[i] * p[j]
             pu = p[i] * u[j]
-            ae = -s * A - up
+            ae = -s * A - up  # ∂²θ/∂a∂e
             ea = -s * A - pu
             ee = s * (s * A + up + pu) - t * t * pq
+            # e and the arm begin at node 0, so that ∂/∂x₀ = −∂/∂a − ∂/∂e. The rows and columns
+            # of the arm have no other part; those of the edge have a part of each triangle.
             H[1, i, 1, j] += ee
             H[arm, i, arm, j] = A
             H[arm, i, 1, j] = ae
@@ -116,7 +119,7 @@ def add_side(arm, s, p, q, u, t, H):
 
 @inner
 def hessian(e, left, right, H):
-    """H (4, 3, 4, 3) = ∂²θ/∂x∂x."""
+    """Fill H (4, 3, 4, 3) = ∂²θ/∂x∂x; `left` and `right` are what `side` returns."""
     (sa, ha, pa), (sb, hb, pb) = left, right
     length = math.sqrt(dot(e, e))
     unit = multiply(1.0 / length, e)
@@ -125,14 +128,19 @@ def hessian(e, left, right, H):
         for j in range(3):
             H[2, i, 3, j] = H[3, i, 2, j] = 0.0
             H[0, i, 0, j] = H[0, i, 1, j] = H[1, i, 0, j] = H[1, i, 1, j] = 0.0
-    arm = len(H) - 2  # not the number 2, for which `add_side` would be compiled by itself
+    # Node 2. For a literal 2 the compiler would make another `add_side`, beside the one for 3.
+    arm = len(H) - 2
     add_side(arm, sa, pa, cross(pa, unit), u, ha / length, H)
     add_side(arm + 1, sb, pb, cross(unit, pb), u, hb / length, H)
 
 
 @inner
 def condition(y, c, order, C, g, H):
-    """C = θ − θ₀ with c = (θ₀,), in the form of `fecloth.terms.loops.condition`."""
+    """Fill C = θ − θ₀, and g (1, 4, 3) and H (1, 4, 3, 4, 3), its derivatives, up to `order`.
+
+    y (4, 3) are the positions of the hinge's nodes, and c = (θ₀,). The form is that of
+    `fecloth.terms.loops.condition`.
+    """
     e, a, b = arms(y)
     C[0] = angle(e, a, b) - c[0]
     if order > 0:

@@ -86,12 +86,16 @@ class BendingFriction:
         return cloth.edge_slopes.pairs
 
     def bind(self, panel: Panel, slots: FindSlots) -> BoundTerm:
+        """Return the term on a panel; raise `InputError` for a fabric that lacks a constant."""
         of_fabrics = [Sliders.of_fabric(fabric, self.stiffness) for fabric in panel.fabrics]
         moments = np.concatenate([sliders.moments for sliders in of_fabrics])[panel.region]
         limit = np.concatenate([sliders.limit for sliders in of_fabrics])[panel.region]
         sliders = Sliders(of_parts(panel, moments), of_parts(panel, limit))
-        turn = block_diagonal(turn_curvature(of_parts(panel, panel.grain)))
-        curvature = Curvature.make((turn @ panel_plate(panel, NAME)[0]).tocsr())
+        along_axes, _ = panel_plate(panel, NAME)  # R for curvatures along X and Y
+        turn = block_diagonal(turn_curvature(of_parts(panel, panel.grain)))  # to warp and weft
+        curvature = Curvature.make((turn @ along_axes).tocsr())
+        # Rᵀ H R has other entries than Q: one for each two hinges of a triangle. `coupled` gives
+        # their places; their values are computed at each tangent.
         plate = replace(bind_angles(panel, slots, NAME), stiffness=curvature.coupled())
         edges = panel.cloth.edge_slopes.edges
         loop = SharedLoop.over_elements(panel, edges.triangles)
@@ -154,7 +158,11 @@ class Curvature:
         return pattern
 
     def products(self, H: np.ndarray, Q: sparse.csr_matrix, loop: SharedLoop) -> np.ndarray:
-        """The entries of Rᵀ H R in the order of Q's entries; H (m, 3, 3) of the triangles."""
+        """Return the entries of Rᵀ H R, for H (m, 3, 3) of the triangles.
+
+        Q says which entries there are, and in which order; `coupled` makes such a Q. `loop` is
+        over its rows, the hinges.
+        """
         entries = np.empty(Q.nnz)
         T = self.by_hinge
         R = self.by_triangle
@@ -165,8 +173,9 @@ class Curvature:
             rows = pointers(Q, part), Q.indices
             of_hinge = pointers(T, part), T.indices, left
             of_triangle = R.indptr, R.indices, right
-            work = np.empty(Q.shape[0], np.int64)
-            return plate_loops.fill_products, (*rows, *of_hinge, *of_triangle, H, work, entries)
+            position = np.empty(Q.shape[0], np.int64)  # work space, one for each thread
+            arguments = *rows, *of_hinge, *of_triangle, H, position, entries
+            return plate_loops.fill_products, arguments
 
         loop.each(call)
         return entries
@@ -262,7 +271,8 @@ class BoundFriction(BoundTerm):
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
         """J += wx (Gᵀ Rᵀ A φ″ R G + Σ m ∂²μ/∂x∂x) with G = ∂μ/∂x.
 
-        `definite` leaves out the second part.
+        `definite` leaves out the second part, which is indefinite. Before a run, when the
+        sliders have no moment, they count as sticking.
         """
         if not self.acts:
             return
@@ -270,7 +280,7 @@ class BoundFriction(BoundTerm):
         H = self.area[:, None, None] * self.sliders.tangent(self.elastic(mu))
         entries = self.curvature.products(H, self.plate.stiffness, self.plate.loop)
         self.plate.add_products(g, g, wx, J, entries)
-        if not definite and self.slid is not None:
+        if not definite and self.slid is not None:  # without `slid` all moments are zero
             moments = self.curvature.transposed @ self._moments(mu)
             self.plate.add_curvatures(x, t, moments, wx, J)
 

@@ -79,6 +79,7 @@ class HingeBending:
     traits = replace(HINGES, cheaper=("QuadraticBending",))
 
     def __post_init__(self):
+        """Make `rest` a float or a tuple; raise `InputError` for what is not angles within ±π."""
         if self.rest is None:
             return
         rest = np.asarray(self.rest)
@@ -92,6 +93,11 @@ class HingeBending:
         return cloth.hinges.nodes
 
     def bind(self, panel: Panel, slots) -> RigidCondition:
+        """Return the term on a panel.
+
+        Raises `InputError` for another number of angles at rest than hinges, and for a fabric
+        without a bending rigidity.
+        """
         hinges = panel.cloth.hinges
         rest = np.atleast_1d(0.0 if self.rest is None else self.rest)
         if rest.size not in (1, len(hinges.nodes)):
@@ -104,11 +110,13 @@ class HingeBending:
 def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
     """Stiffness k = B(φ) l²/(A₁ + A₂) (h,) of the hinges [N m], for the term `where`.
 
-    Raises `InputError` for a fabric without a bending rigidity.
+    B(φ) = (√B₁ cos²φ + √B₂ sin²φ)² is the rigidity of the fabric in the direction across the
+    edge, at the angle φ to the warp. Where it differs between the two triangles, 1/B is the mean
+    of both by area. Raises `InputError` for a fabric without a bending rigidity.
     """
 
     def roots(fabric):
-        """√B along warp and weft."""
+        """√B along warp and weft [√(N m)]."""
         if fabric.bending is None:
             presets = [name for name in Fabric.presets() if Fabric.preset(name).bending]
             remedy = "Give it in the fabric, one number or (warp, weft); these presets have it:"
@@ -118,7 +126,7 @@ def hinge_stiffness(panel: Panel, where: str) -> np.ndarray:
         return np.sqrt(fabric.bending)
 
     hinges = panel.cloth.hinges
-    normal = np.arctan2(hinges.vector[:, 0], -hinges.vector[:, 1])
+    normal = np.arctan2(hinges.vector[:, 0], -hinges.vector[:, 1])  # angle to X, across the edge
     root = panel.each(roots)[hinges.sides]  # (h, 2 sides, 2 directions)
     phi = normal[:, None] - panel.grain[hinges.sides]
     B = (root[..., 0] * np.cos(phi) ** 2 + root[..., 1] * np.sin(phi) ** 2) ** 2
@@ -150,7 +158,11 @@ class BoundHinges(RigidCondition):
 
 
 def bind(name, panel, slots, rest, stiffness, damping, tangent="symmetric"):
-    """Bind the angle as a condition with θ₀ (h,) or (1,), and k_s and k_d (h,)."""
+    """Return the condition θ − θ₀ on the hinges of a panel.
+
+    `rest` is θ₀ [rad], `stiffness` k_s [N m] and `damping` k_d [N m s]; each is one number, or
+    (h,) with one for each hinge. `tangent` is that of the damping, see `BoundCondition`.
+    """
     nodes = panel.cloth.hinges.nodes
     return BoundHinges.bind(
         name,
@@ -199,13 +211,15 @@ class QuadraticBending:
     stencil = HingeBending.stencil
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the term on a panel; raise `InputError` for a fabric without rigidity."""
         hinges = panel.cloth.hinges
         n = len(panel.cloth.X)
         g = hinges.flat_gradient
         k = hinge_stiffness(panel, "QuadraticBending")[:, None, None]
-        Q = k * g[:, :, None] * g[:, None, :]
+        Q = k * g[:, :, None] * g[:, None, :]  # (h, 4, 4)
         i = np.broadcast_to(hinges.nodes[:, :, None], Q.shape)
         j = np.broadcast_to(hinges.nodes[:, None, :], Q.shape)
+        # The constructor adds up entries with the same row and column.
         matrix = sparse.csr_matrix((Q.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
         return BoundQuadratic(matrix, slots, panel)
 

@@ -91,7 +91,11 @@ class PlateBending:
 
 
 def check_rest(rest, where: str):
-    """The angles at rest as text, a number or a tuple; raises `InputError` for others."""
+    """Return the angles at rest of a plate as a text, a float or a tuple of floats.
+
+    Raises `InputError`, for the term `where`, for what is not "flat", "start", an angle or a
+    sequence of angles, and for an angle that is not between −π and π [rad].
+    """
     if isinstance(rest, str):
         if rest in ("flat", "start"):
             return rest
@@ -106,7 +110,11 @@ def check_rest(rest, where: str):
 
 
 def rest_angles(rest, panel: Panel) -> np.ndarray:
-    """(h,) rest angles of the hinges of a plate [rad]."""
+    """(h,) rest angles of the hinges of a plate [rad], from what `check_rest` returns.
+
+    Raises `InputError` for "start" without a start of the run, and for another number of angles
+    than one or the number of hinges.
+    """
     count = len(panel.cloth.edge_slopes.edges.hinges.nodes)
     if rest == "flat":
         return np.zeros(count)
@@ -160,10 +168,11 @@ class BoundPlate(BoundTerm):
         self.plate.add_force(mu - self.rest, g, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """The calls of `add_force`; None where clamps move, whose normals depend on t."""
         plate = self.plate
         if plate.moved is not None:
             return None
-        mu, g = plate.gradients(x, t)
+        mu, g = plate.gradients(x, t)  # arrays that the first call fills anew each time
         return [
             plate.gradient_call(x, t, mu, g),
             (subtract, (self.rest, mu)),

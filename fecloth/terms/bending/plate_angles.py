@@ -54,23 +54,43 @@ class CoupledRows:
     def make(
         cls, nodes: np.ndarray, Q: sparse.csr_matrix, slots: FindSlots, pairs: np.ndarray, n: int
     ) -> Self:
-        """Find the blocks of hinges, `nodes` (h, 4), among the blocks of the `pairs` (p, 2)."""
-        both = slots(pairs)
-        alone = slots(np.arange(n, dtype=np.int32)[:, None])
+        """Find the blocks of hinges among the blocks of pairs of nodes.
+
+        Raises `InputError` if two nodes in a row of Q are no pair.
+
+        Parameters
+        ----------
+        nodes
+            (h, 4) The nodes of the hinges; −1 for a node that is held in space.
+        Q
+            (h, h) The matrix that couples the hinges.
+        slots
+            Finds blocks in the system matrix.
+        pairs
+            (p, 2) The pairs of different nodes that have blocks, each pair once.
+        n
+            The number of nodes.
+        """
+        blocks_of_pairs = slots(pairs)  # (p, 2, 2)
+        blocks_of_nodes = slots(np.arange(n, dtype=np.int32)[:, None])  # on the diagonal
+        # All blocks by row i and column j, then in the order of the rows: the nodes coupled with
+        # node i are those from first_of_row[i] to first_of_row[i + 1].
         i = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(n)])
         j = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(n)])
-        blocks = np.concatenate([both[:, 0, 1], both[:, 1, 0], alone.ravel()])
+        blocks = np.concatenate(
+            [blocks_of_pairs[:, 0, 1], blocks_of_pairs[:, 1, 0], blocks_of_nodes.ravel()]
+        )
         order = np.argsort(i * n + j)
-        first = np.searchsorted(i[order], np.arange(n + 1)).astype(np.int32)
+        first_of_row = np.searchsorted(i[order], np.arange(n + 1)).astype(np.int32)
         width = _count_row_nodes(nodes, Q, n)
         start = np.concatenate([[0], np.cumsum(4 * width)])
         place = np.empty((Q.nnz, 4), np.int16)
         row_slots = np.empty(start[-1], np.int32)
-        missing = plate_loops.fill_rows(
+        hinge_without_block = plate_loops.fill_rows(
             nodes=nodes,
             indptr=Q.indptr,
             indices=Q.indices,
-            block_ptr=first,
+            block_ptr=first_of_row,
             block_nodes=j[order].astype(np.int32),
             blocks=blocks[order],
             start=start,
@@ -80,22 +100,24 @@ class CoupledRows:
             place=place,
             slots=row_slots,
         )
-        if missing >= 0:
-            what = f"the nodes around hinge {missing}"
+        if hinge_without_block >= 0:
+            what = f"the nodes around hinge {hinge_without_block}"
             remedy = "Name the regions of both fabrics in the cloth: materials may change there."
             raise InputError(what, "are not all coupled in the matrix", "PlateBending", remedy)
-        row = np.repeat(np.arange(len(nodes)), np.diff(Q.indptr))
-        own = np.flatnonzero(Q.indices == row)
+        row_of_entry = np.repeat(np.arange(len(nodes)), np.diff(Q.indptr))
+        own = np.flatnonzero(Q.indices == row_of_entry)
         return cls(place=place, start=start[:-1], width=width, slots=row_slots, own=own)
 
 
 def _count_row_nodes(nodes: np.ndarray, Q: sparse.csr_matrix, n: int) -> np.ndarray:
     """(h,) the number of different nodes of the hinges in each row of Q."""
-    here = nodes >= 0
-    start = np.concatenate([[0], np.cumsum(here.sum(axis=1))])
-    of_hinge = sparse.csr_array((np.ones(start[-1], bool), nodes[here], start), (len(nodes), n))
-    coupled = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
-    return np.diff((coupled @ of_hinge).indptr).astype(np.int64)
+    is_node = nodes >= 0  # −1 is held in space
+    start = np.concatenate([[0], np.cumsum(is_node.sum(axis=1))])
+    ones = np.ones(start[-1], bool)
+    nodes_of_hinge = sparse.csr_array((ones, nodes[is_node], start), (len(nodes), n))
+    coupled_hinges = sparse.csr_array((np.ones(Q.nnz, bool), Q.indices, Q.indptr), Q.shape)
+    # A row of the product of these patterns has an entry for each node.
+    return np.diff((coupled_hinges @ nodes_of_hinge).indptr).astype(np.int64)
 
 
 def mirror(corners: np.ndarray) -> np.ndarray:
@@ -255,7 +277,7 @@ class PlateAngles:
     ) -> None:
         """J += scale leftᵀ Q right, with left and right (h, 4, 3).
 
-        `entries` stand in place of the entries of Q.
+        `entries`, in the order of the entries of Q, are taken in their place.
         """
         Q = self.stiffness
         rows = self.rows
@@ -264,18 +286,19 @@ class PlateAngles:
         def call(part: slice, blocks: np.ndarray) -> Call:
             of_Q = pointers(Q, part), Q.indices, values
             of_rows = rows.place, rows.start[part], rows.width[part], rows.slots
-            work = np.empty(3 * rows.width.max(initial=0))
+            work = np.empty(3 * rows.width.max(initial=0))  # 3 for each node of the widest row
             arguments = *of_Q, *of_rows, left[part], right, scale, work, blocks
             return plate_loops.add_products, arguments
 
         self.loop.add_blocks(call, J)
 
     def add_curvatures(self, x: np.ndarray, t: float, moment: np.ndarray, scale: float, J) -> None:
-        """J += scale Σ m ∂²μ/∂x∂x for the moments m (h,)."""
+        """J += scale Σ m ∂²μ/∂x∂x at x and t, for the moments m (h,) = `moment` [N m]."""
         rows = self.rows
         nodes, held, first = self.at(t)
 
         def call(part: slice, values: np.ndarray) -> Call:
+            # The clamped edges begin at `first`; the kernel counts from the begin of the part.
             of_hinges = nodes[part], held, first - part.start, x
             of_rows = rows.place, *cut((rows.own, rows.start, rows.width), part), rows.slots
             arguments = *of_hinges, *of_rows, moment[part], scale, values
@@ -288,23 +311,37 @@ class PlateAngles:
     ) -> float:
         """Work [J] that moves the normals of clamps over a step: the mean of ∂W/∂p, times Δp.
 
-        p are the points in space that stand for the normals, and ``moments(μ)`` (h,) returns
-        ∂W/∂μ [N m]. In a translation this work and the work of the pinned nodes cancel, as the
-        forces are opposite.
+        p are the points in space that stand for the normals. In a translation this work and the
+        work of the pinned nodes cancel, as the forces are opposite.
+
+        Parameters
+        ----------
+        old, new
+            Positions and time (x, t) at the ends of the step.
+        stages
+            The (x, t) over which the mean is taken.
+        moments
+            ``moments(μ)`` returns ∂W/∂μ (h,) [N m].
         """
         if self.moved is None:
             return 0.0
-        path = self.held_at(new[1]) - self.held_at(old[1])
-        first = len(self.nodes) - len(self.held)
-        force = np.zeros_like(path)
+        (_, begin), (_, end) = old, new
+        motion = self.held_at(end) - self.held_at(begin)
+        first = len(self.nodes) - len(self.held)  # of the clamped edges, which are the last
+        force = np.zeros_like(motion)
         for x, t in stages:
             mu, g = self.gradients(x, t)
+            # A point in space is the fourth node of its edge.
             force += self.loop.select(moments(mu))[first:, None] * g[first:, 3]
-        return float(np.sum(force * path)) / len(stages)
+        return float(np.sum(force * motion)) / len(stages)
 
 
 def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
-    """The hinge angles of a panel, coupled by the stiffness of its plate."""
+    """The hinge angles of a panel, coupled by the stiffness of its plate.
+
+    `slots` finds blocks in the system matrix. Raises `InputError`, for the term `where`, for a
+    fabric without a bending rigidity.
+    """
     slopes = panel.cloth.edge_slopes
     _, Q = panel_plate(panel, where)
     nodes = slopes.edges.hinges.nodes
@@ -312,8 +349,11 @@ def bind_angles(panel: Panel, slots: FindSlots, where: str) -> PlateAngles:
     held = np.empty((0, 3))
     moved = None
     if panel.clamps:
+        # Half-edge 3 e + i is edge i of triangle e. Its two nodes come first, then the apex.
         triangles, edge = np.divmod(panel.clamps.half_edges, 3)
         corners = slopes.edges.triangles[triangles[:, None], (edge[:, None] + np.arange(3)) % 3]
+        # A clamped edge is a hinge with a triangle in space: the mirror image of its own at the
+        # start. Its apex is held there, and is no node.
         in_space = np.full((len(corners), 1), -1, np.int32)
         clamped = np.hstack([corners, in_space]).astype(np.int32)
         nodes = np.concatenate([nodes, clamped])

@@ -58,14 +58,17 @@ def sum_products(a, b):
 
 @kernel
 def fill_gradients(nodes, ghosts, first, x, mu, g):
-    """mu (h,) = μ and g (h, 4, 3) = ∂μ/∂x of each hinge."""
+    """Fill mu (h,) = μ and g (h, 4, 3) = ∂μ/∂x of each hinge.
+
+    `ghosts` and `first` are of the nodes held in space, see the head of the module.
+    """
     y = np.empty((4, 3))
     for n in range(len(nodes)):
         gather(nodes, ghosts, first, n, x, y)
         e, a, b = arms(y)
         mu[n], slope, _ = measure(angle(e, a, b))
         gradient(side(e, a, cross(e, a)), side(e, b, cross(b, e)), g[n])
-        if slope != 1.0:
+        if slope != 1.0:  # beyond a right angle: dμ/dx = dμ/dθ ∂θ/∂x
             for k in range(4):
                 for c in range(3):
                     g[n, k, c] *= slope
@@ -85,7 +88,10 @@ def add_rates(nodes, g, v, rate):
 
 @inner
 def row_product(indptr, indices, Q, e, change):
-    """Σ_f Q_ef change_f, as four sums, so that no addition waits for the addition before."""
+    """Return Σ_f Q_ef change_f, row e of the matrix Q times the vector `change`.
+
+    It is summed as four sums, so that no addition waits for the addition before.
+    """
     begin = indptr[e]
     end = indptr[e + 1]
     last = end - (end - begin) % 4
@@ -93,6 +99,7 @@ def row_product(indptr, indices, Q, e, change):
     m1 = 0.0
     m2 = 0.0
     m3 = 0.0
+    # An unsigned index saves the test whether it counts from the end.
     for s in range(begin, last, 4):
         m0 += Q[s] * change[np.uintp(indices[s])]
         m1 += Q[s + 1] * change[np.uintp(indices[s + 1])]
@@ -117,17 +124,19 @@ def add_force(nodes, indptr, indices, Q, change, g, f):
 
 @kernel
 def add_products(indptr, indices, Q, place, start, width, slots, left, right, scale, y, J):
-    """J += scale Σ left_ea Q_ef right_fbᵀ.
+    """J += scale Σ left_ea Q_ef right_fbᵀ over hinges e and f, with left and right (h, 4, 3).
 
-    Row e has the nodes 0 … width[e] − 1. `place` (entries of Q, 4) says which of them are the
-    nodes of hinge f. The blocks of node a of hinge e with the nodes of the row begin at
-    slots[start[e] + a width[e]]. Both are −1 for a node that is held in space. y (at least 3
-    times the largest width,) is work space.
+    `indptr`, `indices` and Q are the compressed rows of the matrix, and `slots` are numbers of
+    blocks in J. Row e has the nodes 0 … width[e] − 1. `place` (entries of Q, 4) says which of
+    them are the nodes of hinge f. The blocks of node a of hinge e with the nodes of the row
+    begin at slots[start[e] + a width[e]]. Both are −1 for a node that is held in space. y (at
+    least 3 times the largest width,) is work space.
     """
     for e in range(len(width)):
-        u = width[e]
+        u = width[e]  # number of nodes of the row
         for b in range(3 * u):
             y[b] = 0.0
+        # y_b = scale Σ_f Q_ef right_fb
         for s in range(indptr[e], indptr[e + 1]):
             f = indices[s]
             q = scale * Q[s]
@@ -154,7 +163,10 @@ def fill_products(
 ):
     """Q_fg = Σ_e L_feᵀ H_e R_eg over the triangles e that two hinges f and g have in common.
 
-    `position` (hinges,) is work space: where the entry of hinge g is in row f.
+    `indptr`, `indices` and Q are the compressed rows of the result. Those of L, with 3 numbers
+    `left` an entry, are `of_hinge` and `triangles`; those of R, with 3 numbers `right` an entry,
+    are `of_triangle` and `hinges`. H is (triangles, 3, 3). `position` (hinges,) is work space:
+    where the entry of hinge g is in row f.
     """
     for f in range(len(indptr) - 1):
         for s in range(indptr[f], indptr[f + 1]):
@@ -163,6 +175,7 @@ def fill_products(
         for p in range(of_hinge[f], of_hinge[f + 1]):
             e = triangles[p]
             l0, l1, l2 = left[p, 0], left[p, 1], left[p, 2]
+            # w = L_feᵀ H_e
             w0 = l0 * H[e, 0, 0] + l1 * H[e, 1, 0] + l2 * H[e, 2, 0]
             w1 = l0 * H[e, 0, 1] + l1 * H[e, 1, 1] + l2 * H[e, 2, 1]
             w2 = l0 * H[e, 0, 2] + l1 * H[e, 1, 2] + l2 * H[e, 2, 2]
@@ -173,7 +186,11 @@ def fill_products(
 
 @kernel
 def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, moment, scale, J):
-    """J += scale Σ m_e ∂²μ_e/∂x∂x; own[e] is the entry of Q on the diagonal of row e."""
+    """J += scale Σ m_e ∂²μ_e/∂x∂x with m = `moment`.
+
+    `place`, `start`, `width` and `slots` say where the blocks of hinge e are, as in
+    `add_products`; own[e] is the entry of Q on the diagonal of row e.
+    """
     y = np.empty((4, 3))
     g = np.empty((4, 3))
     H = np.empty((4, 3, 4, 3))
@@ -185,11 +202,11 @@ def add_curvatures(nodes, ghosts, first, x, place, own, start, width, slots, mom
         left = side(e, a, cross(e, a))
         right = side(e, b, cross(b, e))
         hessian(e, left, right, H)
-        if bend != 0.0:
+        if bend != 0.0:  # beyond a right angle, where μ is not θ
             gradient(left, right, g)
             add_fold(slope, bend, g, H)
-        column = place[np.uintp(own[n])]
-        row = start[n]
+        column = place[np.uintp(own[n])]  # where the hinge's own nodes are in its row
+        row = start[n]  # where the blocks of node i begin in `slots`
         for i in range(4):
             if nodes[n, i] >= 0:
                 for j in range(4):
@@ -213,7 +230,11 @@ def add_fold(slope, bend, g, H):
 
 @kernel
 def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
-    """out (h, 4, 3) += scale ∂μ̇/∂x = scale ∂²μ/∂x∂x · v."""
+    """out (h, 4, 3) += scale ∂μ̇/∂x = scale ∂²μ/∂x∂x · v, of each hinge.
+
+    With the measure μ of θ, ∂²μ/∂x∂x = μ′ ∂²θ/∂x∂x + μ″ ∂θ/∂x ∂θ/∂xᵀ. Nodes held in space
+    have v = 0.
+    """
     y = np.empty((4, 3))
     g = np.empty((4, 3))
     H = np.empty((4, 3, 4, 3))
@@ -225,7 +246,7 @@ def add_gradient_rates(nodes, ghosts, first, x, v, scale, out):
         right = side(e, b, cross(b, e))
         gradient(left, right, g)
         hessian(e, left, right, H)
-        rate = 0.0
+        rate = 0.0  # θ̇
         for j in range(4):
             i = nodes[n, j]
             if i >= 0:
@@ -248,11 +269,12 @@ def fill_rows(
     """Fill `place` and `slots` of `add_products` from the blocks of each pair of nodes.
 
     Row i of the pairs has the nodes block_nodes[block_ptr[i] …], ascending, with their `blocks`.
-    `last`, −1 for each node, `position` and `row` are work space. Return the first hinge with a
-    pair that has no block, or −1.
+    `last`, which must be −1 for each node, `position` and `row` are work space: the last row in
+    which a node was met, its place in that row, and the nodes of the row. Return the first hinge
+    with a pair that has no block, or −1.
     """
     for e in range(len(nodes)):
-        u = 0
+        u = 0  # number of nodes found in row e
         for s in range(indptr[e], indptr[e + 1]):
             for a in range(4):
                 i = nodes[indices[s], a]
@@ -272,7 +294,7 @@ def fill_rows(
                 slots[first + b] = -1
                 if i >= 0:
                     pair = find_sorted(block_nodes, block_ptr[i], block_ptr[i + 1], row[b])
-                    if pair < 0:
+                    if pair < 0:  # not found
                         return e
                     slots[first + b] = blocks[pair]
     return -1

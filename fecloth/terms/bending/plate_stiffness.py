@@ -17,7 +17,10 @@ _last: WeakKeyDictionary[EdgeSlopes, tuple[bytes, Any, Any]] = WeakKeyDictionary
 
 
 def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
-    """(m, 3, 3) D of each triangle [N m], in X and Y, for the term `where`."""
+    """(m, 3, 3) D of each triangle [N m], in X and Y, on curvatures (κ₁₁, κ₂₂, 2κ₁₂).
+
+    Raises `InputError`, for the term `where`, for a fabric without a bending rigidity.
+    """
 
     def constants(fabric: Fabric) -> np.ndarray:
         if fabric.bending is None:
@@ -32,7 +35,7 @@ def plate_rigidity(panel: Panel, where: str) -> np.ndarray:
 
 
 def panel_plate(panel: Panel, where: str) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """R and Q of a panel, for the term `where`.
+    """Return the matrices R and Q of a panel; raise `InputError` as `plate_rigidity` does.
 
     R (3m, h + c) [1/m] gives the curvatures (κ₁₁, κ₂₂, 2κ₁₂) along X and Y from the angles of
     the h hinges and c clamped edges, see `angle_curvature`; Q [N m] couples the angles. On P2
@@ -44,6 +47,7 @@ def panel_plate(panel: Panel, where: str) -> tuple[sparse.csr_matrix, sparse.csr
     clamped = np.empty(0, int)
     if panel.clamps is not None:
         clamped = panel.clamps.half_edges
+    # All that R and Q depend on, beside the cloth.
     key = blake2b(b"".join(array.tobytes() for array in (D, material, clamped))).digest()
     if key != _last.get(slopes, (b"",))[0]:
         R = angle_curvature(slopes, D, material, clamped)
@@ -72,17 +76,18 @@ def angle_curvature(
     """(3m, h + c) R with the curvature κ = R Δθ of each triangle along X and Y [1/m].
 
     κ = B α with the slopes α = C Δθ. A free edge has the slope for which it has no moment: the
-    rows of BᵀDB for the free edges, times α, are zero. The arguments are as in
-    `EdgeSlopes.of_plate`.
+    rows of BᵀDB for the free edges, times α, are zero. `rigidity` is D (m, 3, 3) [N m];
+    `material` (m,) and `clamped` (c,) are as in `EdgeSlopes.of_plate`.
     """
     C, hinge = slopes.of_plate(rigidity, material, clamped)
     m = len(rigidity)
     B = slopes.edges.curvature_of_slopes
     K = np.einsum("eki,ekl,elj->eij", B, rigidity, B, optimize=True)
-    K /= np.trace(K, axis1=1, axis2=2)[:, None, None]
-    free = (hinge < 0).reshape(m, 3)
-    matrix = np.where(free[:, :, None], K, np.eye(3))
-    known = np.eye(3) * ~free[:, None, :]
+    K /= np.trace(K, axis1=1, axis2=2)[:, None, None]  # of the size of the rows of the identity
+    is_free = (hinge < 0).reshape(m, 3)
+    # Three equations for α of a triangle: no moment on a free edge, a known α on each other.
+    matrix = np.where(is_free[:, :, None], K, np.eye(3))
+    known = np.eye(3) * ~is_free[:, None, :]
     return (block_diagonal(B @ np.linalg.solve(matrix, known)) @ C).tocsr()
 
 

@@ -66,7 +66,7 @@ class Sliders:
                 example = EXAMPLES[name]
                 remedy = f"Give it in the fabric, one number or (warp, weft), as {example}."
                 raise InputError(f"the fabric has no {name}", f"{where} needs it", where, remedy)
-        M1, M2 = (0.5 * height for height in fabric.hysteresis or ())
+        M1, M2 = (0.5 * height for height in fabric.hysteresis or ())  # not None, see above
         if (M1 == 0.0) != (M2 == 0.0):
             what = f"bending_hysteresis = {fabric.bending_hysteresis!r}"
             allowed = "must be > 0 for warp and weft, or 0 for both"
@@ -119,13 +119,16 @@ class Sliders:
 
 @kernel
 def fill_moments(moments, limit, weight, e, out):
-    """out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y)."""
+    """Fill out (m, 3) = weight ∂φ/∂κ = weight M z/max(s, s_y).
+
+    `moments` (m, 3) and `limit` (m,), s_y, are as in `Sliders`, and e (m, 3) as its methods take.
+    """
     for i in range(len(e)):
         M1, M2, M3 = moments[i, 0], moments[i, 1], moments[i, 2]
         z1, z2, z3 = M1 * e[i, 0], M2 * e[i, 1], M3 * e[i, 2]
         larger = max(np.sqrt(z1 * z1 + z2 * z2 + z3 * z3), limit[i])
         scale = 0.0
-        if larger > 0.0:
+        if larger > 0.0:  # zero where there is no slider
             scale = weight[i] / larger
         out[i, 0] = scale * M1 * z1
         out[i, 1] = scale * M2 * z2

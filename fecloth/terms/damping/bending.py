@@ -59,6 +59,7 @@ class BendingDamping:
     traits = replace(DAMPING, reach=8, damps="bending")
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         where = "BendingDamping"
         validation.positive("time", self.time, "s", where)
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
@@ -75,6 +76,7 @@ class BendingDamping:
         return cloth.hinges.nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the term on a panel; raise `InputError` for a fabric without rigidity."""
         if self._is_plate(panel.cloth):
             angles = bind_angles(panel, slots, "BendingDamping")
             return BoundPlateDamping(angles, self.time, self.tangent == "symmetric")
@@ -83,7 +85,7 @@ class BendingDamping:
             "BendingDamping",
             panel,
             slots,
-            rest=0.0,
+            rest=0.0,  # damping does not depend on it
             stiffness=0.0,
             damping=damping,
             tangent=self.tangent,
@@ -114,14 +116,16 @@ class BoundPlateDamping(BoundTerm):
         self.plate.add_force(self.time * self.plate.rates(g, v), g, f)
 
     def force_calls(self, x, v, t, f) -> Calls | None:
+        """The calls of `add_force`; None where clamps move, whose normals depend on t."""
         plate = self.plate
         if plate.moved is not None:
             return None
+        # Work arrays: the calls, in this order, fill them anew each time.
         mu, g = plate.gradients(x, t)
         rate = plate.rates(g, v)
         return [
             plate.gradient_call(x, t, mu, g),
-            (clear, (rate,)),
+            (clear, (rate,)),  # `rate_call` adds to it
             plate.rate_call(g, v, rate),
             (scale, (self.time, rate)),
             plate.force_call(rate, g, f),

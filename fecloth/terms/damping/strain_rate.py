@@ -88,6 +88,7 @@ class StrainRateDamping:
     strain: str = "interpolated"
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         where = "StrainRateDamping"
         check_strain(self.strain, where)
         validation.positive("time", self.time, "s", where)
@@ -193,17 +194,24 @@ class BoundStrainRate(BoundTerm):
         return [self.loop.shared_add(self._force(x, v), f)]
 
     def add_tangent(self, x, v, t, wx, wv, J, definite) -> None:
-        """J += wx K + wv D; if `definite`, the symmetric part with S_v raised to zero."""
+        """J += wx K + wv D; see the class of the term for "symmetric" and "exact".
+
+        If `definite`, the negative principal values of S_v are raised to zero, and the
+        non-symmetric part is left out.
+        """
         nodes, A, w, moduli, rest = self.elements
         arrays: tuple[Array, ...] = (nodes, self.loop.slots, A, w, moduli, rest)
         shape = self.strain.shape
         if definite:
             add = self.kernels.add_definite_tangent
+            # This kernel takes more arrays, before the rest strain.
             arrays = (*arrays[:-1], *self.strain.definite_arrays, rest)
             call = by_part(add, shape, arrays, x, v, wx, wv)
         elif self.symmetric:
             call = by_part(self.kernels.add_tangent, shape, arrays, x, v, wx, wv)
         else:
+            # This kernel takes v twice, for Ė and for Ḟ in B(Ḟ), and three weights: of the part
+            # with S_v, of Bᵀ τℂ₀ B, and of the part that is not symmetric.
             call = by_part(self.kernels.add_mixed_tangent, shape, arrays, x, v, v, wx, wv, wx)
         self.loop.add_blocks(call, J)
 

@@ -130,14 +130,17 @@ AirVelocity = Uniform | Field | Gusts
 
 
 def velocity_field(velocity, where: str) -> Uniform | Field:
-    """Create a velocity field from three numbers, three formulas, or a function u(x, t).
+    """Return the velocity field [m/s] of three numbers, three formulas, or a function u(x, t).
 
-    Raises `InputError`, for the term `where`, for anything else.
+    Numbers, and formulas of t alone, give a `Uniform` field, all others a `Field`. Raises
+    `InputError`, for the term `where`, for anything else.
     """
     if callable(velocity):
         return Field(velocity)
+    # Formulas that have x, y or z are refused here, and read below.
     with contextlib.suppress(InputError):
         return Uniform(vector(velocity, "velocity", where))
+    # A list of one from a text or a number, so that it is refused below.
     if isinstance(velocity, str) or np.ndim(np.asarray(velocity, dtype=object)) != 1:
         velocity = (velocity,)
     parts: list[Formula | float] = []
@@ -146,7 +149,7 @@ def velocity_field(velocity, where: str) -> Uniform | Field:
             parts.append(Formula(part, VARIABLES))
         elif not isinstance(part, bool) and np.isscalar(part) and np.isfinite(part):
             parts.append(float(part))  # type: ignore[arg-type]  # isfinite refuses text
-    if not len(parts) == len(velocity) == 3:
+    if not len(parts) == len(velocity) == 3:  # a part that is refused above is left out
         allowed = "must be three finite numbers or formulas of x, y, z, t, or a function u(x, t)"
         raise InputError(f"velocity = {velocity!r}", allowed, where)
     return Field(Formulas(tuple(parts)))

@@ -144,11 +144,11 @@ class BoundDrag(BoundTerm):
         return self.powers(x, v, t)[0]
 
     def powers(self, x, v, t) -> tuple[float, float]:
-        """Dissipated power, and power of the air on the cloth [W]."""
+        """The dissipated power, and the power of the air on the cloth [W], as a pair."""
         u = self._air(x, t)
         dissipated = 0.0
         supplied = 0.0
-        for part in self.loop.runs:
+        for part in self.loop.runs:  # the ranges of triangles that count in sums
             air = by_triangle(u, part)
             heat, work = powers(self.nodes[part], self.law, air, x, v)
             dissipated += heat
@@ -171,17 +171,18 @@ class BoundDrag(BoundTerm):
         """J += wv D + wx K, without K if J must be symmetric or `definite`."""
         u = self._air(x, t)
         if self.symmetric or definite:
-            wx = 0.0
-            change = np.zeros((1, 3, 3))
+            wx = 0.0  # K is not symmetric
+            gradient = np.zeros((1, 3, 3))
         else:
-            change = self.wind.gradient(self._centroids(x), t)
+            gradient = self.wind.gradient(self._centroids(x), t)
 
         def call(part: slice, values: np.ndarray) -> Call:
             nodes = self.nodes[part]
             slots = self.loop.slots[part]
             velocity = by_triangle(u, part)
-            slope = by_triangle(change, part)
-            arguments = nodes, slots, self.law, velocity, slope, x, v, wx, wv, values
+            velocity_gradient = by_triangle(gradient, part)
+            air = velocity, velocity_gradient
+            arguments = nodes, slots, self.law, *air, x, v, wx, wv, values
             return add_tangent, arguments
 
         self.loop.add_blocks(call, J)
@@ -196,7 +197,11 @@ def by_triangle(values: np.ndarray, part: slice) -> np.ndarray:
 
 @inner
 def flow(nodes, e, u, x, v):
-    """N, |N|, w = v̄ − u, s = w · N, and the tangential part w_t of w."""
+    """The flow at triangle e: N, |N|, w = v̄ − u, s = w · N, and w_t, the tangential part of w.
+
+    N is the normal of twice the triangle's area [m²], v̄ the mean of v (n, 3) at its corners, and
+    u (m, 3) or (1, 3) the velocity of the air [m/s].
+    """
     i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
     N = cross(edge(x, i, j), edge(x, i, k))
     L = np.sqrt(dot(N, N))
@@ -207,24 +212,25 @@ def flow(nodes, e, u, x, v):
         (v[i, 2] + v[j, 2] + v[k, 2]) / 3 - u[a, 2],
     )
     s = dot(w, N)
-    y = 0.0
-    if L > 0.0:
+    y = 0.0  # w_t = w − y N
+    if L > 0.0:  # a triangle without area has no direction of N
         y = s / (L * L)
     return N, L, w, s, (w[0] - y * N[0], w[1] - y * N[1], w[2] - y * N[2])
 
 
 @inner
 def drag_force(law, N, L, s, wt):
-    """F = −½ (k_n g(s/L) N + k_t L φ w_t).
+    """The force on a triangle F = −½ (k_n g(s/L) N + k_t L φ w_t) [N], see `flow`; L is |N|.
 
-    Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|.
+    Linear: g(y) = y, φ = 1. Quadratic: g(y) = |y| y, φ = |w_t|. The ½ is there because L is
+    twice the area.
     """
     kn, kt, quadratic = law
-    wn = s / L if L > 0.0 else 0.0
+    wn = s / L if L > 0.0 else 0.0  # the normal part of w; below it becomes g(wn)
     if quadratic:
         wn *= abs(wn)
         kt *= np.sqrt(dot(wt, wt))
-    n = -0.5 * kn * wn
+    n = -0.5 * kn * wn  # the factors of N and of w_t
     t = -0.5 * kt * L
     return n * N[0] + t * wt[0], n * N[1] + t * wt[1], n * N[2] + t * wt[2]
 
@@ -242,12 +248,15 @@ def add_force(nodes, law, u, x, v, f):
 
 @kernel
 def powers(nodes, law, u, x, v):
-    """Dissipated power −Σ F · w and power of the air Σ F · u."""
+    """Return the dissipated power −Σ F · w, and the power of the air Σ F · u [W].
+
+    The arguments are as for `flow`, with the `law` (k_n, k_t, whether it is quadratic).
+    """
     dissipated = supplied = 0.0
     for e in range(len(nodes)):
         N, L, w, s, wt = flow(nodes, e, u, x, v)
         F = drag_force(law, N, L, s, wt)
-        a = min(e, len(u) - 1)
+        a = min(e, len(u) - 1)  # u has one row for all triangles, or one row for each
         dissipated -= dot(F, w)
         supplied += F[0] * u[a, 0] + F[1] * u[a, 1] + F[2] * u[a, 2]
     return dissipated, supplied
@@ -255,14 +264,19 @@ def powers(nodes, law, u, x, v):
 
 @kernel
 def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
-    """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), equal for all a."""
+    """J_ab −= (1/3) (wx ∂F/∂N [e_b]× + (wv/3) ∂F/∂w − (wx/3) ∂F/∂w ∂u/∂x), equal for all a.
+
+    Each corner a has a third of F. e_b is the edge opposite to corner b, u (m, 3) or (1, 3) the
+    velocity of the air, and du (m, 3, 3) or (1, 3, 3) its gradient ∂u_i/∂x_j. Triangles without
+    area are left out.
+    """
     kn, kt, quadratic = law
-    Fw = np.empty((3, 3))
-    FN = np.empty((3, 3))
-    own = np.empty((3, 3))
+    Fw = np.empty((3, 3))  # ∂F/∂w
+    FN = np.empty((3, 3))  # ∂F/∂N
+    own = np.empty((3, 3))  # a third of the parts with ∂F/∂w, equal for all b
     for e in range(len(nodes)):
         N, L, _, s, wt = flow(nodes, e, u, x, v)
-        if L == 0.0:
+        if L == 0.0:  # no direction of N, and no force
             continue
         wn = s / L
         speed = np.sqrt(dot(wt, wt))
@@ -277,7 +291,7 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
             phi = speed
             if speed > 0.0:
                 phi_slope = 1 / speed
-        y = s / (L * L)
+        y = s / (L * L)  # w_t = w − y N
         for i in range(3):
             for j in range(3):
                 delta = 1.0 if i == j else 0.0
@@ -289,7 +303,7 @@ def add_tangent(nodes, slots, law, u, du, x, v, wx, wv, J):
                 rotation = wt[i] * N[j] - N[i] * (wt[j] - y * N[j]) - s * delta
                 FN[i, j] = -0.5 * kn * (g * delta + slope / L * N[i] * wt[j])
                 FN[i, j] -= 0.5 * kt / L * (phi * rotation - s * phi_slope * tt)
-        a = min(e, len(du) - 1)
+        a = min(e, len(du) - 1)  # du has one row for all triangles, or one row for each
         for i in range(3):
             for j in range(3):
                 change = Fw[i, 0] * du[a, 0, j] + Fw[i, 1] * du[a, 1, j] + Fw[i, 2] * du[a, 2, j]

@@ -138,11 +138,13 @@ class BoundGas(BoundTerm):
         V = self.volume(x)
         if V <= 0:
             return math.inf
+        # The energy of the gas over p₀ V₀: ((V₀/V)^(γ−1) − 1)/(γ − 1), for γ = 1 its limit
+        # ln(V₀/V). `expm1` keeps the digits where γ or V₀/V is near 1.
         exponent = gas.exponent - 1
-        specific = -math.log(V / gas.volume)
+        relative = -math.log(V / gas.volume)
         if exponent:
-            specific = math.expm1(exponent * specific) / exponent
-        return gas.pressure * gas.volume * specific + gas.ambient * (V - gas.volume)
+            relative = math.expm1(exponent * relative) / exponent
+        return gas.pressure * gas.volume * relative + gas.ambient * (V - gas.volume)
 
     def add_force(self, x, v, t, f) -> None:
         """f += (p − p_ambient) ∂V/∂x [N]."""

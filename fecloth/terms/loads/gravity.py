@@ -123,17 +123,23 @@ class PointForce:
     stencil = uncoupled
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the force on the nodes of a point's triangle, or on the named nodes.
+
+        Raises `InputError` for a point that is not two finite numbers or not on the cloth, and
+        for nodes that the cloth does not have.
+        """
         cloth = panel.cloth
         force = vector(self.force, "force", "PointForce")
-        if isinstance(self.where, tuple):
+        if isinstance(self.where, tuple):  # a material point
             if len(self.where) != 2 or not np.isfinite(self.where).all():
                 allowed = "must be two finite numbers (write node indices as a list)"
                 raise InputError(f"point {self.where!r}", allowed, "PointForce")
+            # One sparse row: the nodes of the triangle, and their shape functions N_a there.
             shapes = cloth.interpolator(np.array([self.where], dtype=float))
-            return BoundPointForce(shapes.indices, shapes.data[:, None], force)
+            return BoundPointForce(nodes=shapes.indices, share=shapes.data[:, None], force=force)
         nodes = cloth.nodes(self.where)
         equal_share = np.full((len(nodes), 1), 1 / len(nodes))
-        return BoundPointForce(nodes, equal_share, force)
+        return BoundPointForce(nodes=nodes, share=equal_share, force=force)
 
 
 @dataclass(frozen=True, eq=False)

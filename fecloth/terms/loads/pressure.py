@@ -72,6 +72,7 @@ class Pressure:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundTerm:
+        """Return the pressure on the triangles of a panel; on P2 they are curved."""
         cloth = panel.cloth
         p = scalar(self.pressure, "pressure", "Pressure")
         symmetric = self.tangent == "symmetric"
@@ -183,7 +184,10 @@ def add_skew(s, scale, e, J):
 
 @kernel
 def add_force(nodes, signs, p, x, f):
-    """f_a += (p/6) n."""
+    """f_a += (p/6) n on the corners `nodes` (m, 3) of each triangle, with the pressure p [Pa].
+
+    n is (x₂ − x₁) × (x₃ − x₁), times the triangle's sign from `orientation_signs`.
+    """
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         n = cross(edge(x, i, j), edge(x, i, k))
@@ -197,13 +201,17 @@ def add_force(nodes, signs, p, x, f):
 
 @kernel
 def add_tangent(nodes, signs, slots, p, symmetric, x, J):
-    """J_ab −= (p/6) [e_b]×, or (p/12) [e_b − e_a]×."""
+    """J_ab −= (p/6) [e_b]×, or if `symmetric` (p/12) [e_b − e_a]×.
+
+    e_b is the edge opposite to corner b, `slots` (m, 3, 3) are the blocks of J, and the caller
+    has multiplied p by the weight of K.
+    """
     for e in range(len(nodes)):
         i, j, k = nodes[e, 0], nodes[e, 1], nodes[e, 2]
         edges = (edge(x, j, k), edge(x, k, i), edge(x, i, j))
         if symmetric:
             scale = -signs[e] * p / 12
-            own = 1.0
+            own = 1.0  # the factor of e_a
         else:
             scale = -signs[e] * p / 6
             own = 0.0
@@ -217,7 +225,12 @@ def add_tangent(nodes, signs, slots, p, symmetric, x, J):
 
 @kernel
 def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
-    """f_a += p Σ w N_a F₁ × F₂."""
+    """f_a += p Σ w N_a F₁ × F₂ over the points q of each triangle of P2.
+
+    K and Q are tuples with a zero for each node, and for each point. `nodes` is (m, k), G the
+    gradients of the shape functions (m, q, k, 2) [1/m], w the weights (m, q) [m²], and N (q, k)
+    the shape functions.
+    """
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
@@ -232,13 +245,18 @@ def add_curved_force(K, Q, nodes, G, w, N, p, x, f):
 
 @kernel
 def add_curved_tangent(K, Q, nodes, slots, G, w, N, p, symmetric, x, J):
-    """J_ab += p Σ w N_a [d_b]×, or (p/2) Σ w [N_a d_b − N_b d_a]×, d_b = G_b1 F₂ − G_b2 F₁."""
-    own = 0.5 if symmetric else 0.0
+    """J_ab += p Σ w N_a [d_b]×, or if `symmetric` (p/2) Σ w [N_a d_b − N_b d_a]×.
+
+    d_b = G_b1 F₂ − G_b2 F₁. The arguments are as for `add_curved_force`, with the blocks `slots`
+    (m, k, k) of J; the caller has multiplied p by the weight of K.
+    """
+    own = 0.5 if symmetric else 0.0  # the factor of N_b d_a; 1 − own is that of N_a d_b
     for e in range(len(nodes)):
         for q in range(len(Q)):
             F11, F21, F31, F12, F22, F32 = gradient(K, nodes, G, e, q, x)
             for a in range(len(K)):
                 for b in range(len(K)):
+                    # d = (1 − own) N_a d_b − own N_b d_a
                     s = (1.0 - own) * N[q, a]
                     t = own * N[q, b]
                     g1 = s * G[e, q, b, 0] - t * G[e, q, a, 0]

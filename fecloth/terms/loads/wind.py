@@ -86,6 +86,7 @@ class Wind:
     traits = DRAG
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         check_drag(self)
         air_velocity.velocity_field(self.velocity, "Wind")
         if not (is_number(self.gusts) and 0 <= self.gusts <= GUST_INTENSITY_LIMIT):
@@ -105,8 +106,10 @@ class Wind:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> BoundDrag:
+        """Return the drag on a panel, in gusts or in the field of the `velocity`."""
         if self.gusts:
-            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # checked before
+            # Three numbers, as `__post_init__` has checked.
+            x, y, z = map(float, self.velocity)  # type: ignore[arg-type]  # not a function
             gusts = air_velocity.Gusts(
                 mean=(x, y, z), intensity=self.gusts, length=self.gust_length, seed=self.seed
             )

@@ -34,7 +34,7 @@ def subtract_scaled(scale: Array, v: Array, f: Array) -> None:
 
 @rounded_kernel
 def subtract_product(indptr: Array, indices: Array, values: Array, x: Array, f: Array) -> None:
-    """f (n, 3) −= A x of a sparse matrix A by rows."""
+    """f (n, 3) −= A x of a sparse matrix A (n, n) by compressed rows, and x (n, 3)."""
     for i in range(len(f)):
         y1, y2, y3 = 0.0, 0.0, 0.0
         for s in range(indptr[i], indptr[i + 1]):

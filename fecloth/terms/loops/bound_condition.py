@@ -92,12 +92,13 @@ class BoundCondition(BoundTerm):
         tangent: str = "symmetric",
         **own: Any,
     ) -> Self:
-        """Bind a family of conditions to the stencils `nodes` (m, k) of a panel.
+        """Return a family of conditions, bound to the stencils `nodes` (m, k) of a panel.
 
-        `convex` says for each of the r components whether its ∂²C is positive semi-definite
-        everywhere. The condition gets the rows of `constants` (m, p) as `c`. `stiffness` and
-        `damping` are numbers, (m,) with a number for each stencil, (m, r) for each component
-        too, or matrices (m, r, r). `own` are the fields of a subclass.
+        `slots` finds blocks in the system matrix. `convex` says for each of the r components
+        whether its ∂²C is positive semi-definite everywhere. The condition gets the rows of
+        `constants` (m, p) as `c`. `stiffness` and `damping` are numbers, (m,) with a number for
+        each stencil, (m, r) for each component too, or matrices (m, r, r). `own` are the fields
+        of a subclass.
         """
         nodes = np.ascontiguousarray(nodes, dtype=np.int32)
         m, k = nodes.shape
@@ -167,10 +168,13 @@ class BoundCondition(BoundTerm):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
-        """J += wx K + wv D, see `condition.add_tangent`."""
+        """J += wx K + wv D, see `condition.add_tangent`.
+
+        `definite` keeps only positive semi-definite parts, as the head of that module says.
+        """
         arrays = self.nodes, self.loop.slots, self.table(x, t, 2), self.stiffness, self.damping
         geometric = self.hessian == "exact"
-        mixed = not self.symmetric and not definite
+        mixed = not self.symmetric and not definite  # the part of (12) that is not symmetric
         call = by_part(
             self.kernels.add_tangent,
             self.shape,
@@ -254,6 +258,11 @@ class LengthsOverStep(OverMean):
     def add_tangent(
         self, x: Array, v: Array, t: float, wx: float, wv: float, J: BlockMatrix, definite: bool
     ) -> None:
+        """J += wx K + wv D, exact unless the term is symmetric or J must be `definite`.
+
+        −∂f_r/∂e_s becomes blocks of nodes by e_r = Σ_a D_ra x_a. The damping is added as it is
+        without a step.
+        """
         if definite or self.symmetric:
             super().add_tangent(x, v, t, wx, wv, J, definite)
             return
@@ -276,7 +285,11 @@ def mean_ratio(e0: Array, e: Array) -> Array:
 
 
 def spring_modulus(L: Array, e0: Array, e: Array) -> Array:
-    """(1 − 2L/s) I + (4L/s²) e ⊗ e₁/l₁, −∂f/∂e of a spring of k = 1 over a step (…, 3, 3)."""
+    """(…, 3, 3) −∂f/∂e = (1 − 2L/s) I + (4L/s²) e ⊗ e₁/l₁ of a spring of k = 1 over a step.
+
+    e₀ and e (…, 3) are its vectors at the begin and mean of the step, e₁ = 2e − e₀, s = l₀ + l₁
+    the sum of both lengths, and L (…) the length at rest; see `LengthCondition`.
+    """
     e1 = 2.0 * e - e0
     l0 = np.linalg.norm(e0, axis=-1)
     l1 = np.linalg.norm(e1, axis=-1)

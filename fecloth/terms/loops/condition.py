@@ -63,7 +63,7 @@ def rate(per_node: Zeros, convex: Zeros, g: Array, u: Array, out: Array) -> None
 
 
 def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x: Array) -> float:
-    """½ Σ Cᵀ k_s C [J]."""
+    """Return ½ Σ Cᵀ k_s C [J] over the stencils `nodes` (m, k); c is (m, p), ks (m, r, r)."""
     y = np.empty((len(per_node), 3))
     C = np.empty(len(convex))
     g = np.empty((len(convex), len(per_node), 3))
@@ -81,7 +81,7 @@ def energy(per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, x:
 def power(
     per_node: Zeros, convex: Zeros, nodes: Array, c: Array, kd: Array, x: Array, v: Array
 ) -> float:
-    """Dissipated power Σ Ċᵀ k_d Ċ [W]."""
+    """Return the dissipated power Σ Ċᵀ k_d Ċ [W]; c is (m, p), kd (m, r, r)."""
     y = np.empty((len(per_node), 3))
     u = np.empty((len(per_node), 3))
     C = np.empty(len(convex))
@@ -104,7 +104,7 @@ def add_force(
     per_node: Zeros, convex: Zeros, nodes: Array, c: Array, ks: Array, kd: Array, x: Array,
     v: Array, f: Array,
 ) -> None:  # fmt: skip
-    """f_a −= ∂C_a (k_s C + k_d Ċ)."""
+    """f_a −= ∂C_a (k_s C + k_d Ċ), for f (n, 3) [N]."""
     y = np.empty((len(per_node), 3))
     u = np.empty((len(per_node), 3))
     C = np.empty(len(convex))
@@ -135,7 +135,7 @@ def add_tangent(
 
     `geometric` says whether the second part is there, with ∂²C; `definite` whether only its
     positive semi-definite terms are kept; and `mixed` whether the mixed part wx ∂C_a k_d
-    (∂Ċ/∂x_b)ᵀ is there.
+    (∂Ċ/∂x_b)ᵀ is there. `slots` (m, k, k) are the blocks of J.
     """
     k = len(per_node)
     n = len(convex)
@@ -167,13 +167,14 @@ def add_tangent(
             s = 0.0
             for q in range(n):
                 s += ks[e, r, q] * C[q] + kd[e, r, q] * Cdot[q]
-            tension[r] = wx * s
+            tension[r] = wx * s  # the factor of ∂²C_r; 0 where that part is left out
             if not geometric or (definite and (convex[r] == 0 or tension[r] < 0.0)):
                 tension[r] = 0.0
             for b in range(k):
                 for j in range(3):
                     T[r, b, j] = 0.0
                     for q in range(n):
+                        # dCdot is zero without the mixed part
                         weight = wx * ks[e, r, q] + wv * kd[e, r, q]
                         T[r, b, j] += weight * g[q, b, j] + kd[e, r, q] * dCdot[q, b, j]
         for a in range(k):

@@ -20,7 +20,11 @@ Rows = tuple[Three, Three, Three]
 
 @inner
 def gradient(per_node: Zeros, nodes: Array, G: Array, e: int, q: int, y: Array) -> Six:
-    """F = Σ y_a ⊗ G_a, as columns (F11, F21, F31, F12, F22, F32)."""
+    """F = Σ y_a ⊗ G_a at point q of triangle e, as columns (F11, F21, F31, F12, F22, F32).
+
+    y (n, 3) are positions, or other values at the nodes, and G (m, q, k, 2) the gradients of the
+    shape functions [1/m].
+    """
     F11 = F21 = F31 = F12 = F22 = F32 = 0.0
     for a in range(len(per_node)):
         i = np.uintp(nodes[e, a])
@@ -68,7 +72,7 @@ def strain_rate(F: Six, H: Six) -> Three:
 
 @inner
 def clamp(S: Three) -> Three:
-    """Raise the principal values of S to zero, so that S is positive semi-definite."""
+    """Return S with negative principal values raised to zero: positive semi-definite."""
     S11, S22, S12 = S
     mean = 0.5 * (S11 + S22)
     half_difference = 0.5 * (S11 - S22)
@@ -78,6 +82,7 @@ def clamp(S: Three) -> Three:
     if mean + radius <= 0.0:
         return 0.0, 0.0, 0.0
     # only the smaller value s₂ = mean − radius is negative: S − s₂ n₂ ⊗ n₂
+    # with n₁ at the angle θ, c = cos 2θ and s = sin 2θ
     increase = radius - mean
     c = half_difference / radius
     s = S12 / radius
@@ -92,7 +97,7 @@ def clamp(S: Three) -> Three:
 def scatter_force(
     per_node: Zeros, nodes: Array, G: Array, e: int, q: int, w: float, F: Six, S: Three, f: Array
 ) -> None:
-    """f_a −= w P G_a with P = F S."""
+    """f_a −= w P G_a with P = F S, for f (n, 3) and point q of triangle e with the weight w."""
     F11, F21, F31, F12, F22, F32 = F
     S11, S22, S12 = S
     P11, P12 = w * (F11 * S11 + F12 * S12), w * (F11 * S12 + F12 * S22)
@@ -108,7 +113,10 @@ def scatter_force(
 
 @inner
 def material_rows(C: Six, F: Six, G1: float, G2: float) -> Rows:
-    """T = ℂ B_a, three columns for δx_a: B_a = (F₁ G1, F₂ G2, F₁ G2 + F₂ G1)."""
+    """T = ℂ B_a, the change of (S11, S22, S12) with δx_a, for G_a = (G1, G2).
+
+    B_a has the rows F₁ G1, F₂ G2 and F₁ G2 + F₂ G1, for E11, E22 and 2 E12.
+    """
     C11, C22, C66, C12, C16, C26 = C
     F11, F21, F31, F12, F22, F32 = F
     # each row of T is α F₁ + β F₂
@@ -127,7 +135,11 @@ def material_rows(C: Six, F: Six, G1: float, G2: float) -> Rows:
 
 @inner
 def material_block(T: Rows, H: Six, G1: float, G2: float) -> Rows:
-    """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b)."""
+    """Tᵀ B_b(H) = p ⊗ H₁ + r ⊗ H₂, the 3×3 material block of the pair (a, b).
+
+    T is what `material_rows` returns for a. B_b(H) is B_b with H, as columns, in place of F, for
+    G_b = (G1, G2).
+    """
     T1, T2, T3 = T
     H11, H21, H31, H12, H22, H32 = H
     p1 = T1[0] * G1 + T3[0] * G2
@@ -148,7 +160,11 @@ def scatter_symmetric(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
     S: Three, C: Six, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃, with J_ba = J_abᵀ."""
+    """J_ab += wC B_aᵀ ℂ B_b + wS (G_a · S G_b) I₃ for all pairs a, b of nodes of triangle e.
+
+    As J_ba = J_abᵀ, only the pairs with b ≤ a are computed. `slots` (m, k, k) are the blocks of
+    J. The weights wC and wS are those of the material and of the geometric part.
+    """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
     for a in range(len(per_node)):
@@ -185,7 +201,10 @@ def scatter_mixed(
     per_node: Zeros, slots: Array, G: Array, e: int, q: int, wS: float, wC: float, F: Six,
     F1: Six, S: Three, C: Six, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += wC B_a(F)ᵀ ℂ B_b(F₁) + wS (G_a · S G_b) I₃, which is not symmetric."""
+    """J_ab += wC B_a(F)ᵀ ℂ B_b(F₁) + wS (G_a · S G_b) I₃, which is not symmetric.
+
+    The arguments are as for `scatter_symmetric`; F₁ stands in place of F in B_b.
+    """
     S11, S22, S12 = wS * S[0], wS * S[1], wS * S[2]
     C = (wC * C[0], wC * C[1], wC * C[2], wC * C[3], wC * C[4], wC * C[5])
     for a in range(len(per_node)):

@@ -188,12 +188,15 @@ class BoundMembrane(BoundTerm):
         return self.strain.nbytes
 
     def less(self, strains: Iterable[tuple[float, Array]]) -> Self:
-        """The membrane of the strain E − Σ c E(y), for ((c, y (n, 3)), …)."""
+        """Return the membrane of the strain E − Σ c E(y), for `strains` ((c, y (n, 3)), …).
+
+        The sum is added to its strain at rest.
+        """
         rest = self.strain.rest.copy()
-        nodes, A, _, _, old = self.elements
+        nodes, A, _, _, old_rest = self.elements
 
         def add(weight: float, y: Array, part: slice) -> Call:
-            arrays = *self.strain.shape, *cut((nodes, A, old), part)
+            arrays = *self.strain.shape, *cut((nodes, A, old_rest), part)
             return self.kernels.add_strain, (*arrays, weight, y, y, rest[part])
 
         for weight, y in strains:
@@ -242,7 +245,23 @@ def bind(
     slots: FindSlots,
     strain: object = "interpolated",
 ) -> BoundMembrane:
-    """Bind a law with constants (m, p) to a panel; `strain` matters on P2."""
+    """Return the membrane of a law on a panel.
+
+    Parameters
+    ----------
+    name
+        Name of the term.
+    kernels
+        The compiled entry points of the law.
+    constants
+        (m, p) The constants of the law in each triangle.
+    panel
+        The cloth with its fabrics.
+    slots
+        Finds blocks in the system matrix.
+    strain
+        "interpolated" or "pointwise"; only on P2 it makes a difference.
+    """
     return BoundMembrane(
         name=name,
         kernels=kernels.regge if is_interpolated(strain, panel) else kernels,

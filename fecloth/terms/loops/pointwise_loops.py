@@ -120,7 +120,10 @@ def add_tangent(
     per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, G: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, wx: float, wv: float, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += Σ w (wv B_aᵀ ℂ B_b + wx (G_a · S G_b) I₃), symmetric."""
+    """J_ab += Σ w (wv B_aᵀ ℂ B_b + wx (G_a · S G_b) I₃), symmetric.
+
+    For a strain wv is wx, the weight of K; for the rate of a strain it is the weight of D.
+    """
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F = gradient(per_node, nodes, G, e, q, x)
@@ -135,7 +138,10 @@ def add_definite_tangent(
     per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, G: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, wx: float, wv: float, J: Array,
 ) -> None:  # fmt: skip
-    """`add_tangent` with the principal stresses of the geometric part raised to zero."""
+    """`add_tangent` with negative principal stresses of the geometric part raised to zero.
+
+    Then it is positive semi-definite, if ℂ is.
+    """
     for e in range(len(nodes)):
         for q in range(len(per_point)):
             F = gradient(per_node, nodes, G, e, q, x)
@@ -154,7 +160,7 @@ def add_mixed_tangent(
 ) -> None:  # fmt: skip
     """J_ab += Σ w (B_a(F)ᵀ ℂ B_b(wv F + mixed H) + wx (G_a · S G_b) I₃), not symmetric.
 
-    H is the gradient of `motion`.
+    H is the gradient of `motion` (n, 3), the way of the nodes in half a step or their velocity.
     """
     for e in range(len(nodes)):
         for q in range(len(per_point)):
@@ -178,7 +184,7 @@ def add_stress(
     per_node: Zeros, per_point: Zeros, nodes: Array, G: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, out: Array,
 ) -> None:  # fmt: skip
-    """out[e] += (S11, S22, S12, W), the means over the triangle."""
+    """out[e] += (S11, S22, S12, W), the means over the triangle, with out (m, 4)."""
     for e in range(len(nodes)):
         area = np.sum(w[e])
         for q in range(len(per_point)):
@@ -195,7 +201,7 @@ def add_moduli(
     per_node: Zeros, per_point: Zeros, nodes: Array, G: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, out: Array,
 ) -> None:  # fmt: skip
-    """out[e] += ℂ (6,), the mean over the triangle."""
+    """out[e] += (C11, C22, C66, C12, C16, C26), the mean over the triangle, with out (m, 6)."""
     for e in range(len(nodes)):
         area = np.sum(w[e])
         for q in range(len(per_point)):

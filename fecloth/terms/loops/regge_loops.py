@@ -107,7 +107,10 @@ def add_tangent(
     per_node: Zeros, per_point: Zeros, nodes: Array, slots: Array, A: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, wx: float, wv: float, J: Array,
 ) -> None:  # fmt: skip
-    """J_ab += Σ w (wv Σ_kl B^k_a ℂ̃_kl B^l_bᵀ + wx Σ_k S̃_k A^k_ab I₃), symmetric."""
+    """J_ab += Σ w (wv Σ_kl B^k_a ℂ̃_kl B^l_bᵀ + wx Σ_k S̃_k A^k_ab I₃), symmetric.
+
+    For a strain wv is wx, the weight of K; for the rate of a strain it is the weight of D.
+    """
     u = np.empty((NODES, 3))
     r = np.empty((NODES, 3))
     B = np.empty((3, NODES, 3))
@@ -130,9 +133,9 @@ def add_definite_tangent(
 ) -> None:  # fmt: skip
     """`add_tangent` with a geometric part that is positive semi-definite.
 
-    The stresses on the nine data of E_h take the place of S there, and are raised to zero: see
-    `scatter_tension`. The arrays `slopes`, `gradients` and `samples` are the fields of
-    `ReggeStrain`.
+    There the stresses on the nine data of E_h take the place of S. Negative ones, of a tensor
+    its negative principal values, are raised to zero: see `scatter_tension`. The arrays `slopes`,
+    `gradients` and `samples` are the fields of `ReggeStrain`.
     """
     u = np.empty((NODES, 3))
     r = np.empty((NODES, 3))
@@ -142,13 +145,14 @@ def add_definite_tangent(
     for e in range(len(nodes)):
         gather(nodes, e, x, u)
         gather(nodes, e, v, r)
-        sigma[:] = 0.0
+        sigma[:] = 0.0  # 6 stresses on t · E t, then 3 on the mean of E
         for q in range(len(per_point)):
             fill_rows(A[e, q], u, B)
             E = strain(contract_rows(B, r), rest, e, q)
             _, S, C = law(E, c[e])
             scatter_material(slots, e, wv * w[e, q], B, C, B, T, J)
             add_sample_stress(samples[e], q, w[e, q], S, sigma)
+        # The stress on E12 is 2 S12.
         tension = clamp((sigma[6], sigma[7], 0.5 * sigma[8]))
         scatter_tension(slots, e, wx, sigma, slopes[e], tension, gradients[e], J)
 
@@ -160,7 +164,8 @@ def add_mixed_tangent(
 ) -> None:  # fmt: skip
     """J_ab += Σ w (Σ_kl B^k_a ℂ̃_kl R^l_bᵀ + wx Σ_k S̃_k A^k_ab I₃), not symmetric.
 
-    R = wv B + mixed Ḃ with Ḃ, which is B made of `motion` in place of x.
+    R = wv B + mixed Ḃ with Ḃ, which is B made of `motion` (n, 3) in place of x: of the way of the
+    nodes in half a step, or of their velocity.
     """
     u = np.empty((NODES, 3))
     r = np.empty((NODES, 3))
@@ -176,7 +181,7 @@ def add_mixed_tangent(
             fill_rows(A[e, q], u, B)
             E = strain(contract_rows(B, r), rest, e, q)
             _, S, C = law(E, c[e])
-            fill_rows(A[e, q], d, R)
+            fill_rows(A[e, q], d, R)  # Ḃ
             R[:] = wv * B + mixed * R
             scatter_material(slots, e, w[e, q], B, C, R, T, J)
             scatter_geometric(slots, e, wx * w[e, q], S, A[e, q], J)
@@ -206,7 +211,7 @@ def add_moduli(
     per_node: Zeros, per_point: Zeros, nodes: Array, A: Array, w: Array, c: Array,
     rest: Array, x: Array, v: Array, out: Array,
 ) -> None:  # fmt: skip
-    """out[e] += ℂ (6,), the mean over the triangle."""
+    """out[e] += (C11, C22, C66, C12, C16, C26), the mean over the triangle, with out (m, 6)."""
     u = np.empty((NODES, 3))
     r = np.empty((NODES, 3))
     B = np.empty((3, NODES, 3))
@@ -225,7 +230,7 @@ def add_strain(
     per_node: Zeros, per_point: Zeros, nodes: Array, A: Array, rest: Array,
     weight: float, x: Array, v: Array, out: Array,
 ) -> None:  # fmt: skip
-    """out (m, 3, 3) += weight E_h."""
+    """out (m, 3, 3) += weight E_h, in each triangle at three points (E11, E22, E12)."""
     u = np.empty((NODES, 3))
     r = np.empty((NODES, 3))
     B = np.empty((3, NODES, 3))

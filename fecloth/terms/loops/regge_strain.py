@@ -123,7 +123,11 @@ class ReggeStrain:
 
     @classmethod
     def of_panel(cls, panel: Panel) -> Self:
-        """The strain of the triangles of a panel of P2."""
+        """The strain of the triangles of a panel of P2.
+
+        E_h at the three points is `samples` times its nine data, each of which is a form of the
+        positions: t · E t at an edge's point has the form of ∂N_a/∂t ∂N_b/∂t.
+        """
         cloth = panel.cloth
         X = _along_grain(panel)
         barycentric = _barycentric_gradients(X[:, :3])
@@ -135,11 +139,19 @@ class ReggeStrain:
         mean = _strain_forms(gradients).mean(axis=1)  # (m, 3, 6, 6)
         forms += np.einsum("epk,ekab->epab", samples[:, :, 6:], mean, optimize=True)
         forms = np.ascontiguousarray(forms.reshape(-1, POINTS, 3, NODES, NODES))
-        local = X - X[:, :1]
+        local = X - X[:, :1]  # from the first node, which avoids round-off
         rest = 0.5 * np.einsum("epkab,eai,ebi->epk", forms, local, local, optimize=True)
         area = cloth.weights.sum(axis=1)
         weights = np.repeat(area[:, None] / POINTS, POINTS, axis=1)
-        return cls(cloth.stencil, forms, weights, rest, slopes, gradients, samples)
+        return cls(
+            nodes=cloth.stencil,
+            forms=forms,
+            weights=weights,
+            rest=rest,
+            slopes=slopes,
+            gradients=gradients,
+            samples=samples,
+        )
 
 
 def _along_grain(panel: Panel) -> np.ndarray:
@@ -180,13 +192,18 @@ def _gradients(points: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 
 def _strain_forms(G: np.ndarray) -> np.ndarray:
-    """(m, p, 3, 6, 6) the forms of E11, E22, E12 at points with the gradients G (m, p, 6, 2)."""
+    """(m, p, 3, 6, 6) the forms of the Green strain: E_k = ½ Σ_ab A^k_ab x_a · x_b − E⁰_k.
+
+    k stands for 11, 22, 12, and G (m, p, 6, 2) are the gradients of the shape functions at p
+    points [1/m]: as F_i = Σ_a G_ai x_a, the forms are G_a1 G_b1, G_a2 G_b2 and the symmetric part
+    of G_a1 G_b2.
+    """
     G1, G2 = G[..., 0], G[..., 1]
-    both = np.einsum("...a,...b->...ab", G1, G2)
+    product = np.einsum("...a,...b->...ab", G1, G2)
     parts = [
         np.einsum("...a,...b->...ab", G1, G1),
         np.einsum("...a,...b->...ab", G2, G2),
-        0.5 * (both + np.swapaxes(both, -1, -2)),
+        0.5 * (product + np.swapaxes(product, -1, -2)),
     ]
     stacked: np.ndarray = np.stack(parts, axis=2)
     return stacked
@@ -218,7 +235,10 @@ def gather(nodes: Array, e: int, x: Array, u: Array) -> None:
 
 @inner
 def fill_rows(A: Array, u: Array, B: Array) -> None:
-    """B (3, 6, 3) = Σ_a A_ab u_a at a point with the forms A (3, 6, 6)."""
+    """Fill B (3, 6, 3) = Σ_a A_ab u_a at a point with the forms A (3, 6, 6).
+
+    u (6, 3) are the positions of a triangle's nodes, see `gather`.
+    """
     for k in range(3):
         for b in range(NODES):
             b0 = b1 = b2 = 0.0
@@ -257,7 +277,11 @@ def scatter_force(nodes: Array, e: int, w: float, S: Three, B: Array, f: Array) 
 def scatter_material(
     slots: Array, e: int, w: float, B: Array, C: Six, right: Array, T: Array, J: Array
 ) -> None:
-    """J_ab += w Σ_kl B^k_a ℂ̃_kl right^l_bᵀ; T (3, 6, 3) is work space."""
+    """J_ab += w Σ_kl B^k_a ℂ̃_kl right^l_bᵀ for all pairs a, b of nodes of triangle e.
+
+    B and `right` are (3, 6, 3), `slots` (m, 6, 6) are the blocks of J, and T (3, 6, 3) is work
+    space for w ℂ̃ right. The factors 2 are there because ℂ is for 2 E12, ℂ̃ for E12.
+    """
     C11, C22, C66, C12, C16, C26 = C
     for b in range(NODES):
         for c in range(3):
@@ -303,8 +327,9 @@ def scatter_tension(
 ) -> None:
     """J_ab += scale (Σ_s max(σ_s, 0) H_sa H_sb + ⅓ Σ_q G_a · S G_b) I₃, semi-definite if S is.
 
-    σ_s are the stresses on t · E t at the Gauss points of the edges, with the slopes H there.
-    S is the stress on the mean of E, with the gradients G at the three points.
+    σ_s are the stresses on t · E t at the Gauss points of the edges, the first six of `sigma`,
+    with the slopes H (6, 6) there. S is the stress on the mean of E, with the gradients
+    G (3, 6, 2) at the three points. `slots` (m, 6, 6) are the blocks of J.
     """
     for a in range(NODES):
         for b in range(NODES):

@@ -123,24 +123,37 @@ class SharedLoop:
         self._share(call, J.values, J.pattern.indptr)
 
     def _share(self, call: CallOf, target: np.ndarray, indptr: np.ndarray | None) -> None:
-        """Make the calls of all threads; `indptr` says where a node's blocks are in a matrix."""
+        """Make call(part, target) for all elements, on one thread or on all of them.
+
+        `indptr` is None if the rows of `target` are nodes. If they are the blocks of a matrix,
+        the blocks of node i are those from indptr[i] to indptr[i + 1].
+        """
         parts = self.parts
         kernel_of_all, all_arguments = call(self.whole, target)
         if parts is None:
             kernel_of_all(*all_arguments)
             return
 
-        def part(p: int) -> None:
+        def run_thread(p: int) -> None:
             for function, arguments in self._calls(p, call, target, indptr):
                 function(*arguments)
 
-        name = kernel_of_all, id(self)
-        self.team.do(name, lambda: kernel_of_all(*all_arguments), lambda: self.team.run(part))
+        # By this name the team compares the times of both ways, if its threads are "auto".
+        self.team.do(
+            name=(kernel_of_all, id(self)),
+            alone=lambda: kernel_of_all(*all_arguments),
+            together=lambda: self.team.run(run_thread),
+        )
 
     def _calls(
         self, p: int, call: CallOf, target: np.ndarray, indptr: np.ndarray | None
     ) -> Iterator[Call]:
-        """The calls of thread p; the calls of a seam work on an array of the thread."""
+        """Yield the calls of thread p, in order; the arguments are as for `_share`.
+
+        In a seam the elements also add to nodes of other threads. There the thread copies the
+        rows of its own nodes from `target` to an array of its own, adds to that, and copies them
+        back.
+        """
         for piece in self.parts[p] if self.parts else []:
             if piece.nodes is None:
                 yield call(piece.span, target)
@@ -172,50 +185,60 @@ class SharedLoop:
         )
 
     def _blocks(self, piece: Piece, indptr: np.ndarray) -> np.ndarray:
-        """The blocks in the rows of a piece's nodes, kept for one pattern."""
-        known, blocks = self.cache.get(id(piece), (None, None))
-        if known is not indptr:
+        """The numbers of the blocks in the rows of a piece's nodes.
+
+        They are kept until another matrix comes, which has another array `indptr`.
+        """
+        kept_indptr, blocks = self.cache.get(id(piece), (None, None))
+        if kept_indptr is not indptr:
             nodes: Iterable[int] = () if piece.nodes is None else piece.nodes
             rows = [np.arange(indptr[i], indptr[i + 1]) for i in nodes]
-            blocks = np.concatenate([np.empty(0, np.int64), *rows])
+            blocks = np.concatenate([np.empty(0, np.int64), *rows])  # also of no rows at all
             self.cache[id(piece)] = indptr, blocks
-        kept: np.ndarray = blocks
-        return kept
+        numbers: np.ndarray = blocks
+        return numbers
 
     def each(self, call: Callable[[slice], Call]) -> None:
         """Make call(part), which writes only what belongs to its elements."""
         self.team.each(len(self.nodes), call, id(self))
 
     def total(self, call: Callable[[slice], Call]) -> float:
-        """Σ over the elements of what call(part) returns, in fixed blocks."""
-        if self.counted is not None:
+        """Return the sum over the elements that count of what the kernel of call(part) returns.
+
+        From a certain size on it is the sum of `SUM_BLOCKS` partial sums, on one thread and on
+        many, so that the bits do not depend on the number of threads.
+        """
+        if self.counted is not None:  # a part of a cloth, in one of several processes
             calls = [call(run) for run in self.runs]
             return float(sum(function(*arguments) for function, arguments in calls))
         m = len(self.nodes)
-        count = self.team.count
+        threads = self.team.count
         function, arguments = call(self.whole)
         if m < SUM_BLOCKS * SMALLEST_SHARED_LOOP:
             return float(function(*arguments))
         sums = [0.0] * SUM_BLOCKS
 
-        def fill(first: int, step: int) -> None:
+        def fill_sums(first: int, step: int) -> None:
+            """Compute the partial sums first, first + step, first + 2 step …"""
             for block in range(first, SUM_BLOCKS, step):
                 span = slice(block * m // SUM_BLOCKS, (block + 1) * m // SUM_BLOCKS)
-                sums[block] = function(*call(span)[1])
+                _, arguments_of_block = call(span)
+                sums[block] = function(*arguments_of_block)
 
-        run = self.team.run
         self.team.do(
-            (function, id(self)), lambda: fill(0, 1), lambda: run(lambda p: fill(p, count))
+            name=(function, id(self)),
+            alone=lambda: fill_sums(0, 1),
+            together=lambda: self.team.run(lambda p: fill_sums(p, threads)),
         )
         return float(sum(sums))
 
     @cached_property
     def runs(self) -> list[slice]:
-        """The ranges of elements that count."""
+        """The ranges of elements that count in sums, one for each row of successive elements."""
         if self.counted is None:
             return [self.whole]
         counted = np.concatenate([[False], self.select(np.ones(len(self.nodes))) > 0, [False]])
-        ends = np.flatnonzero(counted[1:] != counted[:-1])
+        ends = np.flatnonzero(counted[1:] != counted[:-1])  # begin, end, begin, end …
         return [slice(int(a), int(b)) for a, b in ends.reshape(-1, 2)]
 
     def select(self, values: np.ndarray) -> np.ndarray:
@@ -228,9 +251,9 @@ class SharedLoop:
 def by_part(
     kernel: Callable[..., Any], shape: tuple[Any, ...], arrays: Iterable[np.ndarray], *others: Any
 ) -> Callable[..., Call]:
-    """Make a function ``call(part, …)`` of a kernel.
+    """Return a function ``call(part, *target)`` that returns a call of a kernel.
 
-    The kernel gets the `shape`, the part's rows of the arrays, and the others.
+    The kernel gets the `shape`, the part's rows of the arrays, the others, and the target.
     """
     return lambda part, *target: (kernel, (*shape, *cut(arrays, part), *others, *target))
 
@@ -241,38 +264,48 @@ def cut(arrays: Iterable[np.ndarray], part: slice) -> tuple[np.ndarray, ...]:
 
 
 def divide(nodes: np.ndarray, count: int) -> list[list[Piece]] | None:
-    """Divide elements with these nodes (m, k) among `count` threads, or return None.
+    """Return the pieces of each of `count` threads for elements with these nodes (m, k).
 
-    The nodes belong to the thread that touches them first; or, for several kinds of elements one
-    after another, to threads by equal ranges of nodes.
+    Each node has one thread as its owner. Two ways are tried: the owner is the thread in whose
+    equal share of the elements the node is met first; or, for several kinds of elements one after
+    another, where the first shares may touch all nodes, the owners have equal ranges of nodes.
+    Returns None if in both ways a thread has to repeat too many elements, see `MOST_REPEATED`.
     """
     m = len(nodes)
     n = int(nodes.max()) + 1
-    by_elements = np.full(n, count, np.int16)
-    by_nodes = np.arange(n) * count // n
-    for p in reversed(range(count)):
+    by_elements = np.full(n, count, np.int16)  # `count` stands for no thread
+    for p in reversed(range(count)):  # the first thread comes last, so that it has a node
         by_elements[nodes[p * m // count : (p + 1) * m // count]] = p
+    by_nodes = np.arange(n) * count // n
     for owner in (by_elements, by_nodes.astype(np.int16)):
-        parts = [_runs(nodes, np.append(owner, count), p) for p in range(count)]  # −1: nobody's
-        work = [sum(piece.span.stop - piece.span.start for piece in part) for part in parts]
-        if max(work) <= (1 + MOST_REPEATED) * m / count:
+        owner_or_none = np.append(owner, count)  # the last entry is that of node −1, no node
+        parts = [_pieces_of_thread(nodes, owner_or_none, p) for p in range(count)]
+        sizes = [sum(piece.span.stop - piece.span.start for piece in part) for part in parts]
+        if max(sizes) <= (1 + MOST_REPEATED) * m / count:
             return parts
     return None
 
 
-def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
-    """The pieces of thread p: runs of elements that touch its nodes, each with two seams."""
-    of_nodes = owner[nodes.T]  # (k, m): 30 times faster to reduce than along short rows
-    touching = np.flatnonzero((of_nodes == p).any(axis=0))
-    others = ((of_nodes != p) & (nodes.T >= 0)).any(axis=0)
+def _pieces_of_thread(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
+    """The pieces of thread p: runs of elements that touch its nodes, each with two seams.
+
+    `owner` (n + 1,) is the thread of each node; its last entry is for the node −1 in `nodes`
+    (m, k), which is no node. A seam reaches from the end of a run to the last element there that
+    touches a node of another thread.
+    """
+    owners = owner[nodes.T]  # (k, m): 30 times faster to reduce than along short rows
+    touching = np.flatnonzero((owners == p).any(axis=0))
+    touches_others = ((owners != p) & (nodes.T >= 0)).any(axis=0)
     pieces: list[Piece] = []
     for run in np.split(touching, 1 + np.flatnonzero(np.diff(touching) > SHORTEST_GAP)):
-        if not len(run):
+        if not len(run):  # the thread has no nodes
             continue
         begin = int(run[0])
         end = int(run[-1]) + 1
-        seams = begin + np.flatnonzero(others[begin:end])
-        low, high = np.split(seams, [np.searchsorted(seams, (begin + end) // 2)])
+        # The elements that belong in seams: in the lower half of the run in the seam at its
+        # begin, in the upper half in the seam at its end.
+        shared = begin + np.flatnonzero(touches_others[begin:end])
+        low, high = np.split(shared, [np.searchsorted(shared, (begin + end) // 2)])
         inner_begin = int(low[-1]) + 1 if len(low) else begin
         inner_end = int(high[0]) if len(high) else end
         spans = slice(begin, inner_begin), slice(inner_begin, inner_end), slice(inner_end, end)
@@ -281,7 +314,7 @@ def _runs(nodes: np.ndarray, owner: np.ndarray, p: int) -> list[Piece]:
                 continue
             touched = np.unique(nodes[span])
             own_nodes = touched[owner[touched] == p]
-            pieces.append(Piece(span, own_nodes if is_seam else None))
+            pieces.append(Piece(span, nodes=own_nodes if is_seam else None))
     return pieces
 
 

@@ -88,6 +88,10 @@ class BaraffWitkin:
     traits = replace(MEMBRANE, elements=("P1",))
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed.
+
+        Constants of the fabric are for p = ½: other exponents need `stretch` and `shear`.
+        """
         where = "BaraffWitkin"
         p = self.area_exponent
         validation.one_of("tangent", self.tangent, ("symmetric", "exact"), where)
@@ -124,11 +128,12 @@ class BaraffWitkin:
     stencil = element_nodes
 
     def bind(self, panel: Panel, slots) -> LengthCondition:
+        """Return the conditions on a panel; raise `InputError` for other triangles than P1."""
         cloth = panel.cloth
         m, k = cloth.stencil.shape
         if k != 3:
             raise InputError(f"{cloth.element} triangles", "must be P1", "BaraffWitkin")
-        scale = cloth.weights.sum(axis=1) ** self.area_exponent
+        scale = cloth.weights.sum(axis=1) ** self.area_exponent  # aᵖ
         rest = np.broadcast_to((*self.rest, 0.0), (m, 3))
         gradients = panel.gradients[:, 0].reshape(m, 6)
         constants = np.column_stack([scale, rest, gradients])
@@ -136,7 +141,7 @@ class BaraffWitkin:
         return BoundBaraffWitkin.bind(
             "BaraffWitkin",
             KERNELS,
-            convex=(True, True, False),
+            convex=(True, True, False),  # of w_u·w_v the second derivative is indefinite
             panel=panel,
             slots=slots,
             nodes=cloth.stencil,
@@ -168,22 +173,27 @@ class BoundBaraffWitkin(LengthCondition):
         return rest
 
     def moduli_over_step(self, e0: Array, e: Array) -> Array:
-        """a²ᵖ times the moduli of both springs and of the shear.
+        """(m, 2, 2, 3, 3) a²ᵖ times the moduli of both springs and of the shear.
 
-        The springs k_u and k_v are on the diagonal. The shear has k_s (w̃_r ⊗ w̃₁_s + S̄ (1 −
-        δ_rs) I) with w̃_u = w_v, w̃_v = w_u and the mean S̄ of w_u·w_v.
+        e₀ and e (m, 2, 3) are w_u and w_v at the begin and at the mean of the step. The springs
+        k_u and k_v are on the diagonal. The shear has k_s (w̃_r ⊗ w̃₁_s + S̄ (1 − δ_rs) I) with
+        w̃_u = w_v, w̃_v = w_u, w̃₁ at the end of the step, and the mean S̄ of w_u·w_v.
         """
-        k = np.einsum("err->er", self.stiffness) * self.constants[:, :1] ** 2
+        k = np.einsum("err->er", self.stiffness) * self.constants[:, :1] ** 2  # k_u, k_v, k_s
         S = np.sum(np.prod(e, axis=1), axis=1) - self.rest_over_step(e0, e)[:, 3]
-        other = e[:, ::-1, None, :, None] * (2.0 * e - e0)[:, None, ::-1, None, :]
-        shear = other + S[:, None, None, None, None] * np.einsum("rs,ij->rsij", SWAP, np.eye(3))
+        # w̃_r ⊗ w̃₁_s: w_u and w_v change places by ::-1
+        swapped = e[:, ::-1, None, :, None] * (2.0 * e - e0)[:, None, ::-1, None, :]
+        shear = swapped + S[:, None, None, None, None] * np.einsum("rs,ij->rsij", SWAP, np.eye(3))
         moduli: Array = k[:, 2, None, None, None, None] * shear
         stretch = k[:, :2, None, None] * spring_modulus(self.constants[:, 1:3], e0, e)
         moduli[:, [0, 1], [0, 1]] += stretch
         return moduli
 
     def add_stress(self, x, out) -> None:
-        """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²]: S = ∂W/∂E with |w_u|² = 1 + 2 E11."""
+        """out (m, 4) += S11, S22, S12 [N/m] and W [J/m²]: S = ∂W/∂E with |w_u|² = 1 + 2 E11.
+
+        W is the energy of a triangle over its area, also for p = 1.
+        """
         c = self.constants
         k = np.einsum("err->er", self.stiffness)
         wu, wv = self.vectors(x).swapaxes(0, 1)
@@ -204,7 +214,12 @@ class BoundBaraffWitkin(LengthCondition):
 
 @inner
 def conditions(y, c, order, C, g, H):
-    """C = aᵖ (|w_u| − b_u, |w_v| − b_v, w_u·w_v − b_s), w_u = Σ y_a G_a1, w_v = Σ y_a G_a2."""
+    """C = aᵖ (|w_u| − b_u, |w_v| − b_v, w_u·w_v − b_s), w_u = Σ y_a G_a1, w_v = Σ y_a G_a2.
+
+    Fill C, and g and H, its derivatives, up to `order`, in the form of
+    `fecloth.terms.loops.condition`. c are the constants of `BoundBaraffWitkin`. The derivatives
+    of |w_u| at w_u = 0, where it has none, are set to 0.
+    """
     scale = c[0]
     G = c[4:]
     wu = (

@@ -45,10 +45,12 @@ PIECE_SIZE = 8
 
 
 def read_rows(name: str, data: Any) -> Rows:
-    """Read the points of `warp`, `weft` or `shear` from what a user may give.
+    """Read the points of the curve `name`, "warp", "weft" or "shear", from what a user may give.
 
-    The point at rest is added where it is missing. Raises `InputError` for data that cannot be
-    read, and for a curve that `_check` refuses.
+    `data` is a file, a KES sheet, columns by name, or rows, see `CurveData`. The point at rest is
+    added where it is missing. A column `stiffness`, dS/dE from point to point, may take the place
+    of `force`. Raises `InputError` for data that cannot be read, and for a curve that `_check`
+    refuses.
     """
     along, rest = _abscissa(name)
     unit = "rad" if name == "shear" else ""
@@ -61,18 +63,18 @@ def read_rows(name: str, data: Any) -> Rows:
     elif not isinstance(data, str | Path | Mapping):
         data = _columns(name, along, data)
     table = read_table(data, f"{WHERE}: {name}")
-    has_stiffness = "stiffness" in table
-    x = table.numbers(along, unit, True)
+    column = "stiffness" if "stiffness" in table else "force"
+    x = table.numbers(along, si=unit, plain=True)
     labels = [f"{label} {line}" for line in table.lines]
-    force = table.numbers("stiffness" if has_stiffness else "force", "N/m", True)
-    if len(x) and x[0] > rest:
+    values = table.numbers(column, si="N/m", plain=True)
+    if len(x) and x[0] > rest:  # the point at rest is missing
         x = np.append(rest, x)
-        force = np.append(0.0, force)
+        values = np.append(0.0, values)
         labels = [name, *labels]
-    if has_stiffness:
-        stiffness = force  # dS/dE from the point before
+    force = values
+    if column == "stiffness":  # dS/dE from the point before to each point
         E, force_per_stress = _strain(name, x)
-        S = np.cumsum(stiffness * np.diff(E, prepend=0.0))
+        S = np.cumsum(values * np.diff(E, prepend=0.0))
         force = force_per_stress * S
     _check(name, along, x, force, labels)
     return tuple(zip(x.tolist(), force.tolist(), strict=True))
@@ -103,13 +105,19 @@ def _strain(name: str, x: Array) -> tuple[Array, Array]:
 
 
 def _check(name: str, along: str, x: Array, force: Array, labels: Sequence[str]) -> None:
-    """Raise `InputError` unless a curve begins at rest, rises, and ends below the limit."""
+    """Raise `InputError` unless a curve begins at rest, rises, and ends below the limit.
+
+    Both x and the stress S must rise from point to point: an energy W with a stress that falls
+    is not convex. `along` is the name of x, and `labels` are the names of the points in messages.
+    """
     _check_begin(name, along, x, force, labels[0])
     _check_end(name, along, x[-1], labels[-1])
     ratio = "cos(angle)" if name == "shear" else "stretch"
-    for what, values in ((along, x), (f"S = force/{ratio}", force / _strain(name, x)[1])):
+    _, force_per_stress = _strain(name, x)
+    S = force / force_per_stress
+    for what, values in ((along, x), (f"S = force/{ratio}", S)):
         if (falls := np.flatnonzero(np.diff(values) <= 0)).size:
-            row = 1 + int(falls[0])
+            row = 1 + int(falls[0])  # the first that does not rise
             said = f"{labels[row]}: {what} = {values[row]:g} after {values[row - 1]:g}"
             remedy = "Leave out rows, or smooth the curve."
             raise InputError(said, "must rise from row to row", WHERE, remedy)
@@ -207,7 +215,7 @@ class Curve:
 
 
 def pack(coupling: float, curves: Sequence[Curve]) -> Array:
-    """Lay out the curves of a fabric as one array (p,) of constants for the compiled law.
+    """Return the curves of a fabric as one array (p,) of constants for the compiled law.
 
     It begins with the coupling c [N/m], the number of cells per unit of E for each curve, and
     the number of cells. Then come rows of `PIECE_SIZE` numbers, which are the pieces.
@@ -218,20 +226,21 @@ def pack(coupling: float, curves: Sequence[Curve]) -> Array:
     row leads on to the next pieces of `Curve.pieces`, which follow the cells. First come the
     cells 0 of all curves, then the cells 1, …
     """
-    most = max(len(curve.E) for curve in curves)
-    cells = CELLS_PER_POINT * most
-    per_strain = [cells / curve.E[-1] for curve in curves]
-    first = 2 + len(curves)
-    # NaN in unused rows: no strain is beyond the NaN of a next piece.
-    rows = np.full((cells + 1 + most, len(curves), PIECE_SIZE), np.nan)
+    most_points = max(len(curve.E) for curve in curves)
+    cells = CELLS_PER_POINT * most_points
+    cells_per_strain = [cells / curve.E[-1] for curve in curves]
+    first_row = 2 + len(curves)  # the place of the first row in the array
+    # Of each curve: the cells, a row for strains beyond its last point, and its pieces. NaN in
+    # unused rows: no strain is beyond the NaN of a next piece.
+    rows = np.full((cells + 1 + most_points, len(curves), PIECE_SIZE), np.nan)
     for k, curve in enumerate(curves):
-        n = len(curve.E)
-        next_row = cells + 2 + np.arange(n)
-        next_place = first + PIECE_SIZE * (k + len(curves) * next_row)
-        next_begin = np.append(curve.E[1:], np.nan)
+        points = len(curve.E)
+        next_row = cells + 2 + np.arange(points)
+        next_place = first_row + PIECE_SIZE * (k + len(curves) * next_row)
+        next_begin = np.append(curve.E[1:], np.nan)  # the last piece has no next one
         pieces = np.column_stack([curve.pieces(), next_begin, next_place])
         begins = np.linspace(0.0, curve.E[-1], cells + 1)[:-1]
         rows[:cells, k] = pieces[np.searchsorted(curve.E, begins, "right") - 1]
         rows[cells, k] = pieces[-1]
-        rows[cells + 1 :][:n, k] = pieces
-    return np.concatenate([[coupling], per_strain, [cells], rows.ravel()])
+        rows[cells + 1 :][:points, k] = pieces
+    return np.concatenate([[coupling], cells_per_strain, [cells], rows.ravel()])

@@ -83,6 +83,7 @@ class NeoHookean:
     strain: str = "interpolated"
 
     def __post_init__(self):
+        """Raise `InputError` for a parameter that is not allowed."""
         where = "NeoHookean"
         check_strain(self.strain, where)
         validation.one_of("kind", self.kind, KINDS, where)
@@ -98,7 +99,10 @@ class NeoHookean:
             raise InputError("only one of mu, lam is given", "give both or neither", where)
 
     def constants(self, fabric: Fabric) -> np.ndarray:
-        """(1,) μ, or (2,) μ and λ [N/m]."""
+        """(1,) μ, or if compressible (2,) μ and λ [N/m]: those of the term, else of the fabric.
+
+        Raises `InputError` for a fabric that is not isotropic, or if compressible has ν < 0.
+        """
         if self.mu is not None and self.lam is not None:
             return np.array([self.mu, self.lam])
         if self.mu is not None:
@@ -110,7 +114,7 @@ class NeoHookean:
             what = f"poisson_ratio = {nu!r}"
             allowed = "must be >= 0"
             raise InputError(what, allowed, "NeoHookean", "Below 0, W falls as J goes to 0.")
-        return np.array([Y / (2 * (1 + nu)), Y * nu / (1 - nu**2)])
+        return np.array([Y / (2 * (1 + nu)), Y * nu / (1 - nu**2)])  # of plane stress
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
         """(6,) ℂ at E = 0 [N/m]."""
@@ -156,7 +160,10 @@ def inverse(E, D):
 
 @inner
 def moduli(lam, g, A):
-    """ℂ = λ A ⊗ A + 2g A ⊙ A."""
+    """ℂ = λ A ⊗ A + 2g A ⊙ A as (C11, C22, C66, C12, C16, C26), for A = C⁻¹ from `inverse`.
+
+    (A ⊙ A)_ijkl = (A_ik A_jl + A_il A_jk)/2.
+    """
     A11, A22, A12 = A
     return (
         (lam + 2.0 * g) * A11 * A11,
@@ -170,7 +177,10 @@ def moduli(lam, g, A):
 
 @inner
 def incompressible(E, c):
-    """c = (μ,): W = μ/2 (2 tr E − 1 + 1/D) and S = μ (I − A/D), written without cancellation."""
+    """Return W, S and ℂ at E = (E11, E22, E12), with c = (μ,).
+
+    W = μ/2 (2 tr E − 1 + 1/D) and S = μ (I − A/D) are written without cancellation near E = 0.
+    """
     mu = c[0]
     trace, determinant, d = invariants(E)
     D = positive(1.0 + d)
@@ -183,19 +193,24 @@ def incompressible(E, c):
 
 @inner
 def compressible_stress(E, c):
-    """W, S, and the parts of ℂ: g = μ − λ ln J and A = C⁻¹."""
+    """W and S with c = (μ, λ), and the parts of ℂ: g = μ − λ ln J and A = C⁻¹.
+
+    S = μ (I − A) + λ ln J A is written without cancellation near E = 0.
+    """
     mu = c[0]
     lam = c[1]
     trace, determinant, d = invariants(E)
     D = positive(1.0 + d)
-    log_J = 0.5 * math.log1p(max(d, -1.0))
+    log_J = 0.5 * math.log1p(max(d, -1.0))  # no value below −1; there D is NaN
     A = inverse(E, D)
     s = mu / D
     p = lam * log_J
+    # D (I − A) = D I − adj C has the diagonal 2 E11 + 4 det E, 2 E22 + 4 det E.
     S11 = s * (2.0 * E[0] + 4.0 * determinant) + p * A[0]
     S22 = s * (2.0 * E[1] + 4.0 * determinant) + p * A[1]
     S12 = s * 2.0 * E[2] + p * A[2]
-    return mu * (trace - log_J) + 0.5 * p * log_J, (S11, S22, S12), mu - p, A
+    W = mu * (trace - log_J) + 0.5 * p * log_J
+    return W, (S11, S22, S12), mu - p, A
 
 
 @inner

@@ -88,6 +88,7 @@ class MembraneTable:
     strain: str = "interpolated"
 
     def __post_init__(self) -> None:
+        """Replace the data of curves by their points; raise `InputError` as the class says."""
         check_strain(self.strain, "MembraneTable")
         if self.poisson is not None and not (is_number(self.poisson) and abs(self.poisson) < 1):
             allowed = "must lie between -1 and 1"
@@ -97,7 +98,10 @@ class MembraneTable:
                 object.__setattr__(self, name, read_rows(name, data))
 
     def curves(self, fabric: Fabric) -> list[Curve]:
-        """S₁, S₂ and S₁₂ over E11, E22 and 2 E12."""
+        """S₁, S₂ and S₁₂ over E11, E22 and 2 E12.
+
+        Where the term has no curve, it is a straight line with the modulus of the fabric.
+        """
         curves = []
         for name, stiffness in zip(CURVES, fabric.moduli()[:3], strict=True):
             rows = getattr(self, name)
@@ -108,14 +112,17 @@ class MembraneTable:
         return curves
 
     def coupling(self, fabric: Fabric) -> tuple[float, float]:
-        """c [N/m] for the given ν, and the largest |c| for which W is convex."""
+        """c [N/m] for ν at rest, and the largest |c| for which W is convex at every strain.
+
+        ν is `poisson`, else it is √(ν₁₂ ν₂₁) of the fabric.
+        """
         C = fabric.moduli()
         if self.poisson is None:
-            nu = C[3] / math.sqrt(C[0] * C[1])
+            nu = C[3] / math.sqrt(C[0] * C[1])  # C12/√(C11 C22)
         else:
             nu = self.poisson
         warp, weft, _ = self.curves(fabric)
-        most = math.sqrt(warp.least_slope() * weft.least_slope())
+        most = math.sqrt(warp.least_slope() * weft.least_slope())  # c² ≤ S₁′ S₂′
         return nu * math.sqrt(warp.rest * weft.rest), most
 
     def moduli(self, fabric: Fabric) -> np.ndarray:
@@ -163,15 +170,16 @@ class BoundTable(membrane.BoundMembrane):
 
 @inlined
 def above_rest(c, k, E):
-    """w, S and dS/dE of the curve k at E ≥ 0."""
-    at = E * c[1 + k]
+    """w, S and dS/dE of the curve k at E ≥ 0; the constants c are as `pack` lays them out."""
+    at = E * c[1 + k]  # the strain in cells
     last = c[1 + len(CURVES)]
-    if not at < last:  # also for NaN
+    if not at < last:  # beyond the last point, also for NaN
         at = last
+    # Unsigned indices save the test whether an index counts from the end.
     cell = np.uintp(at)
     q = np.uintp(FIRST_PIECE + PIECE_SIZE * k) + np.uintp(PIECE_SIZE * len(CURVES)) * cell
     while c[q + np.uintp(6)] <= E:  # a point lies in the cell, below E
-        q = np.uintp(c[q + np.uintp(7)])
+        q = np.uintp(c[q + np.uintp(7)])  # to the next piece
     t = E - c[q]
     w = c[q + np.uintp(1)]
     a0 = c[q + np.uintp(2)]

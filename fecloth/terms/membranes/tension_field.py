@@ -78,7 +78,11 @@ class TensionField:
 
 @inner
 def law(E, c):
-    """W, S and ℂ of the state of the point; c = (Y, ν)."""
+    """W, S and ℂ at the strain E = (E11, E22, E12) of a point; c = (Y, ν).
+
+    With the principal strains E1 ≥ E2 it is taut if E2 > −ν E1, wrinkled in one direction if E1
+    is positive, and else slack, without stress.
+    """
     Y = c[0]
     nu = c[1]
     mean = 0.5 * (E[0] + E[1])
@@ -104,10 +108,10 @@ def taut(E, Y, nu):
 
 @inner
 def wrinkled(E1, E2, c, s, Y):
-    """Uniaxial tension along n at the angle θ, c = cos 2θ and s = sin 2θ.
+    """W, S and ℂ of uniaxial tension along n at the angle θ; c = cos 2θ and s = sin 2θ.
 
-    With N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so ℂ = Y N⊗N + 2 Y E1/(E1 − E2)
-    M⊗M.
+    E1 and E2 are the principal strains along n and, across it, t. S = T N with T = Y E1. With
+    N = n⊗n and M = sym(n⊗t), ∂N/∂E = 2/(E1 − E2) M⊗M and so ℂ = Y N⊗N + 2 Y E1/(E1 − E2) M⊗M.
     """
     N11, N22, N12 = 0.5 * (1.0 + c), 0.5 * (1.0 - c), 0.5 * s
     M11, M12 = -0.5 * s, 0.5 * c  # M22 = −M11
