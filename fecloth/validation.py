@@ -151,10 +151,13 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 
 def _similar(path: Path) -> str:
     """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
-    there = sorted(path.parent.iterdir())
-    kind = (path.suffix, closest(path.suffix, sorted({file.suffix for file in there})))
-    stems = {file.stem: file.name for file in there if not path.suffix or file.suffix in kind}
-    close = closest(path.stem, stems)
+    files = sorted(path.parent.iterdir())
+    # Files with this suffix or with the closest one; without a suffix, all files.
+    suffixes = (path.suffix, closest(path.suffix, sorted({file.suffix for file in files})))
+    name_of_stem = {
+        file.stem: file.name for file in files if not path.suffix or file.suffix in suffixes
+    }
+    close = closest(path.stem, name_of_stem)
     if close:
-        return f"Did you mean {stems[close]!r}?"
+        return f"Did you mean {name_of_stem[close]!r}?"
     return ""

@@ -44,10 +44,10 @@ class Sweep:
     @property
     def slope(self) -> float:
         """Slope in log–log before round-off dominates: 2 if correct, NaN if it is exact."""
-        before = max(int(np.argmin(self.errors)), 1)
-        if self.errors[0] < EXACT_ERROR or before < 3:
+        smallest = max(int(np.argmin(self.errors)), 1)  # from here on, round-off dominates
+        if self.errors[0] < EXACT_ERROR or smallest < 3:
             return float("nan")
-        slopes = -np.diff(np.log2(self.errors[: before + 1]))
+        slopes = -np.diff(np.log2(self.errors[: smallest + 1]))
         return float(np.median(slopes[: max(3, len(slopes) - 2)]))
 
     def check(self, context: str) -> None:
@@ -299,8 +299,10 @@ def check_integrator(
     ends = []
     for number in steps:
         dt = (t_end - state.t) / number
-        for last, _ in march(system, method, state, dt, t_end, solver=solver, newton=newton):
-            end = last
+        for state_after_step, _ in march(
+            system, method, state, dt, t_end, solver=solver, newton=newton
+        ):
+            end = state_after_step
         ends.append(np.concatenate([end.x, end.v * t_end]))  # both in m
     changes = [np.linalg.norm(a - b) for a, b in pairwise(ends)]
     orders = observed_order(1 / np.asarray(steps[:-1]), changes)

@@ -67,8 +67,8 @@ def run_level(adapter: dict, stated: dict, level: int) -> dict:
             x = np.asarray(row.pop("run")(case), float)
         row["cpu_seconds"] = time.process_time() - begin
         if x.shape != expected_shape:
-            wanted = f"(times, n, 3) = {expected_shape}"
-            raise ValueError(f"positions have the shape {x.shape}, not {wanted}")
+            allowed = f"(times, n, 3) = {expected_shape}"
+            raise ValueError(f"positions have the shape {x.shape}, not {allowed}")
         case = at_level(stated, level)  # anew, as the adapter may have changed it
         displacements = x - np.pad(case["X"], ((0, 0), (0, 1)))
         compute = getattr(quantities, quantity["name"])

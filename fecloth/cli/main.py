@@ -56,16 +56,16 @@ def tolerant_streams() -> Iterator[None]:
 
     In both, ``?`` takes the place of a character that their encoding lacks.
     """
-    before = sys.stdout, sys.stderr
-    for stream in before:
+    original_streams = sys.stdout, sys.stderr
+    for stream in original_streams:
         # stderr writes \u03c1 for ρ by itself; a stream may be closed (None) or of another kind
         if isinstance(stream, TextIOWrapper) and stream.errors != "backslashreplace":
             stream.reconfigure(errors="replace")
-    sys.stdout, sys.stderr = (stream and Tolerant(stream) for stream in before)
+    sys.stdout, sys.stderr = (stream and Tolerant(stream) for stream in original_streams)
     try:
         yield
     finally:
-        sys.stdout, sys.stderr = before
+        sys.stdout, sys.stderr = original_streams
 
 
 def lost_output() -> str:
@@ -102,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
     earlier handlers of signals are set again. A command that a signal stops prints "interrupted"
     to standard error.
     """
-    before = set_handler(stop_at_once)
+    earlier_handlers = set_handler(stop_at_once)
     try:
         return _run_command(arguments)
     except (KeyboardInterrupt, RuntimeError) as error:
@@ -121,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         set_handler(signal.SIG_IGN)
         if arguments is not None:
-            for number, handler in before.items():
+            for number, handler in earlier_handlers.items():
                 signal.signal(number, handler)
 
 

@@ -183,8 +183,8 @@ def export(options: Namespace) -> int:
     from fecloth.view.export import export
 
     files = export(options.folder, options.output, options.fps)
-    last = f" to {files[-1].name}" if len(files) > 1 else ""
-    print(f"wrote {files[0]}{last}")
+    to_last = f" to {files[-1].name}" if len(files) > 1 else ""
+    print(f"wrote {files[0]}{to_last}")
     return 0
 
 

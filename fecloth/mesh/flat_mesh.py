@@ -186,10 +186,11 @@ def _arrays(X, triangles, where):
 
 
 def _check_vertices(triangles, n, source):
-    """Refuse vertices that are no nodes, and triangles with one node twice."""
-    bad = np.flatnonzero(((triangles < 0) | (triangles >= n)).any(axis=1))
+    """Raise `MeshError` for vertices that are no nodes, and triangles with one node twice."""
+    out_of_range = np.flatnonzero(((triangles < 0) | (triangles >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
-    source.check_no_triangles(bad, triangles, kind, f"vertices must be 0 to {n - 1}", raw=True)
+    limit = f"vertices must be 0 to {n - 1}"
+    source.check_no_triangles(out_of_range, triangles, kind, limit, raw=True)
     repeated = (
         (triangles[:, 0] == triangles[:, 1])
         | (triangles[:, 1] == triangles[:, 2])
@@ -247,11 +248,11 @@ def _orient(X, triangles, source):
 
 
 def _check_duplicates(triangles, source):
-    """Refuse triangles with the same three nodes."""
+    """Raise `MeshError` for triangles with the same three nodes, in any order."""
     low = np.sort(triangles, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    bad = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
-    source.check_no_triangles(bad, triangles, "duplicate triangles", remedy="Remove the copies.")
+    copies = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
+    source.check_no_triangles(copies, triangles, "duplicate triangles", remedy="Remove the copies.")
 
 
 def _check_edges(triangles, n, source):
@@ -296,9 +297,9 @@ def _check_fans(X, triangles, source):
         e, f = (X[triangles[:, (i + k) % 3]] - X[triangles[:, i]] for k in (1, 2))
         angle = np.arctan2(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0], (e * f).sum(axis=1))
         turn += np.bincount(triangles[:, i], weights=angle, minlength=len(X))
-    bad = np.flatnonzero(turn > 2 * np.pi + 1e-6)  # the angles of an inner node sum up to 2π
+    overlapped = np.flatnonzero(turn > 2 * np.pi + 1e-6)  # 2π around an inner node
     kind = "nodes around which triangles overlap: their angles add up to more than 360°"
-    source.check_no_nodes(bad, kind, remedy="Untangle the mesh.")
+    source.check_no_nodes(overlapped, kind, remedy="Untangle the mesh.")
 
 
 def _node_pairs(keys, n):
@@ -315,11 +316,11 @@ def _check_connected(a, b, triangles, source):
     graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(m, m))
     pieces, label = connected_components(graph, directed=False)
     if pieces > 1:
-        bad = np.flatnonzero(label != np.bincount(label).argmax())
+        outside_largest = np.flatnonzero(label != np.bincount(label).argmax())
         kind = "triangles not connected through edges to the rest"
         limit = f"the mesh has {pieces} separate pieces"
         remedy = "Join them, or use one cloth per piece."
-        source.check_no_triangles(bad, triangles, kind, limit, remedy)
+        source.check_no_triangles(outside_largest, triangles, kind, limit, remedy)
 
 
 def _index_set(name, values, n, where):
@@ -328,9 +329,13 @@ def _index_set(name, values, n, where):
 
 
 def _edge_set(name, values, n, keys, source):
+    """Return the node pairs of an edge set, sorted; raise `MeshError` for pairs that are no edge.
+
+    `keys` are the keys of all edges of the mesh with n nodes, see `_check_edges`.
+    """
     pairs = sorted_pairs(validated_indices(name, values, n, (2,), source.where))
-    bad = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
-    source.check_no_edges(bad, f"pairs of set {name!r} that are not edges of a triangle")
+    no_edges = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
+    source.check_no_edges(no_edges, f"pairs of set {name!r} that are not edges of a triangle")
     return pairs
 
 

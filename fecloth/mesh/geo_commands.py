@@ -85,8 +85,8 @@ def check_geo(text: str, where: str) -> str:
     words_of_line: dict[int, list[str]] = {}
     for token in tokens:
         words_of_line.setdefault(token.line, []).append(token.text)
-    last = max(words_of_line, default=0)
-    lines = [" ".join(words_of_line.get(line, [])) for line in range(1, last + 1)]
+    last_line = max(words_of_line, default=0)
+    lines = [" ".join(words_of_line.get(line, [])) for line in range(1, last_line + 1)]
     return "\n".join(lines) + "\n"
 
 

@@ -52,8 +52,8 @@ def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] 
     """Mesh the surface that ``draw(gmsh.model.geo)`` builds, and return the mesh.
 
     The function gives the edge lengths; with a `grading`, h [m] is the edge length away from
-    its places. Its physical groups are only places for the `grading`; the mesh has no
-    sets. Raises `MeshError`, with the name `where`, if Gmsh fails.
+    its places. Physical groups of the drawing are only places for the `grading`: the mesh has
+    no sets. Raises `MeshError`, with the name `where`, if Gmsh fails.
     """
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)

@@ -68,8 +68,8 @@ def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarr
     points that are not finite, or farther from the nearest triangle than its longest edge.
     """
     if not np.isfinite(points).all():
-        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-        what = f"material points[{bad}] = {points[bad].tolist()}"
+        first = int(np.argmin(np.isfinite(points).all(axis=1)))  # that is not finite
+        what = f"material points[{first}] = {points[first].tolist()}"
         raise MeshError(what, "must be finite", "Cloth.interpolate")
     corners = X[triangles]
     count = min(CANDIDATES, len(triangles))

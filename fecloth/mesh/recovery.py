@@ -143,10 +143,14 @@ def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _fit(centre, corners, values, samples, patch):
-    """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2).
+    """Fit a polynomial to the values in the triangles of each patch, by least squares.
 
-    Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether
-    there are too few points (k,).
+    Row i of the sparse matrix `patch` (k, m) has the triangles of patch i, and `centre` (k, 2)
+    is its node [m]. `corners` (m, 3, 2) and `values` (m, q, c) are of all triangles.
+
+    Returns for each patch its length (k,) [m], the coefficients (k, d, c) in coordinates from
+    the centre divided by this length, the least pivot (k,), and whether there are too few points
+    to determine the coefficients (k,).
     """
     starts = patch.indptr[:-1]
     entries = patch.indices

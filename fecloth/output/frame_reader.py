@@ -179,8 +179,9 @@ class Series:
 
     def at(self, time: float | None) -> int:
         """Return the number of the frame closest to a time [s]; the last for None."""
-        wanted = self.times[-1] if time is None else time
-        return int(np.argmin(np.abs(np.array(self.times) - wanted)))
+        if time is None:
+            time = self.times[-1]
+        return int(np.argmin(np.abs(np.array(self.times) - time)))
 
     def spread(self, most: int) -> list[int]:
         """Return the numbers of up to `most` frames, evenly spread from the first to the last."""

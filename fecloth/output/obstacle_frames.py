@@ -79,7 +79,9 @@ class ObstacleFrames:
         written anew, too.
         """
         now = find_obstacles(self.system, self.around, state.t)
-        if now is None or (self.last is not None and all(map(np.array_equal, now, self.last))):
+        if now is None:
+            return
+        if self.last is not None and all(map(np.array_equal, now, self.last)):
             return
         name = _name(number)
         replace_file(self.folder / name, encode_vtu(now.points, now.triangles, state.t, {}, {}))
@@ -110,10 +112,10 @@ def read_obstacles(folder: Path, number: int) -> Obstacles | None:
 
     They are in the last file up to this frame, because they are written only where they move.
     """
-    before = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
-    if not before:
+    up_to_frame = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
+    if not up_to_frame:
         return None
-    file = before[-1]
+    file = up_to_frame[-1]
     if b'NumberOfPoints="0"' in file.read_bytes():  # meshio refuses a mesh without any
         return Obstacles(np.empty((0, 3)), np.empty((0, 3), np.int64))
     mesh = read_vtu(file)

@@ -51,10 +51,10 @@ def gather(series: Series, target: Path) -> Path:
 
 
 def _arrays(frame: Frame) -> Arrays:
-    """The arrays of a frame by their names in the file."""
-    kinds = {"PointData": frame.point_data, "CellData": frame.cell_data}
-    named = {f"{kind}/{name}": data for kind, own in kinds.items() for name, data in own.items()}
-    return {"Points": frame.points, **named}
+    """Return the arrays of a frame by their names in the file, as "PointData/velocity"."""
+    point_data = {f"PointData/{name}": data for name, data in frame.point_data.items()}
+    cell_data = {f"CellData/{name}": data for name, data in frame.cell_data.items()}
+    return {"Points": frame.points, **point_data, **cell_data}
 
 
 def _is_static(name: str) -> bool:

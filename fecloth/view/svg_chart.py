@@ -176,9 +176,9 @@ def _axis(values: np.ndarray, pixels: tuple[float, float], log=False, tight=Fals
     step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough_step)
     if log:
         step = max(1.0, math.ceil(step))  # whole powers of ten
-    first = math.floor(low / step + NEAR)
-    last = math.ceil(high / step - NEAR)
-    ticks = step * np.arange(first, last + 1)
+    first_tick = math.floor(low / step + NEAR)  # in steps from 0
+    last_tick = math.ceil(high / step - NEAR)
+    ticks = step * np.arange(first_tick, last_tick + 1)
     if not tight:
         return Axis(ticks[0], ticks[-1], pixels, ticks, log)
     low = min([low, *ticks[(ticks <= low) & (ticks >= low - NEAR * (high - low))]])
