@@ -95,9 +95,9 @@ def length(name: str, value: Any, where: str) -> None:
 def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
     """Check an edge length h [m]: raise `InputError` if it does not fit the cloth to be meshed.
 
-    `extent` [m] is the largest length of the cloth, such as the longer side of a rectangle, and
-    `area` [m²] its area. h must be a length, be at most the extent, and give at most
-    `MOST_TRIANGLES` triangles.
+    `extent` [m] is the largest length of the cloth, such as the longer side of a rectangle or
+    the radius of a disk, and `area` [m²] its area. h must be a length, be at most the extent,
+    and give at most `MOST_TRIANGLES` triangles.
     """
     length("h", h, where)
     if h > extent:
