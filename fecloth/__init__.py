@@ -21,7 +21,11 @@ _imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name when it is first used; suggest one where there is none."""
+    """Import a public name when it is first used, and return what it stands for.
+
+    Raises AttributeError for an unknown name; the message suggests the closest one, or our name
+    for a word of other packages.
+    """
     try:
         return _imported(name)
     except AttributeError:

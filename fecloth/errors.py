@@ -64,6 +64,7 @@ class InputError(FeclothError, ValueError):
         super().__init__(what, allowed, where, remedy)
 
     def __str__(self) -> str:
+        """Return "where: what: allowed. remedy", without empty parts, and lines for `also`."""
         text = self.what
         if self.allowed:
             text += f": {self.allowed}"
@@ -161,6 +162,7 @@ class StepFailed(FeclothError):
         remedy: str = "",
         unit: str = " s",
     ):
+        """Make the error of a step; the arguments are its attributes. `result` is set later."""
         self.reason = reason
         self.step = step
         self.t = t
@@ -175,6 +177,10 @@ class StepFailed(FeclothError):
         super().__init__(reason)
 
     def __str__(self) -> str:
+        """Return the step, the reason, the residual, the worst triangle and the remedy in words.
+
+        Where the step, t or dt is not known, return the reason alone.
+        """
         if self.step is None or self.t is None or self.dt is None:
             return self.reason
         if math.isnan(self.residual):
@@ -182,7 +188,7 @@ class StepFailed(FeclothError):
         else:
             residual = f"relative residual {self.residual:.2e}; "
         place = f"step {self.step} from t = {self.t:.6g} s with dt = {self.dt:.3g} s"
-        if self.unit != " s":
+        if self.unit != " s":  # t is the part of the loads of a static scene
             end = self.t + self.dt
             place = f"load step {self.step}, from {self.t:.6g} to {end:.6g}{self.unit},"
         return (
@@ -235,9 +241,10 @@ def brief(value: object) -> str:
 
 
 def closest(name: object, names: Iterable[str], always: bool = False) -> str:
-    """Return the name that is most like `name`; empty if none is alike, unless `always` is true.
+    """Return the name of `names` that is most like `name`; "" if none is alike.
 
-    Capitals and underscores do not count: ``CentralDifference`` is ``central_difference``.
+    With `always` a name is returned, however unlike it is. Capitals and underscores do not
+    count: ``CentralDifference`` is ``central_difference``.
     """
     names_by_word = {_plain(candidate): candidate for candidate in names}
     words = list(names_by_word)
@@ -248,6 +255,7 @@ def closest(name: object, names: Iterable[str], always: bool = False) -> str:
         close = difflib.get_close_matches(word, words, n=1)
     # The longest candidate with which the word begins is the other one: "cosine" means "cos",
     # but "tipp.z" means "tip.z".
+    # A beginning of one or two letters says nothing.
     beginnings = [candidate for candidate in words if word.startswith(candidate)]
     longest = max(beginnings, key=len, default="")
     candidates = [longest, *close] if len(longest) > 2 else close

@@ -59,26 +59,31 @@ def _period(pattern: str, h: float, where: str) -> np.ndarray:
 
 
 def _relaxed(term, fabric, pattern, h, patches, displacements, count=3) -> np.ndarray:
-    """Matrix of the energy in the first `count` displacements, minimised over all others.
+    """Return the matrix of the energy in the first `count` displacements, minimised over the rest.
 
     The energy is the sum over `patches`, pairs of a factor and the sides of a rectangle [m].
-    The function ``displacements(X, row)`` returns displacements (3n, p) of the nodes of a
-    rectangle.
+    The function ``displacements(X, row)`` returns p displacements (3n, p) of the nodes of a
+    rectangle, from their coordinates X (n, 2) [m] and the numbers of their rows (n,).
     """
     H = sum(
         factor * _energy(term, fabric, pattern, h, sides, displacements)
         for factor, sides in patches
     )
+    # The Schur complement. The pseudo-inverse, because translations have no energy.
     inner = np.linalg.pinv(H[count:, count:], rcond=1e-10, hermitian=True)
     return H[:count, :count] - H[:count, count:] @ inner @ H[count:, :count]
 
 
 def _energy(term, fabric, pattern, h, sides, displacements):
-    """(p, p) matrix of the energy of a rectangle at rest in given displacements."""
+    """Return the matrix H (p, p) with the energy ½ qᵀ H q of a rectangle displaced by D q.
+
+    D (3n, p) are the displacements that `displacements` returns, see `_relaxed`, and H = DᵀK D
+    with the stiffness K of the term at rest. `sides` are the width and the height [m].
+    """
     width, height = sides
     cloth = Cloth.rectangle(width, height, h, pattern)
     system = System(cloth, fabric, [term])
-    row_height = 0.5 * h
+    row_height = 0.5 * h  # of the rows of nodes of "cross"; "right" has only every second one
     if pattern == "equilateral":
         row_height = h * np.sqrt(0.75)
     D = displacements(cloth.X, np.round(cloth.X[:, 1] / row_height).astype(int))
@@ -102,7 +107,7 @@ def _plane_displacements(X, row):
 
 
 def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) -> np.ndarray:
-    """(3, 3) bending stiffness D [N m] of an infinite pattern: ½ kᵀ D k per area.
+    """Return the (3, 3) bending stiffness D [N m] of an infinite pattern: ½ kᵀ D k per area.
 
     k = (κ11, κ22, 2 κ12). The deflection is ½ X·κX plus a periodic deflection, over which D is
     the minimum of the energy of `HingeBending`, to second order about the flat state, per area
@@ -129,6 +134,7 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
     patches = [(sign, size * period) for sign, size in PATCHES]
 
     def displacements(X, row):
+        """Return deflections of unit κ11, κ22 and 2 κ12, and of every second row of nodes."""
         x, y = X.T
         return _along(2, 0.5 * x * x, 0.5 * y * y, 0.5 * x * y, np.eye(2)[row % 2])
 
@@ -138,7 +144,7 @@ def bending_tensor(pattern: str, rigidity: float | tuple[float, float] = 1.0) ->
 
 
 def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, float] = 1.0) -> float:
-    """Effective rigidity B_eff [N m] of a strip along X with two free edges.
+    """Return the effective rigidity B_eff [N m] of a strip along X with two free edges.
 
     B_eff is the moment per width and curvature in pure bending, as in `bending_tensor`, but the
     minimum over all deflections that are periodic along X, and over the twist. For many cells it
@@ -162,10 +168,12 @@ def strip_rigidity(pattern: str, across: int, rigidity: float | tuple[float, flo
         height /= 2
 
     def displacements(X, row):
+        """Return deflections of unit κ11 and 2 κ12, and of each row of nodes."""
         x, y = X.T
         return _along(2, 0.5 * x * x, 0.5 * x * y, np.eye(row.max() + 1)[row])
 
     fabric = Fabric(1.0, 1.0, bending_rigidity=rigidity)
+    # The difference of four and three periods is one period, without the ends of the strip.
     patches = [(1, (4 * width, height)), (-1, (3 * width, height))]
     energy = _relaxed(HingeBending(), fabric, pattern, 1.0, patches, displacements, count=2)
     return float(1 / np.linalg.inv(energy)[0, 0] / (width * height))

@@ -78,7 +78,10 @@ def instance(name: str, value: object, cls: type | tuple, example: str, where: s
 
 
 def length(name: str, value: Any, where: str) -> None:
-    """Raise `InputError` for anything but a finite length > 0 and at most `FARTHEST` [m]."""
+    """Raise `InputError` for anything but a finite length > 0 and at most `FARTHEST` [m].
+
+    A text is refused, too, even if it is a number.
+    """
     try:
         is_length = not isinstance(value, (str, bytes, bool)) and 0 < float(value) < math.inf
     except (TypeError, ValueError):
@@ -90,19 +93,22 @@ def length(name: str, value: Any, where: str) -> None:
 
 
 def mesh_size(h: Any, extent: float, area: float, where: str) -> None:
-    """Raise `InputError` if an edge length h [m] does not fit the extent [m] and area [m²].
+    """Check an edge length h [m]: raise `InputError` if it does not fit the cloth to be meshed.
 
-    h must be at most the extent, and give at most `MOST_TRIANGLES` triangles.
+    `extent` [m] is the largest length of the cloth, such as the longer side of a rectangle or
+    the radius of a disk, and `area` [m²] its area. h must be a length, be at most the extent,
+    and give at most `MOST_TRIANGLES` triangles.
     """
     length("h", h, where)
     if h > extent:
         allowed = f"must be at most {extent:g} m"
         remedy = "Use a smaller h."
+        # In mm it would be a usable h: at least two edges along the extent.
         if h / 1000 < extent / 2:
             remedy = f"Use a smaller h, or write {h / 1000:g} if you meant mm."
         raise InputError(f"h = {h:g} m", allowed, where, remedy)
-    equilateral = math.sqrt(3) / 4  # the area for h = 1 m
-    count = float(area) / equilateral / h / h
+    equilateral = math.sqrt(3) / 4  # area of an equilateral triangle with edges of 1 m
+    count = float(area) / equilateral / h / h  # not over h², which is 0 for a tiny h
     if count > MOST_TRIANGLES:
         least = math.sqrt(area / equilateral / MOST_TRIANGLES)
         what = f"h = {h:g} m would make about {count:.1e} triangles"
@@ -129,7 +135,7 @@ def direction(name: str, value: object, where: str) -> np.ndarray:
 
 
 def file_problem(path: Path) -> tuple[str, str] | None:
-    """Return why a path is no regular file, and a remedy; None if it is one."""
+    """Return why a path is no regular file, and a remedy or ""; None if it is one."""
     try:
         if path.is_file():
             return None
@@ -145,10 +151,13 @@ def file_problem(path: Path) -> tuple[str, str] | None:
 
 def _similar(path: Path) -> str:
     """Return a remedy with the closest name of a file of that kind in the folder, or ""."""
-    there = sorted(path.parent.iterdir())
-    kind = (path.suffix, closest(path.suffix, sorted({file.suffix for file in there})))
-    stems = {file.stem: file.name for file in there if not path.suffix or file.suffix in kind}
-    close = closest(path.stem, stems)
+    files = sorted(path.parent.iterdir())
+    # Files with this suffix or with the closest one; without a suffix, all files.
+    suffixes = (path.suffix, closest(path.suffix, sorted({file.suffix for file in files})))
+    name_of_stem = {
+        file.stem: file.name for file in files if not path.suffix or file.suffix in suffixes
+    }
+    close = closest(path.stem, name_of_stem)
     if close:
-        return f"Did you mean {stems[close]!r}?"
+        return f"Did you mean {name_of_stem[close]!r}?"
     return ""

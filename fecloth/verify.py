@@ -44,10 +44,10 @@ class Sweep:
     @property
     def slope(self) -> float:
         """Slope in log–log before round-off dominates: 2 if correct, NaN if it is exact."""
-        before = max(int(np.argmin(self.errors)), 1)
-        if self.errors[0] < EXACT_ERROR or before < 3:
+        smallest = max(int(np.argmin(self.errors)), 1)  # from here on, round-off dominates
+        if self.errors[0] < EXACT_ERROR or smallest < 3:
             return float("nan")
-        slopes = -np.diff(np.log2(self.errors[: before + 1]))
+        slopes = -np.diff(np.log2(self.errors[: smallest + 1]))
         return float(np.median(slopes[: max(3, len(slopes) - 2)]))
 
     def check(self, context: str) -> None:
@@ -72,6 +72,7 @@ class Checked(list[Sweep]):
         self.where = where
 
     def __repr__(self) -> str:
+        """Return what has passed, with the range of the slopes and the largest of the errors."""
         names = ", ".join(dict.fromkeys(sweep.name for sweep in self))
         slopes = [sweep.slope for sweep in self if not np.isnan(sweep.slope)]
         if slopes:
@@ -124,7 +125,7 @@ def check_term(
     fabric = fabric or Fabric(0.2, (1000.0, 600.0), 0.3, 150.0, (2e-5, 1e-5))
     if states is None:
         states = trial_states(cloth)
-    states = list(states)
+    states = list(states)  # they are used for each scale, and a generator only once
     sweeps = []
     for scale in scales:
         system = System(cloth, _scaled(fabric, scale), [term])
@@ -138,13 +139,16 @@ def check_term(
 
 
 def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return states (name, x, v): random, compressed to a stretch of 0.3, nearly degenerate.
+    """Return three states (name, x, v) for checks of derivatives.
 
-    x (n, 3) are positions [m], and v (n, 3) velocities [m/s].
+    They are random, compressed to a stretch of 0.3, and nearly degenerate, which is sheared and
+    thin. x (n, 3) are positions [m], and v (n, 3) velocities [m/s]. `seed` is of the random
+    numbers.
     """
     rng = np.random.default_rng(seed)
     flat = np.column_stack([cloth.X, np.zeros(len(cloth.X))])
-    noise = rng.standard_normal((3, *flat.shape)) * np.sqrt(cloth.area / len(cloth.triangles))
+    size = np.sqrt(cloth.area / len(cloth.triangles))  # about an edge length
+    noise = rng.standard_normal((3, *flat.shape)) * size
     speed = rng.standard_normal(flat.shape)
     rotation, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     sheared = np.array([[1.0, 0.0, 0.0], [1.5, 0.05, 0.0], [0.0, 0.0, 1.0]])
@@ -156,9 +160,10 @@ def trial_states(cloth: Cloth, seed: int = 0) -> list[tuple[str, np.ndarray, np.
 
 
 def _scaled(fabric: Fabric, factor: float) -> Fabric:
-    """Return the fabric with all its stiffness times a factor."""
+    """Return the fabric with tensile, shear and bending stiffness times a factor."""
 
     def scale_pair(value):
+        """Return a number or a pair times the factor as a tuple; None stays None."""
         if value is None:
             return value
         return tuple(factor * v for v in np.atleast_1d(value))
@@ -172,10 +177,14 @@ def _scaled(fabric: Fabric, factor: float) -> Fabric:
 
 
 def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep]:
-    """Difference energy and force of the one term of a system along a random direction."""
+    """Return sweeps of the derivatives of the one term of a system along a random direction.
+
+    These are the force as the derivative of the energy, if the term has one, and the `tangents`
+    "x" and "v" as derivatives of the force. Raises `VerificationFailed` if the force is zero.
+    """
     direction = np.random.default_rng(1).standard_normal(state.x.shape)
     term = system.bound[0]
-    size = np.sqrt(system.cloth.area / len(system.cloth.triangles))
+    size = np.sqrt(system.cloth.area / len(system.cloth.triangles))  # about an edge length
     _check_has_force(system, state, direction, size)
 
     def shifted(dx=0.0, dv=0.0):
@@ -189,23 +198,25 @@ def _sweeps(system: System, state: State, tangents: Sequence[str]) -> list[Sweep
 
         f = system.force(replace(state, v=np.zeros_like(state.v)))  # without damping of the term
         slope = -np.array([np.vdot(f, direction)])
-        sweeps.append(_sweep("force", energy, slope, float(np.linalg.norm(f)), size))
+        # Relative to the force as a whole: its part along the direction may be near zero.
+        sweeps.append(_sweep("force", energy, slope, scale=float(np.linalg.norm(f)), size=size))
     if "x" in tangents:
 
         def force_at(dx):
             return system.force(shifted(dx)).ravel()
 
         exact = -(system.stiffness(state) @ direction.ravel())
+        # Parts c u uᵀ of the tangent, which couple all nodes, are not in the sparse matrix.
         for c, u in system.dense(state):
             exact -= c * float(np.vdot(u, direction)) * u.ravel()
-        sweeps.append(_sweep("x-tangent", force_at, exact, None, size))
+        sweeps.append(_sweep("x-tangent", force_at, exact, scale=None, size=size))
     if "v" in tangents:
 
         def force_with(dv):
             return system.force(shifted(dv=dv)).ravel()
 
         exact = -(system.damping(state) @ direction.ravel())
-        sweeps.append(_sweep("v-tangent", force_with, exact, None, 1.0))
+        sweeps.append(_sweep("v-tangent", force_with, exact, scale=None, size=1.0))  # 1 m/s
     return sweeps
 
 
@@ -227,9 +238,13 @@ def _sweep(
 
     The first steps may leave the domain of a law, where the function is not finite; they do not
     count. The errors are relative to `scale`, by default the norm of the exact derivative.
+
+    `exact` is the derivative that is checked, and `size` the change of h over which the function
+    changes much.
     """
     h = size * 0.5 ** np.arange(2, 18)
     if not scale:
+        # Not 0 where the derivative is zero: then errors are relative to a small part of f/size.
         least = np.linalg.norm(function(0.0)) / size * 1e-6
         scale = float(max(np.linalg.norm(exact), least))
     with np.errstate(invalid="ignore"):  # of an energy that is infinite on both sides
@@ -237,6 +252,7 @@ def _sweep(
         errors = np.array([np.linalg.norm(quotient - exact) / scale for quotient in quotients])
     outside = np.flatnonzero(~np.isfinite(errors[: len(h) // 3]))
     inside = slice(outside.max(initial=-1) + 1, None)
+    # The slopes are of logarithms, which do not exist for an error of 0.
     return Sweep(name, h[inside], np.maximum(errors[inside], 1e-16))
 
 
@@ -279,13 +295,15 @@ def check_integrator(
     -------
     (len(steps) − 2,) observed orders.
     """
-    newton = Newton(tolerance=1e-11)
+    newton = Newton(tolerance=1e-11)  # its error must be far below the error of the method
     ends = []
     for number in steps:
         dt = (t_end - state.t) / number
-        for last, _ in march(system, method, state, dt, t_end, solver=solver, newton=newton):
-            end = last
-        ends.append(np.concatenate([end.x, end.v * t_end]))
+        for state_after_step, _ in march(
+            system, method, state, dt, t_end, solver=solver, newton=newton
+        ):
+            end = state_after_step
+        ends.append(np.concatenate([end.x, end.v * t_end]))  # both in m
     changes = [np.linalg.norm(a - b) for a, b in pairwise(ends)]
     orders = observed_order(1 / np.asarray(steps[:-1]), changes)
     claimed = method.traits.order

@@ -17,7 +17,11 @@ CASES = {
 
 
 def at_level(stated: dict, level: int) -> dict:
-    """Return the mapping that an adapter takes, on the mesh of a level, with its own arrays."""
+    """Return the mapping that an adapter takes: a case on the mesh of a level.
+
+    `stated` is a case of `CASES`, in which formulas and conditions are texts; here they are
+    arrays on the mesh. All of it is copied, so that an adapter may change it.
+    """
     X, triangles = make_mesh(stated["mesh"], stated["mesh"]["sizes"][level])
     case: dict = {"level": level, "X": X, "triangles": triangles}
     case |= {key: deepcopy(stated[key]) for key in ("name", "static", "fabric", "loads")}
@@ -27,7 +31,7 @@ def at_level(stated: dict, level: int) -> dict:
     for load in case["loads"]:
         load["nodes"] = _nodes_where(load["nodes"], X)
     case["motion"] = stated["motion"]
-    if case["motion"]:
+    if case["motion"]:  # of the pins, over time
         case["motion"] = points(stated["motion"], X[case["pins"]], case["times"])
     return case
 
@@ -48,6 +52,7 @@ def make_mesh(mesh: dict, size) -> tuple[np.ndarray, np.ndarray]:
     rings = [np.zeros(1, complex)]  # the centre, and then x + i y of 6 k nodes of ring k
     for k in range(1, size + 1):
         rings.append(k * np.exp(2j * np.pi / (6 * k) * np.arange(6 * k)))
+    # A complex number is two floats, x and y.
     X = mesh["radius"] / size * np.concatenate(rings).view(float).reshape(-1, 2)
     return X, Delaunay(X).simplices.astype(np.int64)  # counterclockwise
 

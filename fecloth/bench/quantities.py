@@ -44,12 +44,13 @@ def period(case: dict, u: np.ndarray, axis: int) -> np.ndarray:
 
 
 def shadow(case: dict, u: np.ndarray, support: float) -> np.ndarray:
-    """Return the part of the ring beyond the radius `support` [m] that is in shadow [%].
+    """Return the part of the ring beyond the radius `support` [m] that is in shadow [%], (times,).
 
-    Source: Cusick (1965). The triangles are drawn on a grid of cells, of which 200 are as long
-    as the radius, and cells that a triangle covers are counted.
+    The ring is the flat cloth without the support, and light falls along z. The triangles are
+    drawn on a grid of cells, of which 200 are as long as the radius, and cells that a triangle
+    covers are counted. Source: Cusick (1965).
     """
-    covered = []
+    covered = []  # number of cells in shadow: of the flat cloth, then at each time
     flat = np.pad(case["X"], ((0, 0), (0, 1)))
     for x in flat + [0 * u[0], *u]:
         corners = 200 / support * x[case["triangles"], :2]  # in cells

@@ -26,7 +26,9 @@ SHOWN = ("case", "adapter", "triangles", "error", "uncertainty", "cpu_seconds", 
 def load_adapter(text: str) -> dict:
     """Import FILE.py:FUNCTION; return its name, its function, and what the file states.
 
-    The file may state its VERSION and SETTINGS. Raises `InputError` if it cannot be imported.
+    These are the keys "adapter", "run", "version" and "settings". The file may state its VERSION
+    and SETTINGS. The folder of the file is put on `sys.path`. Raises `InputError` if it cannot
+    be imported or FUNCTION is no function.
     """
     file, _, function = text.rpartition(":")
     sys.path.insert(0, str(Path(file).resolve().parent))  # it may import files beside it
@@ -47,8 +49,10 @@ def load_adapter(text: str) -> dict:
 def run_level(adapter: dict, stated: dict, level: int) -> dict:
     """Run an adapter on a case on the mesh of a level; return a row with the error and the cost.
 
-    The error and its uncertainty are relative to the scale of the reference. If the adapter
-    fails, or cannot do the case, the status of the row says why.
+    The row has the keys `SHOWN` and some more; the error is None if the run has none. The error
+    and its uncertainty are relative to the scale of the reference. If the adapter fails, or
+    cannot do the case, the status of the row says why. What the adapter prints goes to standard
+    error.
     """
     case = at_level(stated, level)
     reference = stated["reference"]
@@ -56,28 +60,29 @@ def run_level(adapter: dict, stated: dict, level: int) -> dict:
     row = {"case": stated["name"], "level": level, **adapter}
     row["triangles"] = len(case["triangles"])
     row |= {"error": None, "uncertainty": reference["uncertainty"] / reference["scale"]}
-    expected = (len(case["times"]), *case["x"].shape)
+    expected_shape = (len(case["times"]), *case["x"].shape)
     begin = time.process_time()
     try:
         with redirect_stdout(sys.stderr):  # what it prints does not mix with the rows
             x = np.asarray(row.pop("run")(case), float)
         row["cpu_seconds"] = time.process_time() - begin
-        if x.shape != expected:
-            wanted = f"(times, n, 3) = {expected}"
-            raise ValueError(f"positions have the shape {x.shape}, not {wanted}")
+        if x.shape != expected_shape:
+            allowed = f"(times, n, 3) = {expected_shape}"
+            raise ValueError(f"positions have the shape {x.shape}, not {allowed}")
         case = at_level(stated, level)  # anew, as the adapter may have changed it
-        moved = x - np.pad(case["X"], ((0, 0), (0, 1)))
-        values = getattr(quantities, quantity["name"])(case, moved, **quantity["arguments"])
+        displacements = x - np.pad(case["X"], ((0, 0), (0, 1)))
+        compute = getattr(quantities, quantity["name"])
+        values = compute(case, displacements, **quantity["arguments"])
         error = float(np.abs(values - reference["value"]).max() / reference["scale"])
         if not np.isfinite(error):
             raise ValueError(f"the {quantity['name']} of these positions is not a finite number")
         row |= {"error": error, "status": "ok"}
     except (Exception, SystemExit) as why:  # whatever a solver raises, the next case is run
-        if isinstance(why, NotImplementedError):
-            kind = "cannot"
+        if isinstance(why, NotImplementedError):  # so an adapter says that it has no such law
+            failure = "cannot"
         else:
-            kind = f"failed: {type(why).__name__}"
-        row |= {"cpu_seconds": time.process_time() - begin, "status": f"{kind}: {why}"[:200]}
+            failure = f"failed: {type(why).__name__}"
+        row |= {"cpu_seconds": time.process_time() - begin, "status": f"{failure}: {why}"[:200]}
     return row
 
 
@@ -92,7 +97,12 @@ def run_levels(adapter: dict, stated: dict, levels: int) -> Iterator[dict]:
 
 
 def bench(options: Namespace) -> int:
-    """Run adapters on cases, or list the cases; return the exit status."""
+    """Run adapters on cases, or list the cases; return the exit status.
+
+    Each row is printed as soon as it is there. With an output folder, write table and charts at
+    the end, also after an interruption. The status is `FAILED` if an adapter has failed. Raises
+    `InputError` for an unknown case, and for an adapter that cannot be imported.
+    """
     for name in options.case:
         validation.known(f"case {name!r}", name, CASES, "bench")
     cases = [CASES[name] for name in dict.fromkeys(options.case or CASES)]
@@ -131,18 +141,22 @@ def write_report(folder: Path, rows: list[dict]) -> None:
 
 
 def _draw_chart(folder: Path, case: dict, rows: list[dict], adapters: list[str]) -> None:
-    """Draw errors over CPU time of all adapters on a case."""
+    """Draw errors over CPU time of all adapters on a case, as ``folder``/CASE.png.
+
+    `rows` are the rows of this case. The band is the uncertainty of the reference.
+    """
     drawing, ax = figures.new_figure()
     ax.set(xlabel="CPU time [s]", ylabel="error, as a part of the scale", title=case["asks"])
     for i, adapter in enumerate(adapters):
-        own = [row for row in rows if row["adapter"] == adapter]
-        done = [row for row in own if row["status"] == "ok"]
+        rows_of_adapter = [row for row in rows if row["adapter"] == adapter]
+        done = [row for row in rows_of_adapter if row["status"] == "ok"]
         seconds = [row["cpu_seconds"] for row in done]
         errors = [row["error"] for row in done]
-        label = " ".join([adapter, *{row["status"][:60] for row in own} - {"ok"}])
+        # The legend says why an adapter has failed; the cross has the word "failed" only.
+        label = " ".join([adapter, *{row["status"][:60] for row in rows_of_adapter} - {"ok"}])
         ax.loglog(seconds, errors, label=label, **figures.line_style(i))
-        failed = [row for row in own if row["status"].startswith("failed")]
-        failed = [row | {"status": "failed"} for row in failed]
+        failures = [row for row in rows_of_adapter if row["status"].startswith("failed")]
+        failed = [row | {"status": "failed"} for row in failures]
         figures.mark_failures(ax, failed, "cpu_seconds", figures.COLOURS[i % 7])
     reference = case["reference"]
     uncertainty = reference["uncertainty"] / reference["scale"]

@@ -66,7 +66,11 @@ TYPES["names"] = lambda text: [name.strip() for name in text.split(",") if name.
 
 
 def _rows(listed: list[Any]) -> Iterator[dict[str, Any]]:
-    """Yield the options of a list as tables; names stand for groups and for shared options."""
+    """Yield the options of a list of the table of commands, each as a table.
+
+    An item is the name of a group of options, the name of a shared option, or a table. A table
+    with the key `like` has the keys of that shared option, except for those that it replaces.
+    """
     for item in listed:
         if isinstance(item, dict) and "like" in item:
             yield TABLE["shared"][item["like"]] | item

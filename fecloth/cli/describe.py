@@ -38,9 +38,12 @@ def print_info(options: Namespace) -> int:
 
 
 def _info_lines(options: Namespace) -> list[str]:
-    """Return what the options ask for: fabrics, the schema, terms, a scene, or the versions."""
+    """Return lines on what the options ask for: fabrics, the schema, terms, or a scene.
+
+    Without any of these options, return the versions, the processors and the direct solver.
+    """
     if options.fabrics is not None:
-        if options.fabrics:
+        if options.fabrics:  # the name of one; "" asks for the list
             return describe_fabric(options.fabrics)
         return list_fabrics()
     if options.schema:
@@ -55,7 +58,11 @@ def _info_lines(options: Namespace) -> list[str]:
 
 
 def _describe_scene(options: Namespace) -> list[str]:
-    """Return lines on the plan of a scene, its cloth, its fabrics and its warnings."""
+    """Return lines on the plan of a scene, its cloth, its fabrics and its warnings.
+
+    With the option ``ranks`` also the memory on that number of processes. The scene is built and
+    its solver chosen, but nothing is run.
+    """
     scene = load_scene(options.scene, options.set, **reading(options))
     problem, (_, why) = scene.build().choose()
     _, *mesh = describe_cloth(problem.cloth)  # the plan begins with the sizes
@@ -68,7 +75,11 @@ def _describe_scene(options: Namespace) -> list[str]:
 
 
 def print_mesh(options: Namespace) -> int:
-    """Mesh a file or a scene, print what the mesh is like, and write it where asked for."""
+    """Mesh a file or a scene, print lines on the mesh, and write it if there is an output.
+
+    Return the exit status 0. Raises `InputError` for an edge length h with a scene, which has
+    its own.
+    """
     is_scene = Path(options.path).suffix == ".toml"
     if is_scene and options.h:
         remedy = "Change cloth.h in the scene."
@@ -76,7 +87,13 @@ def print_mesh(options: Namespace) -> int:
     if is_scene:
         cloth = load_scene(options.path, **reading(options)).mesh()
     else:
-        cloth = Cloth.read(options.path, options.h, "P1", options.trust_geo, options.mesh_time)
+        cloth = Cloth.read(
+            options.path,
+            options.h,
+            element="P1",
+            trust=options.trust_geo,
+            time_limit=options.mesh_time,
+        )
     print("\n".join(describe_cloth(cloth)))
     if options.output:
         path = Path(options.output)
@@ -86,13 +103,16 @@ def print_mesh(options: Namespace) -> int:
 
 
 def describe_cloth(cloth: Cloth) -> list[str]:
-    """Return lines on size, edges and quality of the triangles, and one line for each set."""
+    """Return lines on size, edges and quality of the triangles, and one line for each set.
+
+    The first line has the numbers of nodes and triangles, and the area.
+    """
     corners = cloth.X[cloth.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     x0, y0 = cloth.X.min(axis=0)
     x1, y1 = cloth.X.max(axis=0)
-    kind = "quadratic triangles" if cloth.element == "P2" else "triangles"
-    triangles = f"{len(cloth.triangles)} {kind}"
+    noun = "quadratic triangles" if cloth.element == "P2" else "triangles"
+    triangles = f"{len(cloth.triangles)} {noun}"
     return [
         f"{amount(len(cloth.X), 'node')}, {triangles}, area {cloth.area:.6g} m²",
         f"X {x0:g} to {x1:g} m, Y {y0:g} to {y1:g} m",
@@ -114,16 +134,16 @@ def list_fabrics() -> list[str]:
     """Return lines with the constants of each fabric, its kind, and the numbered sources."""
     fabrics = {name: Fabric.preset(name) for name in Fabric.presets()}
     table = [_row(name, fabric) for name, fabric in fabrics.items()]
-    numbers: dict[str, int] = {}
-    what = []
+    number_of_source: dict[str, int] = {}  # fabrics of one paper share its number
+    kinds = []
     for name, fabric in fabrics.items():
-        kind, _, source = fabric.source.partition(". ")
-        number = numbers.setdefault(source, len(numbers) + 1)
-        what.append(f"{name}: {kind} [{number}]")
-    sources = [_wrap(f"[{number}] {source}") for source, number in numbers.items()]
+        kind, _, source = fabric.source.partition(". ")  # the first sentence says what it is
+        number = number_of_source.setdefault(source, len(number_of_source) + 1)
+        kinds.append(f"{name}: {kind} [{number}]")
+    sources = [_wrap(f"[{number}] {source}") for source, number in number_of_source.items()]
     head = f"{'preset':<21}{'g/m²':>5}{'Y [N/m]':>15}{'G [N/m]':>9}{'ν':>6}{'B [µN m]':>12}"
     table.insert(0, f"{head}  (warp / weft; small strain)")
-    return [*table, "", *_list_uncertainties(fabrics), "", *what, "", *sources]
+    return [*table, "", *_list_uncertainties(fabrics), "", *kinds, "", *sources]
 
 
 def describe_fabric(name: str) -> list[str]:
@@ -134,7 +154,7 @@ def describe_fabric(name: str) -> list[str]:
     validation.known(f"--fabrics {name}", name, Fabric.presets())
     fabric = Fabric.preset(name)
     assert isinstance(fabric.uncertainty, Uncertainty)
-    kind, _, source = fabric.source.partition(". ")
+    kind, _, source = fabric.source.partition(". ")  # the first sentence says what it is
     lines = [f"{name}: {kind}", "", "constants, ± standard uncertainty (0: warp, 1: weft)"]
     deviations = dict(fabric.uncertainty.deviations)
     for key, value in numbers_of(presets.constants(name)).items():
@@ -147,7 +167,11 @@ def describe_fabric(name: str) -> list[str]:
 
 
 def _describe_rows(stretching: strips.Rows = (), bending: strips.Rows = ()) -> list[str]:
-    """Return tables of force over strain and rigidity over curvature, beside the constants."""
+    """Return tables of force over strain and rigidity over curvature, beside the constants.
+
+    `stretching` and `bending` are the rows of the source; without rows there are no tables.
+    Beside each value stands by how much the value of the constants differs from it.
+    """
     if not stretching:
         return []
     head = "".join(f"{along:>11}{'constants':>11}" for along in strips.ALONG)
@@ -157,6 +181,7 @@ def _describe_rows(stretching: strips.Rows = (), bending: strips.Rows = ()) -> l
         lines.append(f"{100 * strain:.0f} %".ljust(16) + _in_columns(pairs))
     lines += ["", f"B [µN m] at     {head}"]
     warp, bias, weft = bending
+    # A row has 4 times the rigidity, see `presets`; its first value is the constant.
     for i, curvature in enumerate(strips.CURVATURES):
         pairs = [(row[i] / 4, row[0] / row[i] - 1) for row in (warp, weft, bias)]
         lines.append(f"{curvature:.0f} 1/m".ljust(16) + _in_columns(pairs))
@@ -168,19 +193,23 @@ def _in_columns(pairs: Iterable[tuple[float, float]]) -> str:
 
 
 def _list_uncertainties(fabrics: Mapping[str, Fabric]) -> list[str]:
-    """Return lines with the standard uncertainties of the constants and their sources."""
+    """Return lines with the standard uncertainties of the constants, and their sources.
+
+    Each fabric has a row with a letter, which stands before its source below.
+    """
     rows = []
     letters = dict[str, str]()
     for name, fabric in fabrics.items():
         assert isinstance(fabric.uncertainty, Uncertainty)
         letter = letters.setdefault(fabric.uncertainty.source, chr(ord("a") + len(letters)))
         deviations = dict(fabric.uncertainty.deviations)
-        nu = f"{deviations.pop('poisson_ratio'):.2f}"
-        texts = [str(deviation).removesuffix(" %") for deviation in deviations.values()]
-        warp, weft, shear, *bending = texts
+        nu = f"{deviations.pop('poisson_ratio'):.2f}"  # a number; the others are in per cent
+        percentages = [str(deviation).removesuffix(" %") for deviation in deviations.values()]
+        # The order is that of the constants; a fabric of unknown rigidity has none of bending.
+        warp, weft, shear, *bending = percentages
         tensile = f"{warp} / {weft}"
-        bent = " / ".join(bending[:2])
-        rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{bent:>12}  ({letter})")
+        rigidity = " / ".join(bending[:2])
+        rows.append(f"{name:<26}{tensile:>15}{shear:>9}{nu:>6}{rigidity:>12}  ({letter})")
     head = f"{'standard uncertainty':<26}{'Y [%]':>15}{'G [%]':>9}{'ν':>6}{'B [%]':>12}"
     sources = [_wrap(f"({letter}) {words}") for words, letter in letters.items()]
     return [head, *rows, "", *sources]
@@ -202,7 +231,10 @@ def _wrap(text: str) -> str:
 
 
 def describe_terms(name: str) -> list[str]:
-    """Return lines about the term of this name, or with "" one line for each term."""
+    """Return lines about the term of this name, or with "" one line for each term.
+
+    Raises `InputError` for an unknown name.
+    """
     if not name:
         width = max(map(len, TERM_TABLES))
         return [
@@ -215,9 +247,9 @@ def describe_terms(name: str) -> list[str]:
     indent: dict[str, Any] = {"initial_indent": "    ", "subsequent_indent": "    "}
     for key, field in fields(table).items():
         if field.is_required():
-            usual = "required"
+            default = "required"
         else:
-            usual = f"default {field.default!r}"
+            default = f"default {field.default!r}"
         words = textwrap.wrap(meaning(field), **indent)
-        lines += ["", f"{key}: {phrase(field)}; {usual}", *words]
+        lines += ["", f"{key}: {phrase(field)}; {default}", *words]
     return lines

@@ -52,17 +52,20 @@ class Tolerant:
 
 @contextmanager
 def tolerant_streams() -> Iterator[None]:
-    """Make sys.stdout and sys.stderr `Tolerant`; they write ``?`` for unknown characters."""
-    before = sys.stdout, sys.stderr
-    for stream in before:
+    """Make sys.stdout and sys.stderr `Tolerant` in the block; afterwards they are as before.
+
+    In both, ``?`` takes the place of a character that their encoding lacks.
+    """
+    original_streams = sys.stdout, sys.stderr
+    for stream in original_streams:
         # stderr writes \u03c1 for ρ by itself; a stream may be closed (None) or of another kind
         if isinstance(stream, TextIOWrapper) and stream.errors != "backslashreplace":
             stream.reconfigure(errors="replace")
-    sys.stdout, sys.stderr = (stream and Tolerant(stream) for stream in before)
+    sys.stdout, sys.stderr = (stream and Tolerant(stream) for stream in original_streams)
     try:
         yield
     finally:
-        sys.stdout, sys.stderr = before
+        sys.stdout, sys.stderr = original_streams
 
 
 def lost_output() -> str:
@@ -95,9 +98,11 @@ def main(arguments: list[str] | None = None) -> int:
     """Run a command and return its exit status (see `STATUS`).
 
     Without `arguments` it takes the arguments of the process. Then signals are ignored after the
-    command until the process ends, so that they do not change its status.
+    command until the process ends, so that they do not change its status. With `arguments`, the
+    earlier handlers of signals are set again. A command that a signal stops prints "interrupted"
+    to standard error.
     """
-    before = set_handler(stop_at_once)
+    earlier_handlers = set_handler(stop_at_once)
     try:
         return _run_command(arguments)
     except (KeyboardInterrupt, RuntimeError) as error:
@@ -108,6 +113,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not isinstance(stop, KeyboardInterrupt):
             raise
         set_handler(signal.SIG_IGN)
+        # A study says in the exception how it goes on.
         words = f"interrupted {stop}" if stop.args else "interrupted; run it again"
         with suppress(OSError):  # a closed pipe
             print(words, file=sys.stderr)
@@ -115,12 +121,15 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         set_handler(signal.SIG_IGN)
         if arguments is not None:
-            for number, handler in before.items():
+            for number, handler in earlier_handlers.items():
                 signal.signal(number, handler)
 
 
 def _run_command(arguments: list[str] | None) -> int:
-    """Run a command; turn lost output into a failure where the output is the result."""
+    """Run a command and return its exit status.
+
+    Lost output is a failure where the output is the result of the command.
+    """
     with tolerant_streams():
         options = _parser().parse_args(arguments)
         status = _status(options)
@@ -132,6 +141,7 @@ def _run_command(arguments: list[str] | None) -> int:
 
 
 def _status(options: Namespace) -> int:
+    """Carry out the command of the options; print the line of an error, and return the status."""
     from fecloth.cli.studies import run_study
     from fecloth.output.atomic_files import ending_of
 
@@ -147,7 +157,7 @@ def _status(options: Namespace) -> int:
 
 
 def _parser() -> ArgumentParser:
-    """Return the parser of all commands of the table."""
+    """Return the parser of all commands of the table; its `command` is the name of one."""
     layout: dict[str, Any] = {"epilog": STATUS, "formatter_class": RawDescriptionHelpFormatter}
     parser = SuggestingParser("fecloth", description="A continuum cloth solver.", **layout)
     parser.add_argument("--version", action="version", version=f"fecloth {__version__}")

@@ -9,12 +9,12 @@ from fecloth.errors import InputError
 
 
 def write_specimen(options: Namespace) -> int:
-    """Write NAME.toml, and the files that belong to it.
+    """Write NAME.toml and the files that belong to it, print what comes next, and return 0.
 
-    These are NAME.geo if it has a mesh, and for a test NAME_fit.toml and NAME.csv. Raises
+    The files are NAME.geo if it has a mesh, and for a test NAME_fit.toml and NAME.csv. Raises
     `InputError` for a wrong name, and for files that exist without --overwrite.
     """
-    kind = options.test or options.kind
+    kind = options.test or options.kind  # the templates of this name
     target = Path(options.name)
     if target.suffix == ".toml":
         target = target.with_suffix("")
@@ -23,13 +23,14 @@ def write_specimen(options: Namespace) -> int:
         raise InputError(f"NAME = {options.name!r}", allowed, "new")
     folder = files("fecloth.cli") / "specimens"
     templates = sorted(folder.iterdir(), key=lambda file: file.name)
+    # For each file to write its template, as pendulum.toml for swing.toml.
     written = {
         target.with_name(target.name + template.name.removeprefix(kind)): template
         for template in templates
         if re.fullmatch(rf"{kind}(_fit)?\.\w+", template.name)
     }
-    if not options.overwrite and (there := [path for path in written if path.exists()]):
-        raise InputError(f"{there[0]} exists", "needs --overwrite", "new")
+    if not options.overwrite and (existing := [path for path in written if path.exists()]):
+        raise InputError(f"{existing[0]} exists", "needs --overwrite", "new")
     target.parent.mkdir(parents=True, exist_ok=True)
     for path, template in written.items():
         text = template.read_text(encoding="utf-8").replace("NAME", target.name)

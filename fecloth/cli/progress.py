@@ -21,9 +21,10 @@ def terminal(quiet: bool) -> Console:
 def progress(
     console: Console, t_end: float, unit: str = " s"
 ) -> Iterator[Callable[[StepInfo], None]]:
-    """Show a bar with t and its unit, step, Newton iterations and the time that is left.
+    """Yield a function that shows the progress of a run; the block calls it after each step.
 
-    Yields a function that takes the `StepInfo` of each step.
+    It takes the `StepInfo` of the step. It shows a bar up to `t_end`, with t and its unit, the
+    step, the Newton iterations and the time that is left. The bar vanishes after the block.
     """
     time = "t = {task.completed:.4g} of {task.total:g}" + unit
     bar = Progress(

@@ -36,7 +36,12 @@ def run(options: Namespace) -> int:
 
 
 def _run_one(options: Namespace, make_system: Callable[..., System] | None = None) -> int:
-    """Run a scene in this process; `make_system` makes the part of this process."""
+    """Run a scene in this process, print what it does, and return the exit status.
+
+    `make_system` makes the part of the system that this process has, if there are several. With
+    --quiet only warnings and failures are printed. Raises `InputError` for --resume together
+    with another option that names the folder.
+    """
     from functools import partial
     from pathlib import Path
 
@@ -54,7 +59,7 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
     console = terminal(options.quiet)
 
     def warn(words: str) -> None:
-        if options.quiet:
+        if options.quiet:  # `console` prints nothing
             terminal(quiet=False).print(f"warning: {words}", soft_wrap=True)
         else:
             console.print(f"warning: {words}", soft_wrap=True)
@@ -69,11 +74,12 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
         outcome = run_scene(
             scene,
             path,
-            options.overwrite,
-            announce,
-            report,
+            overwrite=options.overwrite,
+            announce=announce,
+            report=report,
             resume=bool(options.resume),
             warn=warn,
+            # Nothing is left to interrupt, and a signal must not change the exit status.
             closed=partial(set_handler, signal.SIG_IGN),
             make_system=make_system or System,
         )
@@ -81,7 +87,10 @@ def _run_one(options: Namespace, make_system: Callable[..., System] | None = Non
 
 
 def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
-    """Print the ledger and how the run ended; return the exit status."""
+    """Print the ledger and how the run ended; return the exit status.
+
+    With `quiet` only a failure is printed.
+    """
     from fecloth.runs.outcome import DONE, FAILED, failure_message, finished_message, ledger_text
 
     if not quiet:
@@ -96,7 +105,11 @@ def _print_outcome(outcome: SceneResult, quiet: bool) -> int:
 
 
 def check(options: Namespace) -> int:
-    """Run scenes and print which of their expectations are met."""
+    """Run scenes in memory, and print for each expectation whether it is met.
+
+    Return 0 if all are met, else the status `errors.MISSED`. With --quiet only those that are
+    not met are printed. Raises `SceneError` for a scene without expectations.
+    """
     from fecloth.cli.progress import progress, terminal
 
     console = terminal(options.quiet)
@@ -141,7 +154,10 @@ def view(options: Namespace) -> int:
 
 
 def render(options: Namespace) -> int:
-    """Draw a run as a movie or a picture."""
+    """Draw a run as a movie or a picture, print where it is, and return the exit status 0.
+
+    Raises `InputError` for a size that is not two whole numbers.
+    """
     from fecloth.errors import InputError
     from fecloth.view import render
 
@@ -167,13 +183,17 @@ def export(options: Namespace) -> int:
     from fecloth.view.export import export
 
     files = export(options.folder, options.output, options.fps)
-    last = f" to {files[-1].name}" if len(files) > 1 else ""
-    print(f"wrote {files[0]}{last}")
+    to_last = f" to {files[-1].name}" if len(files) > 1 else ""
+    print(f"wrote {files[0]}{to_last}")
     return 0
 
 
 def _describe_frame_time(options: Namespace) -> str:
-    """Return the time, or the part of the loads, of the frame in a picture, in words."""
+    """Return the time of the frame shown, as a text that begins with a colon.
+
+    In a static run it is the part of the loads. If there is no frame at the time asked for, the
+    text names that time, too.
+    """
     import math
 
     from fecloth.output.frame_reader import Series
@@ -181,13 +201,13 @@ def _describe_frame_time(options: Namespace) -> str:
     from fecloth.view.web_page import unit_of
 
     series = Series.open(options.folder)
-    time = options.time
-    t = series.times[series.at(time)]
+    time_asked_for = options.time
+    t = series.times[series.at(time_asked_for)]
     unit = unit_of(series.folder)
     words = f": {place_in_words(t, unit)}"
-    if time is None or math.isclose(t, time, rel_tol=1e-9, abs_tol=1e-12):
+    if time_asked_for is None or math.isclose(t, time_asked_for, rel_tol=1e-9, abs_tol=1e-12):
         return words
-    return f"{words}, of the frame next to {time:g}{unit}"
+    return f"{words}, of the frame next to {time_asked_for:g}{unit}"
 
 
 def _load(path: str, options: Namespace) -> Scene:

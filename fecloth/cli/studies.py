@@ -14,7 +14,10 @@ SHARED = {"scene", "set", *RUNNING}  # the other options of a study are its own 
 
 
 def run_study(command: Command, options: Namespace) -> int:
-    """Run the study, print its result and write its report; return the exit status."""
+    """Run the study, print its result and write its report; return the exit status.
+
+    `compare` of the folders of two runs is no study: it draws both runs in one picture.
+    """
     from fecloth.study import threads  # noqa: F401, I001  before NumPy: one thread a case
     from fecloth.scene.scene import load_scene
     from fecloth.study.overlay import compare_runs
@@ -25,14 +28,14 @@ def run_study(command: Command, options: Namespace) -> int:
     else:
         paths = [options.scene]
     stem = "-".join(Path(path).stem for path in paths)
-    name = command.target.rpartition(":")[2]
-    own = {option.key for option in command.options} - SHARED
+    name = command.target.rpartition(":")[2]  # the function, after which folders are named
+    own_options = {option.key for option in command.options} - SHARED
     folder = Path(options.output or Path("out") / name / (stem + _question(command, options)))
     if len(paths) == 2 and all(Path(path).is_dir() for path in paths):  # two runs, for compare
         first, second = paths
         print(f"wrote {compare_runs(first, second, folder / 'overlay')}")
         return 0
-    arguments = {key: getattr(options, key) for key in own}
+    arguments = {key: getattr(options, key) for key in own_options}
     if "set" in (option.key for option in command.options):
         scenes = [load_scene(path, options.set, trust_geo=options.trust_geo) for path in paths]
     else:  # the file names scenes, which the study reads
@@ -46,7 +49,7 @@ def run_study(command: Command, options: Namespace) -> int:
         jobs=options.jobs,
         scheduler=options.scheduler,
         time_limit=options.time_limit,
-        most_seconds=None if options.yes else LONGEST,
+        most_seconds=None if options.yes else LONGEST,  # a longer study needs --yes
         fresh=options.fresh,
     )
     print(result.summary())
@@ -55,7 +58,11 @@ def run_study(command: Command, options: Namespace) -> int:
 
 
 def _question(command: Command, options: Namespace) -> str:
-    """Return the options that are not defaults as text, so that each question has a folder."""
+    """Return the options that are not defaults as a text for the name of the study's folder.
+
+    So different questions have different folders. It is "" if all are defaults, and else begins
+    with a comma. Options that do not change the result, such as --jobs, do not count.
+    """
     parts = []
     for option in command.options:
         value = getattr(options, option.key)
@@ -65,14 +72,19 @@ def _question(command: Command, options: Namespace) -> str:
     if not parts:
         return ""
     text = ",".join(parts)
-    name = re.sub(r"[^\w.=,+-]", "_", text)
+    name = re.sub(r"[^\w.=,+-]", "_", text)  # characters that any file system allows
+    # A hash keeps apart texts that have become the same name.
     if name != text or len(name) > LONGEST_QUESTION:
         name = f"{name[:LONGEST_QUESTION]}-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
     return f",{name}"
 
 
 def print_modes(options: Namespace) -> int:
-    """Print the frequencies [Hz], one a line; with a folder write report, picture and shapes."""
+    """Print the frequencies [Hz], one a line, and return the exit status 0.
+
+    Warnings and the verdict go to standard error. With a folder write report, picture and
+    shapes.
+    """
     import sys
     import warnings
 

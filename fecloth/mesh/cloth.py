@@ -223,6 +223,7 @@ class Cloth:
             what = "pieces of P1 and of P2"
             remedy = "Make all pieces with one element."
             raise InputError(what, "must have one element", "Cloth.join", remedy)
+        # `join_meshes` has set the numbers, and nothing is renumbered after it.
         return cls._from_flat_mesh(
             mesh,
             pieces[0].element,
@@ -238,7 +239,10 @@ class Cloth:
         source_nodes: np.ndarray,
         source_triangles: np.ndarray,
     ) -> "Cloth":
-        """The cloth of a mesh, which has the midpoints of P2."""
+        """Return the cloth of a mesh, to which the midpoints are already added if it is P2.
+
+        The other arguments are attributes of the cloth, see `Cloth`.
+        """
         return cls(
             X=mesh.X,
             triangles=mesh.triangles,
@@ -268,19 +272,21 @@ class Cloth:
         renumber: bool = True,
         corner_sets: Collection[str] = (),
     ) -> "Cloth":
-        """The cloth of a mesh of corners, renumbered if asked for, with the midpoints of P2.
+        """Return the cloth of a mesh whose nodes are the corners only; P2 gets its midpoints.
 
-        The node sets `corner_sets` get no midpoints.
+        With `renumber` the nodes and triangles get new numbers. The node sets named in
+        `corner_sets` get no midpoints. Raises `InputError` for an unknown element.
         """
-        elements.find_element(element, "Cloth")
-        nodes = np.arange(len(mesh.X))
-        triangles = np.arange(len(mesh.triangles))
+        elements.find_element(element, "Cloth")  # only to refuse an unknown name
+        source_nodes = np.arange(len(mesh.X))
+        source_triangles = np.arange(len(mesh.triangles))
         if renumber:
-            mesh, nodes, triangles = renumber_mesh(mesh)
+            mesh, source_nodes, source_triangles = renumber_mesh(mesh)
         if element == "P2":
             mesh = elements.add_midpoints(mesh, corner_sets)
-            nodes = np.append(nodes, np.full(len(mesh.X) - len(nodes), -1))
-        return cls._from_flat_mesh(mesh, element, nodes, triangles)
+            midpoints = len(mesh.X) - len(source_nodes)
+            source_nodes = np.append(source_nodes, np.full(midpoints, -1))
+        return cls._from_flat_mesh(mesh, element, source_nodes, source_triangles)
 
     # --- nodes, regions and geometry ----------------------------------------------------------
 
@@ -310,11 +316,13 @@ class Cloth:
     @cached_property
     def edge_slopes(self) -> EdgeSlopes:
         """The slopes of the edges of each triangle; for P2, of its four `parts`."""
+        # `region` gets one number for each combination of named regions, such as "in a and in b
+        # but not in c". `np.unique` renumbers it from 0, so that it does not double each time.
         region = np.zeros(len(self.triangles), int)
-        for triangles in self.triangle_sets.values():  # a number for each combination of regions
-            inside = np.zeros(len(region), int)
-            inside[triangles] = 1
-            region = np.unique(2 * region + inside, return_inverse=True)[1]
+        for triangles in self.triangle_sets.values():
+            is_inside = np.zeros(len(region), int)
+            is_inside[triangles] = 1
+            region = np.unique(2 * region + is_inside, return_inverse=True)[1]
         if self.element == "P1":
             return EdgeSlopes(HalfEdges(self.X, self.triangles, self.hinges), region)
         edges = HalfEdges.from_triangles(self.X, self.parts)

@@ -55,21 +55,25 @@ class EdgeSlopes:
 
     @cached_property
     def patches(self) -> sparse.csr_matrix:
-        """(h, m) nonzero where the hinges of a triangle take part in φ of an interior edge.
+        """(h, m) the patch of each interior edge: nonzero for the triangles that determine its φ.
 
-        Usually these are the two triangles of the edge. If they have fewer than three hinges,
-        all triangles at the four nodes of the edge's hinge take part. If their angles hardly
-        determine one of the curvatures, all triangles at the two ends of the edge take part.
+        φ is a sum over the hinges of these triangles. Usually these are the two triangles of
+        the edge. If they have fewer than three hinges, all triangles at the four nodes of the
+        edge's hinge are added. If their angles hardly determine one of the curvatures, all
+        triangles at the two ends of the edge are added.
         """
         plate = self._plain
         edges = self.edges
-        patches = plate.in_triangle.T.tocsr()
-        patch = (patches @ plate.in_triangle).tocsr()
-        *_, gram = _gram(plate, patch)
-        too_few = np.diff(patch.indptr) < 3
+        patches = plate.in_triangle.T.tocsr()  # the two triangles of each hinge
+        hinges_of_patch = (patches @ plate.in_triangle).tocsr()
+        *_, gram = _gram(plate, hinges_of_patch)
+        # Three curvatures need three angles.
+        has_too_few = np.diff(hinges_of_patch.indptr) < 3
+        # The eigenvalues of ΛᵀΛ are the squares of the singular values of Λ.
         is_poor = _least_eigenvalue(gram) < LEAST_SINGULAR_VALUE**2
-        for chosen, corners in ((too_few, 4), (is_poor & ~too_few, 2)):
-            rows = np.flatnonzero(chosen)
+        for is_widened, corners in ((has_too_few, 4), (is_poor & ~has_too_few, 2)):
+            rows = np.flatnonzero(is_widened)
+            # The first two nodes of a hinge are the ends of the edge.
             nodes = edges.hinges.nodes[rows, :corners]
             data = np.ones(nodes.size), (np.repeat(rows, corners), nodes.ravel())
             at_node = sparse.csr_matrix(data, shape=(patches.shape[0], len(edges.X)))
@@ -99,18 +103,21 @@ class EdgeSlopes:
             return np.sort(self.edges.triangles)[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
         nodes = self.edges.hinges.nodes
         changing = sparse.diags(self._changing.astype(float))
-        patch = changing @ self.patches @ self._plain.in_triangle
-        slopes = abs(self.plain) + abs(self._sides) @ patch
+        hinges_of_patch = changing @ self.patches @ self._plain.in_triangle
+        # `slopes` (3m, h): nonzero where the slope of a half-edge depends on a hinge. `abs`, so
+        # that no two terms cancel.
+        slopes = abs(self.plain) + abs(self._sides) @ hinges_of_patch
         slopes.data[:] = 1.0
         of_triangle = sparse.csr_matrix(
             (np.ones(3 * m), np.arange(3 * m), np.arange(0, 3 * m + 1, 3)), shape=(m, 3 * m)
         )
-        ends = sparse.csr_matrix(
+        nodes_of_hinge = sparse.csr_matrix(
             (np.ones(4 * h), nodes.ravel(), np.arange(0, 4 * h + 1, 4)),
             shape=(h, len(self.edges.X)),
         )
-        around = of_triangle @ slopes @ ends
-        pairs = sparse.triu(around.T @ around, k=1, format="coo")
+        # (m, n): nonzero where the slopes of a triangle depend on a node.
+        nodes_of_triangle = of_triangle @ slopes @ nodes_of_hinge
+        pairs = sparse.triu(nodes_of_triangle.T @ nodes_of_triangle, k=1, format="coo")
         return np.column_stack([pairs.row, pairs.col]).astype(np.int32)
 
     @property
@@ -163,16 +170,19 @@ class EdgeSlopes:
         )
 
     def _slopes(self, plate: "_Plate", weights: sparse.csr_matrix) -> sparse.csr_matrix:
-        """(3m, h + c) C: α = θ/2 ± φ with φ = W θ at interior edges, α = θ at clamped edges."""
+        """(3m, h + c) C, with α = C θ: the slopes of all half-edges from the hinge angles.
+
+        α = θ/2 ± φ with φ = W θ at interior edges, and α = θ at clamped edges. `weights` is
+        W (h, h + c).
+        """
         h = len(self.edges.of_hinge)
         c = len(plate.clamped)
-        size = len(plate.hinge)
         half_edges = np.concatenate(self.edges.of_hinge.T)
         hinges = np.tile(np.arange(h), 2)
         rows = np.concatenate([half_edges, plate.clamped])
         columns = np.concatenate([hinges, h + np.arange(c)])
-        parts = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
-        mean = sparse.csr_matrix((parts, (rows, columns)), shape=(size, h + c))
+        shares = np.concatenate([np.full(2 * h, 0.5), np.ones(c)])
+        mean = sparse.csr_matrix((shares, (rows, columns)), shape=(len(plate.hinge), h + c))
         return (mean + self._sides @ weights).tocsr()
 
     @property
@@ -184,7 +194,7 @@ class EdgeSlopes:
         return sparse.csr_matrix((np.repeat([1.0, -1.0], h), place), shape=(size, h))
 
     def _weights(self, plate: "_Plate") -> sparse.csr_matrix:
-        """(h, h + c) W with φ = W θ.
+        """(h, h + c) W with φ = W θ at the interior edges.
 
         For a constant curvature κ let θ_f = Λ_f · κ and φ = φ̂ · κ. The shortest w with
         Σ w_f Λ_f = φ̂ is Λ (ΛᵀΛ)⁻¹ φ̂.
@@ -194,8 +204,11 @@ class EdgeSlopes:
         hinges = np.arange(patch.shape[0])
         slope = self.edges.slopes_of_curvature
         left, right = self.edges.of_hinge.T
-        phi = 0.5 * (slope[left] - plate.across(hinges, hinges, right // 3, slope[right]))
-        phi /= self.edges.hinges.length[:, None]
+        # φ = (α_left − α_right)/2, with both slopes from the curvature of the left triangle.
+        slope_right = plate.across(hinges, hinges, triangle=right // 3, rows=slope[right])
+        phi = 0.5 * (slope[left] - slope_right)
+        phi /= self.edges.hinges.length[:, None]  # Λ in `_gram` is in edge lengths, too
+        # Round-off is set to zero, so that W stays as sparse as the mesh allows.
         phi[np.abs(phi).max(axis=1) < LEAST_ANGLE_OF_CURVATURE] = 0.0
         weights = np.einsum("ei,ei->e", angle, _solve(gram, phi)[row])
         weights[np.abs(weights) < LEAST_WEIGHT] = 0.0
@@ -229,49 +242,62 @@ class _Plate:
         return sparse.csr_matrix((np.ones(len(used)), place), shape=shape)
 
     def angles(self, centre: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-        """(p, 3) rows Λ with θ = Λ · κ for each `hinge`, with κ at the left side of `centre`.
+        """(p, 3) rows Λ with θ = Λ · κ: the angle of each `hinge` (p,) for a constant κ.
 
-        The curvature is constant, but across seams it continues as `continue_curvature` says.
+        κ is the curvature in the left triangle of the hinge `centre` (p,), around which the
+        patch lies. Across seams it continues as `continue_curvature` says.
         """
         h = len(self.edges.of_hinge)
         slope = self.edges.slopes_of_curvature
+        # The angle of an interior hinge is the sum of the slopes of its two half-edges. A
+        # clamped one has a single half-edge, in a triangle that is taken as the left one.
         left = np.concatenate([self.edges.of_hinge[:, 0], self.clamped])[hinge]
-        rows = self.across(centre, hinge, left // 3, slope[left])
+        rows = self.across(centre, hinge, triangle=left // 3, rows=slope[left])
         interior = np.flatnonzero(hinge < h)
         centre = centre[interior]
         hinge = hinge[interior]
         right = self.edges.of_hinge[hinge, 1]
-        rows[interior] += self.across(centre, hinge, right // 3, slope[right])
+        rows[interior] += self.across(centre, hinge, triangle=right // 3, rows=slope[right])
         return rows
 
     def across(self, centre, hinge, triangle, rows) -> np.ndarray:
         """Turn rows (p, 3) on κ of `triangle` into rows on κ of the left side of `centre`.
 
         The two curvatures differ where a seam lies between: the hinge `centre` if it is a seam,
-        else the hinge `hinge`.
+        else the hinge `hinge`. `centre`, `hinge` and `triangle` are indices (p,). `rows` is
+        overwritten and returned.
         """
         sides = self.edges.hinges.sides[centre]
-        home = self.material[sides[:, 0]]
-        other = np.flatnonzero(home != self.material[triangle])
-        if len(other):
-            at_centre = home[other] != self.material[sides[other, 1]]
-            at_centre |= hinge[other] >= len(self.edges.of_hinge)
-            seam = self.edges.hinges.vector[np.where(at_centre, centre[other], hinge[other])]
-            a = self.rigidity[sides[other, 0]]
-            b = self.rigidity[triangle[other]]
-            rows[other] = np.einsum("pi,pij->pj", rows[other], continue_curvature(seam, a, b))
+        material = self.material[sides[:, 0]]
+        differing = np.flatnonzero(material != self.material[triangle])
+        if len(differing):
+            is_centre_seam = material[differing] != self.material[sides[differing, 1]]
+            # A clamped hinge lies on the boundary, so it cannot be the seam.
+            is_centre_seam |= hinge[differing] >= len(self.edges.of_hinge)
+            seam = np.where(is_centre_seam, centre[differing], hinge[differing])
+            T = continue_curvature(
+                self.edges.hinges.vector[seam],
+                a=self.rigidity[sides[differing, 0]],
+                b=self.rigidity[triangle[differing]],
+            )
+            rows[differing] = np.einsum("pi,pij->pj", rows[differing], T)
         return rows
 
 
 def _gram(plate: _Plate, patch: sparse.csr_matrix):
-    """Row of each entry of `patch`, its Λ in edge lengths (entries, 3), and ΛᵀΛ (h, 3, 3)."""
+    """Return the row of each nonzero entry of `patch`, its Λ, and the matrix ΛᵀΛ of each row.
+
+    `patch` (h, h + c) has in row e the hinges of the patch of edge e. Λ (entries, 3), see
+    `_Plate.angles`, is divided by the length of edge e. ΛᵀΛ is (h, 3, 3).
+    """
     row = np.repeat(np.arange(patch.shape[0]), np.diff(patch.indptr))
-    angle = plate.angles(row, patch.indices) / plate.edges.hinges.length[row, None]
+    angle = plate.angles(centre=row, hinge=patch.indices)
+    angle = angle / plate.edges.hinges.length[row, None]
     products = (angle[:, :, None] * angle[:, None, :]).reshape(-1, 9)
     if len(row):
         gram = np.add.reduceat(products, patch.indptr[:-1], axis=0)
     else:
-        gram = products
+        gram = products  # `reduceat` refuses empty arrays
     return row, angle, gram.reshape(-1, 3, 3)
 
 
@@ -307,12 +333,14 @@ def continue_curvature(seam: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.nda
     a, b
         (p, 3, 3) D on the two sides [N m].
     """
-    normal = np.arctan2(-seam[:, 0], seam[:, 1])
+    normal = np.arctan2(-seam[:, 0], seam[:, 1])  # the angle of n from the first axis
     to_seam = turn_curvature(normal)
     back = turn_curvature(-normal)
+    # Row 0 of D along n and t: M_nn from (κ_nn, κ_tt, 2κ_nt).
     moment_a, moment_b = (
         np.einsum("pki,pkl,plj->pij", back, D, back, optimize=True)[:, 0] for D in (a, b)
     )
+    # κ_nn(b) follows from M_nn(a) = M_nn(b), with κ_tt and κ_nt equal on both sides.
     T = np.broadcast_to(np.eye(3), a.shape).copy()
     T[:, 0] = moment_a - moment_b
     T[:, 0, 0] = moment_a[:, 0]

@@ -88,14 +88,17 @@ class Element:
         return skfem.Basis(mesh, self.shapes, intorder=order)
 
     def arrays(self, mesh: skfem.MeshTri) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arrays for kernels: nodes (m, k), ∂N_a/∂X (m, q, k, 2) [1/m], weights (m, q) [m²]."""
+        """Return nodes (m, k) int32, ∂N_a/∂X (m, q, k, 2) [1/m] and weights (m, q) [m²].
+
+        These are the arrays that kernels take, for the quadrature of the energy.
+        """
         dofs = skfem.Dofs(mesh, self.shapes)
         nodes = np.ascontiguousarray(dofs.element_dofs.T, dtype=np.int32)
         m, k = nodes.shape
         q = len(self.rule[1])
         gradients = np.empty((m, q, k, 2))
         weights = np.empty((m, q))
-        for part in blocks(m):
+        for part in blocks(m):  # because a basis of all triangles would take much memory
             triangles = np.arange(part.start, part.stop)
             basis = skfem.Basis(
                 mesh,
@@ -151,13 +154,15 @@ def add_midpoints(mesh: FlatMesh, corner_sets: Collection[str] = ()) -> FlatMesh
     X = np.concatenate([mesh.X, mesh.X[edges].mean(axis=1)])
 
     def with_midpoints(name, nodes):
+        """Return the nodes of the set with this name, and the midpoints of its edges."""
         if name in corner_sets:
             return nodes
         if name in mesh.edge_sets:
-            midpoints = edge_midpoints(edges, n, mesh.edge_sets[name])
+            midpoints = edge_midpoints(edges, n, pairs=mesh.edge_sets[name])
         elif name in mesh.triangle_sets:
             corners = mesh.triangles[mesh.triangle_sets[name]]
-            midpoints = edge_midpoints(edges, n, _triangle_edges(corners).reshape(-1, 2))
+            pairs = _triangle_edges(corners).reshape(-1, 2)
+            midpoints = edge_midpoints(edges, n, pairs)
         else:
             midpoints = n + np.flatnonzero(np.isin(edges, nodes).all(axis=1))
         return np.union1d(nodes, midpoints)

@@ -49,7 +49,7 @@ class FlatMesh:
         triangle_ids=None,
         triangle_sets=None,
     ) -> Self:
-        """Validate plain arrays and create a mesh whose triangles are all counter-clockwise.
+        """Validate plain arrays and return a mesh whose triangles are all counter-clockwise.
 
         Errors in the arrays are reported and not repaired. Exception: if all triangles are
         clockwise, all are reversed. The node and edge sets ``boundary`` (the edges of only one
@@ -87,11 +87,12 @@ class FlatMesh:
         if triangle_ids is None:
             triangle_ids = np.arange(m)
         source = _Source(where, np.asarray(node_ids), np.asarray(triangle_ids))
-        bad = np.flatnonzero(~np.isfinite(X).all(axis=1))
-        source.check_no_nodes(bad, "nodes with non-finite coordinates", remedy="Correct them.")
-        bad = np.flatnonzero((np.abs(X) > FARTHEST).any(axis=1))
+        infinite = np.flatnonzero(~np.isfinite(X).all(axis=1))
+        source.check_no_nodes(infinite, "nodes with non-finite coordinates", remedy="Correct them.")
+        far_away = np.flatnonzero((np.abs(X) > FARTHEST).any(axis=1))
         limit = f"coordinates must be at most {FARTHEST:g} m"
-        source.check_no_nodes(bad, "nodes too far away", limit, "Is the file in another unit?")
+        remedy = "Is the file in another unit?"
+        source.check_no_nodes(far_away, "nodes too far away", limit, remedy)
         _check_vertices(triangles, n, source)
         if X.shape[1] == 3:
             X = flatten(X, where)
@@ -102,8 +103,9 @@ class FlatMesh:
         _check_fans(X, triangles, source)
         nodes = {k: _index_set(k, v, n, where) for k, v in (node_sets or {}).items()}
         edges = {k: _edge_set(k, v, n, keys, source) for k, v in (edge_sets or {}).items()}
-        if "boundary" not in nodes:
+        if "boundary" not in nodes:  # else the two sets of this name could differ
             edges.setdefault("boundary", boundary)
+        # The right operand wins: an edge set gets a node set only if there is none of its name.
         nodes = {name: np.unique(pairs) for name, pairs in edges.items()} | nodes
         regions = {k: _index_set(k, v, m, where) for k, v in (triangle_sets or {}).items()}
         return cls(X, triangles, nodes, edges, regions)
@@ -162,7 +164,11 @@ def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
 
 
 def _arrays(X, triangles, where):
-    """Return coordinates and triangles as arrays; raise `MeshError` for other shapes or types."""
+    """Return X (n, 2 or 3) as a new array of floats, and the triangles (m, 3) as an array.
+
+    Raises `MeshError` for other shapes, for other types than numbers and integers, and if there
+    are no triangles.
+    """
     try:
         X = np.array(X, dtype=np.float64)
         triangles = np.asarray(triangles)
@@ -179,97 +185,121 @@ def _arrays(X, triangles, where):
     return X, triangles
 
 
-def _check_vertices(t, n, source):
-    """Refuse vertices that are no nodes, and triangles with one node twice."""
-    bad = np.flatnonzero(((t < 0) | (t >= n)).any(axis=1))
+def _check_vertices(triangles, n, source):
+    """Raise `MeshError` for vertices that are no nodes, and triangles with one node twice."""
+    out_of_range = np.flatnonzero(((triangles < 0) | (triangles >= n)).any(axis=1))
     kind = "triangles with a vertex out of range"
-    source.check_no_triangles(bad, t, kind, f"vertices must be 0 to {n - 1}", raw=True)
-    repeated = (t[:, 0] == t[:, 1]) | (t[:, 1] == t[:, 2]) | (t[:, 2] == t[:, 0])
+    limit = f"vertices must be 0 to {n - 1}"
+    source.check_no_triangles(out_of_range, triangles, kind, limit, raw=True)
+    repeated = (
+        (triangles[:, 0] == triangles[:, 1])
+        | (triangles[:, 1] == triangles[:, 2])
+        | (triangles[:, 2] == triangles[:, 0])
+    )
     kind = "triangles with a repeated vertex"
-    source.check_no_triangles(np.flatnonzero(repeated), t, kind, remedy="Remove them.")
+    source.check_no_triangles(np.flatnonzero(repeated), triangles, kind, remedy="Remove them.")
 
 
-def _check_nodes(X, t, source):
-    """Refuse nodes of no triangle, and nodes at the same place."""
+def _check_nodes(X, triangles, source):
+    """Raise `MeshError` for nodes of no triangle, and for nodes at exactly the same place."""
     unused = np.ones(len(X), dtype=bool)
-    unused[t.ravel()] = False
+    unused[triangles.ravel()] = False
     kind = "nodes used by no triangle"
     source.check_no_nodes(np.flatnonzero(unused), kind, remedy="Remove them and renumber.")
     # Complex numbers are sorted by their real part x, then by their imaginary part y.
     points = np.ascontiguousarray(X).view(np.complex128).ravel()
     order = np.argsort(points, kind="stable")
-    bad = np.sort(order[1:][points[order][1:] == points[order][:-1]])
+    coincident = np.sort(order[1:][points[order][1:] == points[order][:-1]])
     kind = "nodes coincident with another node"
-    source.check_no_nodes(bad, kind, remedy="Merge nodes at the same position.")
+    source.check_no_nodes(coincident, kind, remedy="Merge nodes at the same position.")
 
 
-def _areas_and_lengths(X, t):
+def _areas_and_lengths(X, triangles):
     """Signed areas (m,) and squared edge lengths (3, m)."""
-    a, b, c = (X[t[:, i]] for i in range(3))
+    a, b, c = (X[triangles[:, i]] for i in range(3))
     e = b - a
     f = c - a
     area = 0.5 * (e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
     return area, np.array([(v * v).sum(axis=1) for v in (e, f, f - e)])
 
 
-def _orient(X, t, source):
-    """Return the triangles counter-clockwise; refuse zero areas and mixed orientations."""
-    area, lengths2 = _areas_and_lengths(X, t)
-    bad = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
+def _orient(X, triangles, source):
+    """Return the triangles counter-clockwise; all are reversed if all are clockwise.
+
+    Raises `MeshError` for triangles of zero area, and if only some triangles are clockwise.
+    """
+    area, lengths2 = _areas_and_lengths(X, triangles)
+    flat = np.flatnonzero(np.abs(area) < 1e-12 * lengths2.max(axis=0))
     limit = "the area must be at least 1e-12 of the longest edge squared"
-    source.check_no_triangles(bad, t, "zero-area triangles", limit, "Remove or reshape them.")
-    clockwise = area < 0
-    count = np.count_nonzero(clockwise)
-    if count == len(t):
-        return np.ascontiguousarray(t[:, [0, 2, 1]])
+    remedy = "Remove or reshape them."
+    source.check_no_triangles(flat, triangles, "zero-area triangles", limit, remedy)
+    is_clockwise = area < 0
+    count = np.count_nonzero(is_clockwise)
+    if count == len(triangles):
+        return np.ascontiguousarray(triangles[:, [0, 2, 1]])
     if count:
-        is_minority = clockwise if 2 * count <= len(t) else ~clockwise
-        bad = np.flatnonzero(is_minority)
-        limit = f"all {len(t)} must have the same orientation"
+        # The message lists the smaller part of the triangles, which is probably the wrong one.
+        is_minority = is_clockwise if 2 * count <= len(triangles) else ~is_clockwise
+        minority = np.flatnonzero(is_minority)
+        limit = f"all {len(triangles)} must have the same orientation"
         remedy = "Swap two vertices of each, or untangle the mesh."
-        source.check_no_triangles(bad, t, "inverted triangles", limit, remedy)
-    return t
+        source.check_no_triangles(minority, triangles, "inverted triangles", limit, remedy)
+    return triangles
 
 
-def _check_duplicates(t, source):
-    """Refuse triangles with the same three nodes."""
-    low = np.sort(t, axis=1)
+def _check_duplicates(triangles, source):
+    """Raise `MeshError` for triangles with the same three nodes, in any order."""
+    low = np.sort(triangles, axis=1)
     order = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    bad = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
-    source.check_no_triangles(bad, t, "duplicate triangles", remedy="Remove the copies.")
+    copies = np.sort(order[1:][(low[order[1:]] == low[order[:-1]]).all(axis=1)])
+    source.check_no_triangles(copies, triangles, "duplicate triangles", remedy="Remove the copies.")
 
 
-def _check_edges(t, n, source):
-    """Return the sorted keys low * n + high of all edges, and the node pairs of the boundary."""
-    start = t.ravel().astype(np.int64)
-    end = np.roll(t, -1, axis=1).ravel()
-    key = np.minimum(start, end) * n + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")  # half-edge h belongs to triangle h // 3
-    key = key[order]
-    forward = (start < end)[order]
-    first = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
-    count = np.diff(np.append(first, len(key)))
-    keys = key[first]
+def _check_edges(triangles, n, source):
+    """Raise `MeshError` for an edge of more than two triangles, or of two that overlap there.
+
+    Also raise it for triangles that edges do not connect to the rest. `triangles` (m, 3) are
+    counter-clockwise, and n is the number of nodes.
+
+    Return the keys low * n + high of all edges, each once and ascending, where low and high are
+    the nodes of the edge; and the node pairs (b, 2) of the boundary edges.
+    """
+    start = triangles.ravel().astype(np.int64)
+    end = np.roll(triangles, -1, axis=1).ravel()
+    sorted_keys = np.minimum(start, end) * n + np.maximum(start, end)
+    order = np.argsort(sorted_keys, kind="stable")  # half-edge h belongs to triangle h // 3
+    sorted_keys = sorted_keys[order]
+    is_ascending = (start < end)[order]
+    # Half-edges of the same edge now follow each other.
+    first = np.flatnonzero(np.append(True, sorted_keys[1:] != sorted_keys[:-1]))
+    count = np.diff(np.append(first, len(sorted_keys)))
+    unique_keys = sorted_keys[first]
+    crowded = _node_pairs(unique_keys[count > 2], n)
     kind = "edges shared by more than two triangles"
-    source.check_no_edges(_node_pairs(keys[count > 2], n), kind, remedy="A cloth is one sheet.")
-    pair = first[count == 2]
-    folded = key[pair[forward[pair] == forward[pair + 1]]]
+    source.check_no_edges(crowded, kind, remedy="A cloth is one sheet.")
+    # All triangles are counter-clockwise, so two neighbours run along their edge in opposite
+    # directions. If both run in the same direction, they lie on the same side of it.
+    pair = first[count == 2]  # the place of the first of two half-edges; the second follows it
+    folded = sorted_keys[pair[is_ascending[pair] == is_ascending[pair + 1]]]
     kind = "edges whose two triangles lie on the same side (they overlap)"
     source.check_no_edges(_node_pairs(folded, n), kind, remedy="Untangle the mesh.")
-    _check_connected(order[pair] // 3, order[pair + 1] // 3, t, source)
-    return keys, _node_pairs(keys[count == 1], n)
+    _check_connected(order[pair] // 3, order[pair + 1] // 3, triangles, source)
+    return unique_keys, _node_pairs(unique_keys[count == 1], n)
 
 
-def _check_fans(X, t, source):
-    """Refuse nodes whose triangles turn by more than 360° around them, and so overlap."""
-    turn = np.zeros(len(X))
+def _check_fans(X, triangles, source):
+    """Raise `MeshError` for nodes whose triangles have angles of more than 360° in sum.
+
+    Such triangles overlap, although no two of them lie on the same side of an edge.
+    """
+    turn = np.zeros(len(X))  # the sum of the angles at each node
     for i in range(3):
-        e, f = (X[t[:, (i + k) % 3]] - X[t[:, i]] for k in (1, 2))
+        e, f = (X[triangles[:, (i + k) % 3]] - X[triangles[:, i]] for k in (1, 2))
         angle = np.arctan2(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0], (e * f).sum(axis=1))
-        turn += np.bincount(t[:, i], weights=angle, minlength=len(X))
-    bad = np.flatnonzero(turn > 2 * np.pi + 1e-6)
+        turn += np.bincount(triangles[:, i], weights=angle, minlength=len(X))
+    overlapped = np.flatnonzero(turn > 2 * np.pi + 1e-6)  # 2π around an inner node
     kind = "nodes around which triangles overlap: their angles add up to more than 360°"
-    source.check_no_nodes(bad, kind, remedy="Untangle the mesh.")
+    source.check_no_nodes(overlapped, kind, remedy="Untangle the mesh.")
 
 
 def _node_pairs(keys, n):
@@ -277,16 +307,20 @@ def _node_pairs(keys, n):
     return np.column_stack((keys // n, keys % n)).astype(np.intp)
 
 
-def _check_connected(a, b, t, source):
-    """Refuse triangles t in several pieces; a and b (k,) are the two at each inner edge."""
-    m = len(t)
+def _check_connected(a, b, triangles, source):
+    """Raise `MeshError` if the triangles are in several pieces; name those outside the largest.
+
+    a and b (k,) are the indices of the two triangles at each interior edge.
+    """
+    m = len(triangles)
     graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(m, m))
     pieces, label = connected_components(graph, directed=False)
     if pieces > 1:
-        bad = np.flatnonzero(label != np.bincount(label).argmax())
+        outside_largest = np.flatnonzero(label != np.bincount(label).argmax())
         kind = "triangles not connected through edges to the rest"
         limit = f"the mesh has {pieces} separate pieces"
-        source.check_no_triangles(bad, t, kind, limit, "Join them, or use one cloth per piece.")
+        remedy = "Join them, or use one cloth per piece."
+        source.check_no_triangles(outside_largest, triangles, kind, limit, remedy)
 
 
 def _index_set(name, values, n, where):
@@ -295,20 +329,31 @@ def _index_set(name, values, n, where):
 
 
 def _edge_set(name, values, n, keys, source):
+    """Return the node pairs of an edge set, sorted; raise `MeshError` for pairs that are no edge.
+
+    `keys` are the keys of all edges of the mesh with n nodes, see `_check_edges`.
+    """
     pairs = sorted_pairs(validated_indices(name, values, n, (2,), source.where))
-    bad = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
-    source.check_no_edges(bad, f"pairs of set {name!r} that are not edges of a triangle")
+    no_edges = pairs[~np.isin(pairs[:, 0] * n + pairs[:, 1], keys)]
+    source.check_no_edges(no_edges, f"pairs of set {name!r} that are not edges of a triangle")
     return pairs
 
 
 def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
-    """In-plane coordinates (n, 2) of points (n, 3) that lie in one plane."""
+    """Return in-plane coordinates (n, 2) of points (n, 3) [m] that lie in one plane.
+
+    In the planes xy, xz and yz these are the two coordinates in that order; in another plane
+    they are along the axes of `_frame`. Raises `MeshError` if a point is farther from the plane
+    than 1e-9 of the extent.
+    """
     extent = np.ptp(xyz, axis=0)
     allowed = 1e-9 * np.linalg.norm(extent)
     for normal_axis, plane_axes in ((2, [0, 1]), (1, [0, 2]), (0, [1, 2])):
         if extent[normal_axis] <= allowed:
             return np.ascontiguousarray(xyz[:, plane_axes])
     centred = xyz - xyz.mean(axis=0)
+    # The normal is the direction of least extent, the last right singular vector. R of the QR
+    # decomposition has the same right singular vectors, but only three rows.
     normal = np.linalg.svd(np.linalg.qr(centred, mode="r"))[2][2]
     distance = np.abs(centred @ normal).max()
     if distance > allowed:
@@ -319,9 +364,10 @@ def flatten(xyz: np.ndarray, where: str) -> np.ndarray:
 
 
 def _frame(normal: np.ndarray) -> np.ndarray:
-    """Two orthonormal axes (2, 3) in the plane.
+    """Return two orthonormal axes (2, 3) in the plane with this unit normal (3,).
 
-    The sign of the normal is chosen so that the axes vary continuously from the axes of the
+    The first axis is the projection of the x axis, or of the y axis if the plane is normal to
+    x. The sign of the normal is chosen so that the axes vary continuously from the axes of the
     coordinate planes xy, xz and yz.
     """
     last_axis = max(i for i in range(3) if abs(normal[i]) > 1e-6)

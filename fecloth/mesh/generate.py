@@ -35,8 +35,9 @@ def rectangle(
     angles are 60° only if the sides fit. Every second row is shifted by half an edge, and has
     half an edge at both ends.
 
-    `Cloth.rectangle` says what the arguments are. The edge sets are ``left``, ``right``,
-    ``bottom``, ``top`` and ``boundary``; the node sets are these and ``corners``.
+    `Cloth.rectangle` says what the arguments are, and for what `InputError` is raised. The edge
+    sets are ``left``, ``right``, ``bottom``, ``top`` and ``boundary``; the node sets are
+    these and ``corners``.
     """
     validation.length("width", width, "rectangle")
     validation.length("height", height, "rectangle")
@@ -49,10 +50,10 @@ def rectangle(
     if pattern == "equilateral":
         _refuse_another_size(float(height), float(h))
     if not grading:
-        mesh = _PATTERNS[pattern]
+        make_mesh = _PATTERNS[pattern]
     else:
-        mesh = partial(_mesh_unstructured, grading=grading)
-    X, triangles = mesh(float(width), float(height), float(h))
+        make_mesh = partial(_mesh_unstructured, grading=grading)
+    X, triangles = make_mesh(float(width), float(height), float(h))
     return _with_side_sets(FlatMesh.from_arrays(X, triangles, where="rectangle"), width, height)
 
 
@@ -68,10 +69,14 @@ def disk(radius: float, h: float, grading: Sequence[Grading] = ()) -> FlatMesh:
 def _mesh_drawing(
     name: str, sizes: Sequence[float], area: float, h: float, grading: Sequence[Grading]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh a drawing of these sizes by Gmsh: X (n, 2) and triangles (m, 3).
+    """Mesh a drawing of these sizes by Gmsh: return X (n, 2) [m] and triangles (m, 3).
 
-    A mesh of many triangles is made in a process of its own, and so is any mesh while the user
-    has a session of Gmsh.
+    `name` is a name of `DRAWINGS`, `sizes` are the lengths [m] that it takes before h, and
+    `area` [m²] is its area, for the number of triangles. Raises `MeshError` if Gmsh fails or
+    makes edges far longer than h.
+
+    A mesh of many triangles is made in a process of its own, which can be stopped. So is any
+    mesh while the user has a session of Gmsh, which must not be changed.
     """
     arguments = [*map(float, sizes), float(h)]
     if area / h**2 < SMALL_AREA_OVER_H2 and not gmsh_session.is_open():
@@ -122,7 +127,11 @@ def _refuse_another_size(height: float, h: float) -> None:
 
 
 def _equilateral(width, height, h):
-    """Rows of triangles whose even rows of nodes have nx edges, and odd rows nx + 1."""
+    """Return X (n, 2) and triangles (m, 3) of the pattern "equilateral", see `rectangle`.
+
+    The even rows of nodes have nx edges, and the odd rows nx + 1: half an edge at both ends.
+    """
+    # √0.75 is the height of an equilateral triangle with edges of length 1.
     ny = max(1, round(height / (h * np.sqrt(0.75))))
     nx = max(1, round(width / (height / ny / np.sqrt(0.75))))
     even = np.linspace(0, width, nx + 1)
@@ -131,14 +140,15 @@ def _equilateral(width, height, h):
     lengths = [len(row) for row in rows]
     y = np.repeat(np.linspace(0, height, ny + 1), lengths)
     X = np.column_stack((np.concatenate(rows), y))
-    j = np.arange(ny)
-    start = np.cumsum([0, *lengths])
+    start = np.cumsum([0, *lengths])  # number of the first node of each row
     p = np.arange(nx + 1)  # node numbers within an even row
     q = np.arange(nx + 2)  # and within an odd row
     with_even_base = np.stack((p[:-1], p[1:], q[1:-1]), axis=1)
     with_odd_base = np.stack((p, q[1:], q[:-1]), axis=1)  # half triangles at both ends
     number_in_row = np.concatenate((with_even_base, with_odd_base))
+    # Which corners lie in the odd row: the apex of an even base, and the base of an odd one.
     is_odd = np.repeat([[False, False, True], [False, True, True]], [nx, nx + 1], axis=0)
+    j = np.arange(ny)  # the row of triangles between the rows of nodes j and j + 1
     even_start, odd_start = (start[j + k][:, None, None] for k in (j % 2, 1 - j % 2))
     triangles = number_in_row + np.where(is_odd, odd_start, even_start)
     # In every second row of triangles the odd row of nodes is the lower row: turn them over.

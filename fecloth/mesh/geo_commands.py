@@ -70,7 +70,7 @@ class Token(NamedTuple):
 
 
 def check_geo(text: str, where: str) -> str:
-    """Return a .geo file without its comments, if it holds known commands only.
+    """Return the text of a .geo file without its comments, if it holds known commands only.
 
     Allowed are points, curves, surfaces, Boolean operations, physical groups, sizes, fields
     without files or processes, SetFactory, DefineConstant, arithmetic, If, and For. An endless
@@ -81,11 +81,12 @@ def check_geo(text: str, where: str) -> str:
     """
     tokens = list(_read_tokens(text, where))
     _Checker(tokens, where).check()
+    # Each token stays in its line, so that the line numbers in Gmsh's messages are right.
     words_of_line: dict[int, list[str]] = {}
     for token in tokens:
         words_of_line.setdefault(token.line, []).append(token.text)
-    last = max(words_of_line, default=0)
-    lines = [" ".join(words_of_line.get(line, [])) for line in range(1, last + 1)]
+    last_line = max(words_of_line, default=0)
+    lines = [" ".join(words_of_line.get(line, [])) for line in range(1, last_line + 1)]
     return "\n".join(lines) + "\n"
 
 
@@ -96,7 +97,11 @@ def _make_error(what: str, line: int, where: str, suggestion: str = "") -> MeshE
 
 
 def _read_tokens(text: str, where: str) -> Iterator[Token]:
-    """Yield the tokens without spaces and comments; texts get double quotes."""
+    """Yield the tokens without spaces and comments; texts in single quotes get double quotes.
+
+    Raises `MeshError` for a control character, for a character that begins no token, and for a
+    text that is too long or contains a word of `_LOOP_WORDS`.
+    """
     if match := _CONTROL.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise _make_error(f"the control character {match[0][0]!r}", line, where)
@@ -140,16 +145,19 @@ class _Checker:
     statement: set[str] = field(default_factory=set)
 
     def check(self) -> None:
-        """Raise `MeshError` for the first token that is not allowed."""
+        """Raise `MeshError` for the first token that is not allowed.
+
+        Also keep the variables that the file defines, and the words of the statement.
+        """
         for i, (kind, text, _) in enumerate(self.tokens):
-            before = self._join_tokens(i - 4, i)
+            before = self._join_tokens(i - 4, i)  # four tokens are enough for `_TEXT`
             if text == ";":
                 self.statement.clear()
             elif kind == "text" and not _TEXT.search(f"{before} {text}"):
                 raise self._error(f"the text {text}", i)
             elif text == ".":
                 self._check_option(i, before)
-            elif kind == "word" and not before.endswith(" ."):
+            elif kind == "word" and not before.endswith(" ."):  # after a point: `_check_option`
                 self._check_word(text, i, before)
                 self.statement.add(text)
 
@@ -171,7 +179,10 @@ class _Checker:
             raise self._error(f"{group}.{name}", i)
 
     def _check_word(self, word: str, i: int, before: str) -> None:
-        """Check a word at i: a command, a new variable, or a variable that has a value."""
+        """Raise `MeshError` unless the word at i is a command or a variable that has a value.
+
+        A word that gets its value here is kept as a variable. `before` are the tokens before i.
+        """
         after = self._join_tokens(i + 1, i + 2)
         is_kind = "Field" in self.statement and before.endswith("] =")  # Field[1] = Box
         is_start = bool(_STARTED.search(before))
@@ -182,7 +193,7 @@ class _Checker:
         if word in WORDS or (word in ("Mesh", "Geometry") and after == "."):
             pass  # a command or an option
         elif word == "Mesh" and is_start and after in ("1", "2"):
-            pass  # Mesh 2;
+            pass  # the statement Mesh 1; or Mesh 2;
         elif defines_variable:
             self.variables.add(word)
         elif is_start or is_kind or word not in self.variables:

@@ -37,7 +37,7 @@ _ERRORS = {"InputError": InputError, "MeshError": MeshError}
 
 
 def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
-    """Mesh or read a file in a child process, which ends with this function, however it ends.
+    """Mesh or read a file in a child process; return the mesh. The process ends with this call.
 
     Raises the `InputError` or `MeshError` of the child, and `MeshError` if it takes longer than
     `time_limit` [s] or ends without a mesh.
@@ -55,6 +55,7 @@ def in_child(task: dict, where: str, time_limit: float = TIME_LIMIT) -> RawMesh:
         Seconds after which the process is killed.
     """
     validation.positive("time_limit", time_limit, "s", where)
+    # The child must import the same fecloth, also where it is not installed.
     package = Path(__file__).parents[2]
     path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
     # -P: modules in the current folder must not be imported.
@@ -88,12 +89,17 @@ def _make_error(done: subprocess.CompletedProcess, where: str) -> MeshError:
 
 
 def _pack(result: dict) -> bytes:
-    """Return dicts and lists of arrays and texts as an .npz file: a JSON header and arrays."""
+    """Return nested dicts and lists of arrays and texts as the bytes of an .npz file.
+
+    Its first array is a JSON header, in which {"array": i} stands for the array arr_i of the
+    file. No array is pickled, so reading the file runs no code.
+    """
     arrays: list[np.ndarray] = []
 
     def place(array: np.ndarray) -> dict:
+        """Keep an array, and return what stands for it in the header."""
         arrays.append(array)
-        return {"array": len(arrays)}
+        return {"array": len(arrays)}  # arr_0 is the header
 
     header = json.dumps(result, default=place).encode()
     stream = io.BytesIO()
@@ -115,9 +121,13 @@ def _unpack(data: bytes) -> dict:
 
 
 def main() -> None:
-    """Carry out the task on standard input; what Gmsh prints goes to standard error."""
-    output = os.dup(1)
-    os.dup2(2, 1)
+    """Carry out the task on standard input, and write the packed mesh to standard output.
+
+    An `InputError` or `MeshError` is written in place of the mesh, for `in_child` to raise. What
+    Gmsh prints goes to standard error.
+    """
+    output = os.dup(1)  # the standard output, kept for the mesh only
+    os.dup2(2, 1)  # descriptor 1, to which Gmsh prints, now leads to standard error
     task = json.load(sys.stdin)
     with suppress(ImportError, OSError):  # `gmsh_model` says what is missing
         # Imported before the limits, because Python may write its bytecode.
@@ -134,12 +144,13 @@ def main() -> None:
 
 
 def _carry_out(task: dict) -> RawMesh:
-    """Return the mesh of a task, see `in_child`."""
+    """Return the mesh of a task; `in_child` says what tasks there are."""
     where = task["where"]
     grading = [Grading(**fields) for fields in task.get("grading", ())]
     match task:
         case {"draw": name, "sizes": sizes}:
-            return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), sizes[-1], where, grading)
+            h = sizes[-1]  # the last argument of each drawing
+            return gmsh_plane(lambda geo: DRAWINGS[name](geo, *sizes), h, where, grading)
         case {"msh": path}:
             return from_msh(Path(path), where)
         case {"meshio": path}:
@@ -150,14 +161,22 @@ def _carry_out(task: dict) -> RawMesh:
 
 
 def _limit_process(seconds: float, confined: bool) -> None:
-    """Limit time and memory, and end with the parent; a confined process writes no file."""
+    """Limit the time [s] and the memory of this process, and end it with its parent.
+
+    A confined process cannot write to files, either. Where the system lacks a limit, it is left
+    out.
+    """
     with suppress(ImportError):  # Windows
         import resource
 
         memory = int(MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-        limits = {"RLIMIT_CPU": int(seconds) + 2, "RLIMIT_AS": memory, "RLIMIT_CORE": 0}
+        limits = {
+            "RLIMIT_CPU": int(seconds) + 2,  # 2 s later than `in_child`, which says why it ended
+            "RLIMIT_AS": memory,
+            "RLIMIT_CORE": 0,  # no core dump of a crash
+        }
         if confined:
-            limits["RLIMIT_FSIZE"] = 0
+            limits["RLIMIT_FSIZE"] = 0  # the output is a pipe, to which this does not apply
         for name, value in limits.items():
             with suppress(AttributeError, ValueError, OSError):  # a lower limit is there already
                 resource.setrlimit(getattr(resource, name), (value, value))
@@ -165,33 +184,42 @@ def _limit_process(seconds: float, confined: bool) -> None:
         import ctypes
 
         with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+            # 1 is PR_SET_PDEATHSIG: the signal that this process gets when its parent ends.
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 
 
 def surface_from_meshio(path: Path, where: str) -> RawMesh:
     """The nodes and triangles of a file, which may hold other cells."""
     mesh = _read_by_meshio(path, where)
     n = len(mesh.points)
-    return _make_raw(mesh, {}, {}, geometric=np.zeros(n, dtype=bool))
+    return _make_raw(mesh, {}, {}, is_geometric=np.zeros(n, dtype=bool))
 
 
 def from_meshio(path: Path, where: str) -> RawMesh:
-    """The mesh of a file of triangles, lines and points, with its sets."""
+    """Return the mesh of a file of triangles, lines and points, with its sets.
+
+    Raises `MeshError` for other cells and for cells with wrong node numbers. The nodes of lines
+    and points are marked as geometric: they are removed if no triangle uses them.
+    """
     mesh = _read_by_meshio(path, where)
-    known = ("triangle", "line", "vertex")
-    check_cells({b.type: len(b) for b in mesh.cells if b.type not in known}, where)
+    allowed_types = ("triangle", "line", "vertex")
+    check_cells({b.type: len(b) for b in mesh.cells if b.type not in allowed_types}, where)
     node_sets, edge_sets = _meshio_sets(mesh, where)
     n = len(mesh.points)
-    geometric = np.zeros(n, dtype=bool)
+    is_geometric = np.zeros(n, dtype=bool)
     for block in mesh.cells:
         if block.type != "triangle":
             used = validated_indices(f"{block.type} cells", block.data.ravel(), n, (), where)
-            geometric[used] = True
-    return _make_raw(mesh, node_sets, edge_sets, geometric)
+            is_geometric[used] = True
+    return _make_raw(mesh, node_sets, edge_sets, is_geometric)
 
 
-def _make_raw(mesh: Any, node_sets: dict, edge_sets: dict, geometric: np.ndarray) -> RawMesh:
-    """Return the nodes and triangles of meshio's mesh, numbered from 0, with these sets."""
+def _make_raw(mesh: Any, node_sets: dict, edge_sets: dict, is_geometric: np.ndarray) -> RawMesh:
+    """Return the nodes and triangles of meshio's mesh, numbered from 0, with these sets.
+
+    `is_geometric` (n,) is true for a node of a line or point of the geometry, which is removed
+    if no triangle uses it.
+    """
     blocks = [block.data for block in mesh.cells if block.type == "triangle"]
     if blocks:
         triangles = np.concatenate(blocks)
@@ -204,12 +232,16 @@ def _make_raw(mesh: Any, node_sets: dict, edge_sets: dict, geometric: np.ndarray
         edge_sets=edge_sets,
         node_ids=np.arange(len(mesh.points)),
         triangle_ids=np.arange(len(triangles)),
-        geometric=geometric,
+        geometric=is_geometric,
     )
 
 
 def _read_by_meshio(path: Path, where: str) -> Any:
-    """Return meshio's mesh of a file; raise `MeshError` if there is none."""
+    """Return meshio's mesh of a file, with its points as floats.
+
+    Raises `MeshError` for a suffix that meshio does not know, for a file that it cannot read or
+    that takes too much memory, and for more than `MOST_NODES` nodes.
+    """
     import meshio
 
     suffix = path.suffix.lower()
@@ -218,7 +250,7 @@ def _read_by_meshio(path: Path, where: str) -> Any:
         allowed = f"must be one of {sorted(suffixes)}"
         remedy = "Convert the file, for instance to .vtu by meshio."
         raise MeshError(f"unknown suffix {suffix!r}", allowed, where, remedy)
-    output = io.StringIO()
+    output = io.StringIO()  # meshio prints why it cannot read a file
     try:
         with redirect_stdout(output), redirect_stderr(output):
             mesh = meshio.read(path)
@@ -237,13 +269,20 @@ def _read_by_meshio(path: Path, where: str) -> Any:
 
 
 def _meshio_sets(mesh: Any, where: str) -> tuple[dict, dict]:
-    """Return the node indices and the node pairs of each set, by its name.
+    """Return lists of node indices and lists of node pairs of each set, by its name.
+
+    The node indices are of all cells of the set, the pairs of its lines only. Raises `MeshError`
+    for indices of cells that are out of range.
 
     The sets are meshio's point sets and cell sets, and the named groups of "gmsh:physical".
     """
     nodes = {name: [np.asarray(s)] for name, s in mesh.point_sets.items()}
     edges: dict[str, list[np.ndarray]] = {}
+    # For each set, the indices of its cells in each block of the mesh. meshio's own sets, whose
+    # names begin with "gmsh:", are no groups of the user.
     cells = {name: list(s) for name, s in mesh.cell_sets.items() if not name.startswith("gmsh:")}
+    # The tag of the physical group of each cell, and in `field_data` the tag and the dimension
+    # of each group by its name.
     physical = mesh.cell_data.get("gmsh:physical", [])
     for name, value in mesh.field_data.items():
         if physical and name not in cells and np.shape(value) == (2,):

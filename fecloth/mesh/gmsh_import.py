@@ -49,10 +49,11 @@ class RawMesh:
 
 
 def gmsh_plane(draw: Callable, h: float, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
-    """Mesh the surface that ``draw(gmsh.model.geo)`` builds.
+    """Mesh the surface that ``draw(gmsh.model.geo)`` builds, and return the mesh.
 
-    Its physical groups are only places for the `grading`; the mesh has no sets. Raises
-    `MeshError`, with the name `where`, if Gmsh fails.
+    The function gives the edge lengths; with a `grading`, h [m] is the edge length away from
+    its places. Physical groups of the drawing are only places for the `grading`: the mesh has
+    no sets. Raises `MeshError`, with the name `where`, if Gmsh fails.
     """
     with gmsh_model() as gmsh:
         draw(gmsh.model.geo)
@@ -102,10 +103,15 @@ DRAWINGS: dict[str, Callable[..., None]] = {"disk": _draw_disk, "rectangle": _dr
 def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading] = ()) -> RawMesh:
     """Mesh a geometry file, with the edge length h [m] unless h is None.
 
-    In a file with ``DefineConstant[ h = … ]`` the constant gets the value h. Raises `MeshError`,
-    with the name `where`, if Gmsh cannot read or mesh the file, and `InputError` for a wrong h.
+    In a file with ``DefineConstant[ h = … ]`` the constant gets the value h, and the sizes that
+    the file makes of it remain. In another file all edges get the length h, except for a
+    `grading`.
+
+    Raises `MeshError`, with the name `where`, if Gmsh cannot read or mesh the file, or makes
+    edges far longer than h; and `InputError` for a wrong h.
     """
     text = path.read_text(encoding="utf-8", errors="replace")
+    # Gmsh would ignore all but the first statement of a last line without a line end.
     last_line = text.rpartition("\n")[2]  # empty if the file ends with a line end
     if last_line.count(";") > 1:
         what = "the last line has several statements and no line end"
@@ -126,7 +132,7 @@ def from_geo(path: Path, h: float | None, where: str, grading: Sequence[Grading]
         with _as_mesh_error("Gmsh cannot mesh the file", where):
             gmsh.model.mesh.generate(2)
         mesh = _from_gmsh(gmsh, where)
-    if h is not None and not defines_h:
+    if h is not None and not defines_h:  # a file with its own h may use larger sizes, too
         refuse_coarse(mesh, h, where)
     return mesh
 
@@ -152,7 +158,11 @@ def _limit_size(gmsh, h: float, where: str, uniform: bool) -> None:
 
 
 def from_msh(path: Path, where: str) -> RawMesh:
-    """Read a Gmsh mesh file; `where` names it in errors."""
+    """Read a Gmsh mesh file; `where` names it in errors.
+
+    Raises `MeshError` for a file with another beginning, for one that Gmsh cannot read, and for
+    names that are not UTF-8.
+    """
     with path.open("rb") as file:
         start = file.read(64)
     if not start.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
@@ -170,13 +180,19 @@ def from_msh(path: Path, where: str) -> RawMesh:
 
 
 def _gmsh_arrays(gmsh, where: str):
-    """Sorted node tags, coordinates, triangles as node indices, and triangle tags."""
+    """Return the mesh of the current model as four arrays; refuse other cells by `MeshError`.
+
+    The arrays are the node tags (n,) in ascending order, the coordinates (n, 3) [m] in the same
+    order, the triangles (m, 3) as node indices, and the triangle tags (m,). A tag is Gmsh's
+    number of a node or element.
+    """
     mesh = gmsh.model.mesh
-    counts = {}
-    for kind in mesh.getElementTypes():
-        if kind not in (1, 2, 15):  # lines, triangles and points
-            counts[mesh.getElementProperties(kind)[0]] = len(mesh.getElementsByType(kind)[0])
-    check_cells(counts, where)
+    other_cells = {}
+    for cell_type in mesh.getElementTypes():
+        if cell_type not in (1, 2, 15):  # Gmsh's numbers of lines, triangles and points
+            type_name = mesh.getElementProperties(cell_type)[0]
+            other_cells[type_name] = len(mesh.getElementsByType(cell_type)[0])
+    check_cells(other_cells, where)
     tags, xyz, _ = mesh.getNodes(returnParametricCoord=False)
     order = np.argsort(tags)
     ids = tags[order].astype(np.int64)
@@ -187,7 +203,11 @@ def _gmsh_arrays(gmsh, where: str):
 
 
 def _from_gmsh(gmsh, where: str) -> RawMesh:
-    """Return the mesh of the current model with its physical groups as sets."""
+    """Return the mesh of the current model with its physical groups as sets.
+
+    Raises `MeshError` for other cells than triangles, lines and points, and for a physical group
+    that is empty.
+    """
     model = gmsh.model
     ids, xyz, triangles, triangle_ids = _gmsh_arrays(gmsh, where)
     surfaces = model.getEntities(2)
@@ -210,11 +230,13 @@ def _from_gmsh(gmsh, where: str) -> RawMesh:
 
 
 def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
-    """Triangle indices of each physical surface, by its name.
+    """Return the triangle indices of each physical surface, by its name.
 
+    `triangles` (m, 3) are node indices, and `ids` (n,) the ascending tags of the nodes.
     Triangles are identified by their nodes, because format 2.2 gives a triangle a new number in
     each group.
     """
+    # The key of a triangle is one integer for its three nodes; the keys ascend in this order.
     order = np.lexsort(triangles.T[::-1])
     weights = [len(ids) ** 2, len(ids), 1]
     keys = np.ascontiguousarray(triangles[order].astype(np.int64)) @ weights
@@ -225,14 +247,20 @@ def _gmsh_regions(gmsh, triangles, ids) -> dict[str, np.ndarray]:
             vertices = gmsh.model.mesh.getElementsByType(2, surface)[1].astype(np.int64)
             group_keys = np.searchsorted(ids, vertices).reshape(-1, 3) @ weights
             position = np.minimum(np.searchsorted(keys, group_keys), len(keys) - 1)
-            regions.setdefault(name, []).append(order[position[keys[position] == group_keys]])
+            is_found = keys[position] == group_keys
+            regions.setdefault(name, []).append(order[position[is_found]])
     return {name: np.unique(np.concatenate(parts)) for name, parts in regions.items()}
 
 
 def _gmsh_sets(gmsh, ids, where):
-    """Lists of node indices and of node pairs of each physical group, by its name."""
+    """Return lists of node indices and lists of node pairs of each physical group, by its name.
+
+    Only groups of curves have node pairs. `ids` (n,) are the ascending tags of the nodes. Groups
+    with the same name are united. Raises `MeshError` for an empty group.
+    """
     nodes = {}
     edges = {}
+    # Groups of dimension 3 are volumes, which a cloth has not.
     groups = [group for group in gmsh.model.getPhysicalGroups() if group[0] < 3]
     _check_no_empty_groups(gmsh, groups, where)
     for dim, tag in groups:

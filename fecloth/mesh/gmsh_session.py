@@ -46,9 +46,9 @@ def is_open() -> bool:
 
 @contextlib.contextmanager
 def gmsh_model() -> Iterator:
-    """Yield Gmsh with a new, empty model; the process must have no open session.
+    """Yield Gmsh with a new, empty model, and end its session after the block.
 
-    Raises `MeshError` if Gmsh cannot be imported.
+    The process must have no open session. Raises `MeshError` if Gmsh cannot be imported.
     """
     gmsh = _import_gmsh()
     # With interruptible=True Gmsh would replace Python's handler of Ctrl-C permanently.
@@ -78,8 +78,10 @@ def _signal_handlers_restored() -> Iterator[None]:
     try:
         yield
     finally:
+        # Python sets handlers in the main thread only.
         if threading.current_thread() is threading.main_thread():
             for number in numbers:
+                # Python still returns its own handler. None means that no handler is Python's.
                 if (handler := signal.getsignal(number)) is not None:
                     signal.signal(number, handler)
         if old_mask is not None:

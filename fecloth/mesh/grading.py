@@ -62,6 +62,7 @@ class Grading:
     power: float = field(default=0.5, kw_only=True)
 
     def __post_init__(self):
+        """Raise `InputError` for arguments that the class does not allow."""
         if (self.where is None) == (self.point is None):
             raise InputError("a grading", "needs either `where` or `point`", "Grading")
         if self.where is not None and not isinstance(self.where, str):
@@ -99,20 +100,28 @@ def check_gradings(gradings: Sequence[Grading], where: str) -> None:
 
 
 def set_sizes(gmsh, gradings: Sequence[Grading], h: float, where: str) -> None:
-    """Let Gmsh take the smallest of h [m] and the edge lengths of all gradings, and no others."""
+    """Let Gmsh take the smallest of h [m] and the edge lengths of all gradings, and no others.
+
+    Raises `MeshError` if the file has size fields of its own, and `InputError` if it has no set
+    that a grading names.
+    """
     fields = gmsh.model.mesh.field
     if len(fields.list()):
         raise MeshError("grading", "is for files without size fields of their own", where)
+    # Gmsh takes sizes from one field, the background mesh.
     all_sizes = [_size_field(gmsh, grading, h, where) for grading in gradings]
     least = fields.add("Min")
     fields.setNumbers(least, "FieldsList", all_sizes)
     fields.setAsBackgroundMesh(least)
-    others = ("Mesh.MeshSizeFromPoints", "Mesh.MeshSizeExtendFromBoundary")
-    set_options(gmsh, dict.fromkeys(others, 0) | {"Mesh.MeshSizeMax": h})
+    other_sizes = ("Mesh.MeshSizeFromPoints", "Mesh.MeshSizeExtendFromBoundary")
+    set_options(gmsh, dict.fromkeys(other_sizes, 0) | {"Mesh.MeshSizeMax": h})
 
 
 def _size_field(gmsh, grading: Grading, h: float, where: str) -> int:
-    """Add the field of the formula of `Grading`, which grows on beyond d; return its tag."""
+    """Add the field of the edge length [m] of `Grading`, and return its tag.
+
+    Beyond the distance d it grows above h; `set_sizes` limits it.
+    """
     fields = gmsh.model.mesh.field
     if grading.point is not None:
         x, y = (f"({float(c)!r})" for c in grading.point)
@@ -120,16 +129,21 @@ def _size_field(gmsh, grading: Grading, h: float, where: str) -> int:
     else:
         r = f"F{_distance_field(gmsh, grading, h, where)}"
     tag = fields.add("MathEval")
-    steep = f"({r} / {float(grading.distance)!r})^{float(grading.power)!r}"
-    fields.setString(tag, "F", f"{float(h)!r} * max({steep}, {grading.smallest(h)!r})")
+    growth = f"({r} / {float(grading.distance)!r})^{float(grading.power)!r}"
+    fields.setString(tag, "F", f"{float(h)!r} * max({growth}, {grading.smallest(h)!r})")
     return int(tag)
 
 
 def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
-    """Add the field of the distance to the set of a grading; return its tag."""
+    """Add the field of the distance to the set of a grading; return its tag.
+
+    Raises `InputError` if there is no such set.
+    """
     points, curves = _entities(gmsh, grading.where, where)
-    box = gmsh.model.getBoundingBox(-1, -1)
+    box = gmsh.model.getBoundingBox(-1, -1)  # of the whole model: its low and its high corner
     widest = max(np.subtract(box[3:], box[:3]))
+    # Gmsh measures the distance from sample points. They are half a smallest edge apart on a
+    # curve as long as the model is wide.
     samples = min(int(2 * widest / (h * grading.smallest(h))) + 2, MOST_SAMPLES)
     fields = gmsh.model.mesh.field
     tag = fields.add("Distance")
@@ -140,7 +154,11 @@ def _distance_field(gmsh, grading: Grading, h: float, where: str) -> int:
 
 
 def _entities(gmsh, name: str | None, where: str) -> tuple[list[int], list[int]]:
-    """Return the tags of the points and curves of a set; raise `InputError` if there is none."""
+    """Return the tags of the points and the tags of the curves of the set `name`.
+
+    The sets are the physical groups of points and curves, and "boundary", unless a group has
+    this name. Raises `InputError` if there is no such set; `where` is the file, for the message.
+    """
     groups: dict[str, tuple[list[int], list[int]]] = {}
     for dim, tag in gmsh.model.getPhysicalGroups():
         if dim < 2:

@@ -37,17 +37,23 @@ class Hinges:
 
     @classmethod
     def from_triangles(cls, X: np.ndarray, triangles: np.ndarray) -> Self:
-        """Find the hinges of triangles (m, 3) between nodes X (n, 2), ordered by left triangle."""
+        """Find the hinges of triangles (m, 3) between nodes X (n, 2), ordered by left triangle.
+
+        The triangles must be counter-clockwise. The left triangle of a hinge is the one with
+        the lower half-edge number.
+        """
         n = len(X)
         corners = triangles.astype(np.int64)
         start, end, opposite = (np.roll(corners, -shift, axis=1).ravel() for shift in range(3))
         key = start * n + end
-        twin_key = end * n + start  # of the same edge in the other triangle
+        # Neighbours run along their edge in opposite directions, so the key of the twin, the
+        # half-edge in the other triangle, has the nodes exchanged.
+        twin_key = end * n + start
         order = np.argsort(twin_key)
         position = np.minimum(np.searchsorted(twin_key[order], key), len(order) - 1)
         twin = order[position]
         has_twin = twin_key[twin] == key
-        left = np.flatnonzero(has_twin & (np.arange(len(start)) < twin))
+        left = np.flatnonzero(has_twin & (np.arange(len(start)) < twin))  # each edge once
         right = twin[left]
         nodes = np.stack([start[left], end[left], opposite[left], opposite[right]], axis=1)
         sides = np.stack([left // 3, right // 3], axis=1)

@@ -11,9 +11,11 @@ MAX_LISTED = 5  # wrong nodes or triangles that a message lists, to stay short
 def validated_indices(
     name: str, values: ArrayLike, n: int, columns: tuple[int, ...], where: str
 ) -> np.ndarray:
-    """Return the indices of a set, (k, *columns).
+    """Return the indices of the set `name` as integers of shape (k, *columns).
 
-    Raises `MeshError` for an empty set, another shape, and indices that are not in 0 … n − 1.
+    `columns` is () for a set of nodes or triangles, and (2,) for a set of edges. Raises `MeshError`
+    for an empty set, for another shape or type, and for indices that are not in 0 … n − 1;
+    `where` is the file or function, for the message.
     """
     values = np.asarray(values)
     if values.size == 0:
@@ -24,11 +26,11 @@ def validated_indices(
         raise MeshError(what, f"must be integers, {1 + len(columns)} axes", where)
     if values.shape[1:] != columns:
         raise MeshError(f"edge set {name!r} has shape {values.shape}", "must be (k, 2)", where)
-    bad = values[(values < 0) | (values >= n)]
-    if bad.size:
-        listed = ", ".join(map(str, bad[:MAX_LISTED]))
-        if bad.size > MAX_LISTED:
+    out_of_range = values[(values < 0) | (values >= n)]
+    if out_of_range.size:
+        listed = ", ".join(map(str, out_of_range[:MAX_LISTED]))
+        if out_of_range.size > MAX_LISTED:
             listed += ", ..."
-        what = f"set {name!r} contains {bad.size} indices out of range: {listed}"
+        what = f"set {name!r} contains {out_of_range.size} indices out of range: {listed}"
         raise MeshError(what, f"must be 0 to {n - 1}", where)
     return values.astype(np.intp)

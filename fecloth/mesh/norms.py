@@ -34,16 +34,25 @@ def interpolator(cloth, points: np.ndarray) -> sparse.csr_matrix:
 
 
 def _evaluators(cloth, points: np.ndarray, cells: np.ndarray) -> list[sparse.csr_matrix]:
-    """(p, n) matrices that give a nodal field, ∂/∂X₁ and ∂/∂X₂ at points (p, 2) in triangles."""
+    """Return three (p, n) matrices that give a nodal field, ∂/∂X₁ and ∂/∂X₂ of it at points.
+
+    `points` (p, 2) are material points [m], and `cells` (p,) the triangle of each of them.
+    """
     basis = cloth.basis(1)
     mapping = basis.mapping
-    local = mapping.invF(points.T[:, :, None], tind=cells)
+    local = mapping.invF(points.T[:, :, None], tind=cells)  # coordinates on the unit triangle
     shapes = [basis.elem.gbasis(mapping, local, a, tind=cells)[0] for a in range(basis.Nbfun)]
     columns = basis.element_dofs[:, cells]
     place = np.tile(np.arange(len(points)), len(columns)), columns.ravel()
     size = len(points), basis.N
-    parts = [shapes, [phi.grad[0] for phi in shapes], [phi.grad[1] for phi in shapes]]
-    return [sparse.csr_matrix((np.ravel(part), place), shape=size) for part in parts]
+    entries_of_matrices = [
+        shapes,
+        [phi.grad[0] for phi in shapes],
+        [phi.grad[1] for phi in shapes],
+    ]
+    return [
+        sparse.csr_matrix((np.ravel(entries), place), shape=size) for entries in entries_of_matrices
+    ]
 
 
 def interpolate(cloth, values: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -52,32 +61,35 @@ def interpolate(cloth, values: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def locate(X: np.ndarray, triangles: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Find the triangle (p,) that contains each point (p, 2), or else the nearest triangle.
+    """Return the triangle (p,) that contains each point (p, 2) [m], or else the nearest one.
 
-    scikit-fem's finder is not used because it rejects points outside a polygonal border. Some
-    `CANDIDATES`, whose centroids are nearest, are searched first. Raises `MeshError` for points
-    that are not finite, or farther from the nearest triangle than its longest edge.
+    scikit-fem's finder is not used because it rejects points outside a polygonal border. The
+    `CANDIDATES` triangles whose centroids are nearest are searched first. Raises `MeshError` for
+    points that are not finite, or farther from the nearest triangle than its longest edge.
     """
     if not np.isfinite(points).all():
-        bad = int(np.argmin(np.isfinite(points).all(axis=1)))
-        what = f"material points[{bad}] = {points[bad].tolist()}"
+        first = int(np.argmin(np.isfinite(points).all(axis=1)))  # that is not finite
+        what = f"material points[{first}] = {points[first].tolist()}"
         raise MeshError(what, "must be finite", "Cloth.interpolate")
     corners = X[triangles]
     count = min(CANDIDATES, len(triangles))
     _, candidates = cKDTree(corners.mean(axis=1)).query(points, count)
     candidates = candidates.reshape(len(points), count)
-    depth = _depth(corners[candidates], points[:, None])
-    cells = candidates[np.arange(len(points)), np.argmax(depth, axis=1)]
-    depth = depth.max(axis=1)
-    # Search all triangles for points outside the mesh, and on graded meshes.
+    depths = _depth(corners[candidates], points[:, None])
+    cells = candidates[np.arange(len(points)), np.argmax(depths, axis=1)]
+    depth = depths.max(axis=1)  # ≥ 0 inside of a triangle
+    # A point in none of its candidates lies outside the mesh, or in a large triangle beside many
+    # small ones, whose centroids are nearer: search all triangles. The limit [m] spares points
+    # that only round-off puts outside.
     for p in np.flatnonzero(depth < -1e-12):
         all_depths = _depth(corners, points[p])
         if all_depths.max() < 0:
+            # `_depth` measures to the lines of the edges, which go on beyond the triangle.
             all_depths = -_distance(corners, points[p])
         cells[p] = np.argmax(all_depths)
         depth[p] = all_depths.max()
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    outside = np.flatnonzero(depth < -edges[cells])
+    longest_edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    outside = np.flatnonzero(depth < -longest_edge[cells])
     if outside.size:
         what = f"{outside.size} of {len(points)} material points, first {points[outside[0]]} m"
         allowed = "must lie on the cloth"
@@ -132,7 +144,12 @@ def h1_difference(cloth, other, a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _on_common_points(cloth, a, other, b):
-    """Weights of the finer cloth's quadrature; value, ∂/∂X₁ and ∂/∂X₂ of each field there."""
+    """Evaluate the fields a on `cloth` and b on `other` at the points of the finer cloth.
+
+    Return the quadrature weights (p,) [m²] at these points, and for each field a list of its
+    values, ∂/∂X₁ and ∂/∂X₂ there, each (p, d). Raises `InputError` for fields with different
+    numbers of components.
+    """
     a = nodal_values(cloth, a)
     b = nodal_values(other, b)
     if a.shape[1:] != b.shape[1:]:
@@ -141,8 +158,9 @@ def _on_common_points(cloth, a, other, b):
     finer = cloth if len(cloth.triangles) >= len(other.triangles) else other
     basis = finer.basis(4)
     points = basis.global_coordinates()  # (2, m, q)
-    fields = ((cloth, a), (other, b))
-    return basis.dx.ravel(), *(_value_and_gradient(c, y, points, finer is c) for c, y in fields)
+    of_a = _value_and_gradient(cloth, a, points, is_own_points=finer is cloth)
+    of_b = _value_and_gradient(other, b, points, is_own_points=finer is other)
+    return basis.dx.ravel(), of_a, of_b
 
 
 def _value_and_gradient(cloth, values, points, is_own_points):
@@ -185,7 +203,9 @@ def h1_error(cloth, values: np.ndarray, exact_gradient: Callable, order: int = 8
 
 
 def load(cloth, density=1.0, order: int = 6) -> np.ndarray:
-    """Consistent nodal forces ∫ ρ N_a dA, (n,) or (n, d), of a distributed load ρ.
+    """Return consistent nodal forces ∫ ρ N_a dA, (n,) or (n, d), of a distributed load ρ.
+
+    Raises `InputError` if a function returns values of another shape or that are not finite.
 
     Parameters
     ----------
@@ -194,7 +214,7 @@ def load(cloth, density=1.0, order: int = 6) -> np.ndarray:
     order
         Polynomial degree to which ρ N_a is integrated exactly.
     """
-    if not callable(density):
+    if not callable(density):  # a number needs no quadrature of this order
         return density * weighted_load(cloth, np.ones(len(cloth.triangles)))
     basis = cloth.basis(order)
     values = at_points(density, basis, None, "load")
@@ -207,14 +227,19 @@ def load(cloth, density=1.0, order: int = 6) -> np.ndarray:
 
 
 def at_points(function, basis, shape, name: str) -> np.ndarray:
-    """Values (m, q, ...) of ``function(X (p, 2)) -> (p, ...)`` at the quadrature points."""
+    """Return the values (m, q, ...) of ``function(X (p, 2)) -> (p, ...)`` at a basis's points.
+
+    `shape` is the shape of one value, or None where the function decides on it. Raises
+    `InputError`, for the method `name` of a cloth, if the function returns another shape or
+    values that are not finite.
+    """
     points = basis.global_coordinates()  # (2, m, q)
     flat = points.reshape(2, -1).T
     values = np.asarray(function(flat), dtype=float)
-    tail = shape
-    if tail is None:
-        tail = values.shape[1:]
-    if values.shape != (len(flat), *tail) or not np.isfinite(values).all():
+    shape_of_one = shape
+    if shape_of_one is None:
+        shape_of_one = values.shape[1:]
+    if values.shape != (len(flat), *shape_of_one) or not np.isfinite(values).all():
         expected = ", ".join(["p", *map(str, shape or ("...",))])
         what = f"the function's values of shape {values.shape} at {flat.shape} points"
         raise InputError(what, f"must be finite and ({expected})", f"Cloth.{name}")
@@ -233,7 +258,7 @@ def weighted_load(cloth, density: np.ndarray) -> np.ndarray:
 
 
 def mass(cloth, kind: str | None = None, density: np.ndarray | None = None) -> sparse.csr_matrix:
-    """(n, n) mass matrix ∫ ρ N_a N_b dA, consistent or lumped.
+    """Return the (n, n) mass matrix ∫ ρ N_a N_b dA [kg], consistent or lumped.
 
     The lumped mass is the diagonal of each triangle's consistent mass, scaled to the mass of
     the triangle. For P1 each node gets a third of it, as by row sums. For P2 a corner gets 1/19

@@ -28,13 +28,16 @@ def renumber_mesh(mesh: FlatMesh) -> tuple[FlatMesh, np.ndarray, np.ndarray]:
     place = np.append(start, end), np.append(end, start)
     graph = coo_array((np.ones(2 * len(start), dtype=np.int8), place), (n, n)).tocsr()
     old_nodes = reverse_cuthill_mckee(graph, symmetric_mode=True)
-    new = np.empty(n, dtype=np.int32)
-    new[old_nodes] = np.arange(n, dtype=np.int32)
-    triangles = new[mesh.triangles]
+    new_nodes = np.empty(n, dtype=np.int32)
+    new_nodes[old_nodes] = np.arange(n, dtype=np.int32)
+    triangles = new_nodes[mesh.triangles]
+    # Triangles are ordered by their lowest node, then by the next one, then by the highest.
     low = np.sort(triangles, axis=1)
     old_triangles = np.lexsort((low[:, 2], low[:, 1], low[:, 0]))
-    node_sets = {k: np.sort(new[nodes]).astype(np.intp) for k, nodes in mesh.node_sets.items()}
-    edge_sets = {name: sorted_pairs(new[pairs]) for name, pairs in mesh.edge_sets.items()}
+    node_sets = {
+        name: np.sort(new_nodes[nodes]).astype(np.intp) for name, nodes in mesh.node_sets.items()
+    }
+    edge_sets = {name: sorted_pairs(new_nodes[pairs]) for name, pairs in mesh.edge_sets.items()}
     new_triangles = np.empty(len(triangles), dtype=np.intp)
     new_triangles[old_triangles] = np.arange(len(triangles))
     regions = {name: np.sort(new_triangles[old]) for name, old in mesh.triangle_sets.items()}
@@ -47,11 +50,13 @@ LONGEST_NAME = 100  # characters of the name of a piece, as messages list the na
 
 
 def join_meshes(pieces: Sequence[FlatMesh], names: Sequence[str]) -> FlatMesh:
-    """Make one mesh of pieces without common nodes, see `Cloth.join`.
+    """Return one mesh of pieces without common nodes; `Cloth.join` says how sets are named.
 
-    The corners of all pieces come first, then the midpoints of all pieces.
+    The corners of all pieces come first, then the midpoints of all pieces, as in any mesh of
+    P2. Raises `InputError` for fewer than two pieces and for invalid names.
     """
     _check_names(pieces, names)
+    # Numbers of corners: in a piece the corners come first, and each belongs to a triangle.
     corners = [int(piece.triangles.max()) + 1 for piece in pieces]
     first_corner = np.cumsum([0, *corners])
     midpoints = [len(piece.X) - count for piece, count in zip(pieces, corners, strict=True)]
@@ -82,7 +87,11 @@ def _new_numbers(piece: str, sets: dict[str, np.ndarray], new: np.ndarray) -> di
 
 
 def _check_names(pieces: Sequence[FlatMesh], names: Sequence[str]) -> None:
-    """Raise `InputError` for too few pieces, and for names that are invalid or not one each."""
+    """Raise `InputError` for fewer than two pieces, and for names that do not fit.
+
+    There must be a different name for each piece, of at most `LONGEST_NAME` printed characters
+    and without "/", which separates the name from the name of a set.
+    """
     where = "Cloth.join"
     if len(pieces) < 2:
         raise InputError(amount(len(pieces), "piece"), "must be at least two cloths", where)

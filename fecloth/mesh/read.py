@@ -27,6 +27,9 @@ def read(
 ) -> FlatMesh:
     """Read a triangle mesh, or mesh a Gmsh geometry.
 
+    Raises `MeshError` for a file that is missing, cannot be read or is not a valid flat mesh,
+    and `InputError` for an h or a grading that does not fit the file.
+
     Parameters
     ----------
     path : str or path
@@ -90,7 +93,11 @@ def read(
 def _from_geo(
     path: Path, h: float | None, trust: bool, time_limit: float, grading: Sequence[Grading]
 ) -> RawMesh:
-    """Mesh a geometry file as it is if `trust` is set, or else a checked copy."""
+    """Mesh a geometry file as it is if `trust` is set, or else a checked copy of it.
+
+    Raises `InputError` for a wrong h, and `MeshError` for a command that is not allowed or if
+    Gmsh fails.
+    """
     where = str(path)
     if h is not None:
         validation.length("h", h, where)
@@ -103,6 +110,7 @@ def _from_geo(
     }
     if trust:
         return in_child(task, where, time_limit)
+    # Gmsh gets the text that was checked, also if the file changes meanwhile.
     text = check_geo(path.read_text(encoding="utf-8-sig", errors="replace"), where)
     with TemporaryDirectory(prefix="fecloth") as folder:
         copy = Path(folder, "cloth.geo")
@@ -122,32 +130,37 @@ def _from_msh(path: Path, time_limit: float) -> RawMesh:
 
 
 def _to_flat_mesh(raw: RawMesh, where: str) -> FlatMesh:
-    """Remove nodes that only define the geometry, and validate the mesh and its sets."""
+    """Return the mesh without the nodes that only define the geometry, and validate it.
+
+    Raises `MeshError` for too many triangles, for a set that contains a removed node, and for
+    all that `FlatMesh.from_arrays` refuses.
+    """
     n = len(raw.xyz)
-    t = raw.triangles
-    if len(t) > validation.MOST_TRIANGLES:
+    triangles = raw.triangles
+    if len(triangles) > validation.MOST_TRIANGLES:
         allowed = f"must be at most {validation.MOST_TRIANGLES}"
         remedy = "Take a coarser mesh."
-        raise MeshError(amount(len(t), "triangle"), allowed, where, remedy)
+        raise MeshError(amount(len(triangles), "triangle"), allowed, where, remedy)
     no_part = [np.empty(0, int)]
     nodes = {k: np.concatenate(parts or no_part) for k, parts in raw.node_sets.items()}
     edges = {k: np.concatenate(parts) for k, parts in raw.edge_sets.items()}
     in_mesh = ~raw.geometric
-    in_mesh[t[(t >= 0) & (t < n)]] = True
-    are_valid = t.size and t.min() >= 0 and t.max() < n  # `from_arrays` refuses the others
+    in_mesh[triangles[(triangles >= 0) & (triangles < n)]] = True
+    # Wrong numbers cannot be renumbered; they stay, and `from_arrays` refuses them.
+    are_valid = triangles.size and triangles.min() >= 0 and triangles.max() < n
     if are_valid and not in_mesh.all():
-        new = np.cumsum(in_mesh) - 1
+        new = np.cumsum(in_mesh) - 1  # the new number of each node that stays
         for name, members in nodes.items():
             members = validated_indices(name, members, n, (), where)
             _check_inside(name, raw.node_ids[members[~in_mesh[members]]], where)
             nodes[name] = new[members]
-        t = new[t]
+        triangles = new[triangles]
         edges = {name: new[pairs] for name, pairs in edges.items()}
     else:
         in_mesh[:] = True
     return FlatMesh.from_arrays(
         raw.xyz[in_mesh],
-        t,
+        triangles,
         node_sets=nodes,
         edge_sets=edges,
         where=where,
@@ -183,7 +196,7 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     corners = raw.xyz[used]
     if not np.isfinite(corners).all():
         raise MeshError("coordinates that are not finite", "must be finite", where)
-    nodes, number = np.unique(corners, axis=0, return_inverse=True)
-    triangles = number.reshape(-1, 3)
+    nodes, number_of_corner = np.unique(corners, axis=0, return_inverse=True)
+    triangles = number_of_corner.reshape(-1, 3)
     a, b, c = triangles.T
     return nodes, triangles[(a != b) & (b != c) & (a != c)]

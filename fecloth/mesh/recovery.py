@@ -63,7 +63,7 @@ QUADRATIC = Samples(2, SIX, SIX, 2 * _SIX[1], np.eye(6))
 def recovery_gap(
     X: np.ndarray, triangles: np.ndarray, group: np.ndarray, values: np.ndarray, samples: Samples
 ) -> np.ndarray:
-    """(m, r, c) the smooth field minus the given field, at the points of `samples.rule`.
+    """Return the smooth field minus the given field, (m, r, c), at the points of `samples.rule`.
 
     A node has one polynomial for each group of triangles around it. In the code a pair is a
     node and a group.
@@ -86,44 +86,51 @@ def recovery_gap(
     pairs, pair_of_corner = np.unique(keys, return_inverse=True)
     node = pairs // groups
     pair_of_corner = pair_of_corner.reshape(-1, 3)
-    size, fit = _fit_all(X, triangles, node, pair_of_corner, values, samples)
+    size, coefficients = _fit_all(X, triangles, node, pair_of_corner, values, samples)
+    # The given field with a minus; the smooth field is added in blocks.
     gap = -np.einsum("rq,tqc->trc", samples.extend, values)
     for part in blocks(len(triangles), BLOCK_SIZE):
         at = samples.rule @ X[triangles[part]]
         for i in range(3):  # the polynomials of the corners, weighted by barycentric coordinates
             pair = pair_of_corner[part, i]
             local = (at - X[node[pair], None]) / size[pair, None, None]
-            polynomial = np.einsum("tri,tic->trc", _monomials(local, samples.degree), fit[pair])
+            terms = _monomials(local, samples.degree)
+            polynomial = np.einsum("tri,tic->trc", terms, coefficients[pair])
             gap[part] += samples.rule[:, i, None] * polynomial
     return gap
 
 
 def _fit_all(X, triangles, node, pair_of_corner, values, samples) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths (s,) [m] and coefficients (s, d, c) of the polynomials of all pairs.
+    """Return the lengths (s,) [m] and coefficients (s, d, c) of the polynomials of all pairs.
 
-    The first patch of a pair has its triangles. Where they do not determine the polynomial well,
-    the patch gets the triangles around these, up to two times.
+    A polynomial is in coordinates from its node, divided by its length. `node` (s,) is the node
+    of each pair, and `pair_of_corner` (m, 3) the pair of each corner; see `recovery_gap` for the
+    other arguments.
+
+    The first patch of a pair has the triangles around its node that are of its group. Where they
+    do not determine the polynomial well, the patch gets the triangles around these, up to two
+    times.
     """
     m = len(triangles)
     s = len(node)
     place = pair_of_corner.ravel(), np.repeat(np.arange(m), 3)
-    around = sparse.csr_matrix((np.ones(3 * m), place), shape=(s, m))
+    around = sparse.csr_matrix((np.ones(3 * m), place), shape=(s, m))  # triangles of each pair
     size = np.zeros(s)
-    fit = np.zeros((s, TERMS[samples.degree], values.shape[2]))
-    remaining = np.arange(s)
+    coefficients = np.zeros((s, TERMS[samples.degree], values.shape[2]))
+    remaining = np.arange(s)  # pairs whose patch is not good enough yet
     patch = around
     for ring in range(3):
         is_poor = np.zeros(len(remaining), bool)
         for part in blocks(len(remaining), BLOCK_SIZE):
             pairs = remaining[part]
             fitted = _fit(X[node[pairs]], X[triangles], values, samples, patch[part])
-            size[pairs], fit[pairs], pivot, too_few = fitted
-            is_poor[part] = too_few | (pivot < LEAST_GOOD_PIVOT**samples.degree)
+            size[pairs], coefficients[pairs], pivot, has_too_few = fitted
+            is_poor[part] = has_too_few | (pivot < LEAST_GOOD_PIVOT**samples.degree)
         remaining = remaining[is_poor]
         if ring == 2 or not len(remaining):
             break
         patch = patch[is_poor] @ around.T @ around
-    return size, fit
+    return size, coefficients
 
 
 def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
@@ -136,10 +143,14 @@ def _monomials(at: np.ndarray, degree: int) -> np.ndarray:
 
 
 def _fit(centre, corners, values, samples, patch):
-    """Fit a polynomial to the triangles in each row of `patch`, around its centre (k, 2).
+    """Fit a polynomial to the values in the triangles of each patch, by least squares.
 
-    Returns the lengths (k,), the coefficients (k, d, c), the least pivots (k,), and whether
-    there are too few points (k,).
+    Row i of the sparse matrix `patch` (k, m) has the triangles of patch i, and `centre` (k, 2)
+    is its node [m]. `corners` (m, 3, 2) and `values` (m, q, c) are of all triangles.
+
+    Returns for each patch its length (k,) [m], the coefficients (k, d, c) in coordinates from
+    the centre divided by this length, the least pivot (k,), and whether there are too few points
+    to determine the coefficients (k,).
     """
     starts = patch.indptr[:-1]
     entries = patch.indices
@@ -148,8 +159,9 @@ def _fit(centre, corners, values, samples, patch):
     arms = corners[entries] - centre[row, None]
     length = np.sqrt(np.add.reduceat((arms**2).sum(axis=(1, 2)), starts) / (3 * count))
     terms = _monomials(samples.points @ arms / length[row, None, None], samples.degree)
-    known = np.concatenate([terms, values[entries]], axis=2)
-    sums = np.add.reduceat(np.einsum("eqi,eqj->eij", terms, known), starts)
+    # The normal equations of least squares: products of the terms with the terms and the values.
+    terms_and_values = np.concatenate([terms, values[entries]], axis=2)
+    sums = np.add.reduceat(np.einsum("eqi,eqj->eij", terms, terms_and_values), starts)
     points = count * len(samples.points)
     pivot, solution = _solve(sums / points[:, None, None])
     return length, solution, pivot, points <= terms.shape[2]
@@ -158,8 +170,9 @@ def _fit(centre, corners, values, samples, patch):
 def _solve(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the least pivots (k,) and A₁⁻¹ A₂ (k, d, c) for A = (A₁, A₂) (k, d, d + c).
 
-    By the elimination of Gauss and Jordan. The coefficient of a pivot below `LEAST_PIVOT` is
-    zero. A is overwritten.
+    By the elimination of Gauss and Jordan, without a search for pivots: A₁ is symmetric and has
+    no negative eigenvalue. The coefficient of a pivot below `LEAST_PIVOT` is zero. A is
+    overwritten.
     """
     least = np.full(len(A), np.inf)
     d = A.shape[1]

@@ -31,7 +31,7 @@ def nodes(cloth, where: Where) -> np.ndarray:
     else:
         selected = np.atleast_1d(where)
     if not selected.size:
-        raise _empty_selection(cloth, where)
+        raise _empty_selection(cloth, where)  # an empty list has no integer type to check
     if selected.dtype == bool and selected.shape == (len(cloth.X),):
         selected = np.flatnonzero(selected)
     if selected.ndim != 1 or not np.issubdtype(selected.dtype, np.integer):
@@ -44,12 +44,12 @@ def nodes(cloth, where: Where) -> np.ndarray:
         what = f"node indices {selected.min()} … {selected.max()}"
         allowed = f"must be in 0 … {len(cloth.X) - 1}"
         raise InputError(what, allowed, "Cloth.nodes")
-    _, first = np.unique(selected, return_index=True)
-    return selected[np.sort(first)]
+    _, first_places = np.unique(selected, return_index=True)
+    return selected[np.sort(first_places)]  # each index once, in the order of the list
 
 
 def region(cloth, where: str | Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Return the indices of triangles.
+    """Return the indices of triangles, in ascending order.
 
     Raises `InputError` if the region is unknown or contains no triangle.
 

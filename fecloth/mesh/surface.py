@@ -27,12 +27,12 @@ def count_intersections(triangles: np.ndarray, x: np.ndarray) -> int | None:
 
 
 def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | None:
-    """Find the pairs (p, 2) of triangles that pass through each other.
+    """Return the pairs (p, 2) of triangles (s, 3) that pass through each other.
 
     A pair intersects if an edge of one triangle crosses the inside of the other. Five volumes of
     tetrahedra must then exceed the round-off of the coordinates. So triangles that touch, or
     overlap in a plane, do not count. Pairs with a common node do not count, either. The time is
-    proportional to the number of triangles (s, 3).
+    proportional to the number of triangles.
 
     Returns None if positions x (n, 3) are not finite, or a triangle has more than 500 others
     near it on the average, as in a cloth that has collapsed.
@@ -43,18 +43,20 @@ def find_intersections(triangles: np.ndarray, x: np.ndarray) -> np.ndarray | Non
         return None
     centres = corners.mean(axis=1)
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    # Classes of radii that differ by a factor below 1.5, large ones last.
+    # Classes of radii that differ by a factor below 1.5, large ones last. The search below uses
+    # the largest radius of a class; so one large triangle does not widen it for the small ones.
     size = np.floor(np.log(np.maximum(radii, 1e-300)) / np.log(1.5))
     classes = [np.flatnonzero(size == exponent) for exponent in np.unique(size)]
     trees = [cKDTree(centres[members]) for members in classes]
     intersecting = [np.zeros((0, 2), int)]
-    for i, (mine, tree) in enumerate(zip(classes, trees, strict=True)):
-        for other, another in zip(classes[: i + 1], trees, strict=False):
-            reach = radii[mine].max() + radii[other].max()
-            if _mean_neighbours(tree, another, reach) > MOST_NEIGHBOURS:
+    for i, (members, tree) in enumerate(zip(classes, trees, strict=True)):
+        # Each pair of classes once, and each class with itself.
+        for others, other_tree in zip(classes[: i + 1], trees, strict=False):
+            reach = radii[members].max() + radii[others].max()
+            if _mean_neighbours(tree, other_tree, reach) > MOST_NEIGHBOURS:
                 return None
-            left, right = _pairs(tree, another, reach)
-            first, second = _overlapping(triangles, corners, mine[left], other[right])
+            left, right = _pairs(tree, other_tree, reach)
+            first, second = _overlapping(triangles, corners, members[left], others[right])
             a = corners[first]
             b = corners[second]
             crosses = _crosses(a, b) | _crosses(b, a)
@@ -80,7 +82,11 @@ def _pairs(tree: cKDTree, another: cKDTree, reach: float) -> tuple[np.ndarray, n
 def _overlapping(
     triangles: np.ndarray, corners: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs without a common node whose boxes overlap, not only touch."""
+    """Return those of the pairs that have no common node and whose boxes overlap.
+
+    `first` and `second` (p,) are the triangles of the pairs; boxes that only touch do not
+    overlap. `triangles` (s, 3) are node indices, and `corners` (s, 3, 3) their positions.
+    """
     low = corners.min(axis=1).T
     high = corners.max(axis=1).T
     for a, b in zip(low, high, strict=True):
@@ -88,21 +94,26 @@ def _overlapping(
         first = first[near]
         second = second[near]
     for i, j in np.ndindex(3, 3):
-        other = triangles[first, i] != triangles[second, j]
-        first = first[other]
-        second = second[other]
+        differ = triangles[first, i] != triangles[second, j]
+        first = first[differ]
+        second = second[differ]
     return first, second
 
 
 def _crosses(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return whether an edge of each triangle a (p, 3, 3) crosses the inside of triangle b."""
+    """Return whether (p,) an edge of each triangle a (p, 3, 3) crosses the inside of triangle b.
+
+    Both are positions of corners. What may be round-off counts as no crossing.
+    """
     error = COORDINATE_ERROR * np.maximum(abs(a).max(axis=(1, 2)), abs(b).max(axis=(1, 2)))
-    below = _side(b[:, :1], b[:, 1:2], b[:, 2:], a, error[:, None])
-    pair, edge = np.nonzero(below * np.roll(below, -1, axis=1) < 0)
+    # The edges of a whose ends lie on different sides of the plane of b: from p to q.
+    side = _side(b[:, :1], b[:, 1:2], b[:, 2:], a, error[:, None])
+    pair, edge = np.nonzero(side * np.roll(side, -1, axis=1) < 0)
     p = a[pair, edge]
     q = a[pair, (edge + 1) % 3]
     b = b[pair]
     error = error[pair]
+    # The line p q passes inside b if it passes all three edges of b on the same side.
     turns = [_side(p, q, b[:, i], b[:, (i + 1) % 3], error) for i in range(3)]
     result = np.zeros(len(a), bool)
     result[pair[np.abs(sum(turns)) == 3]] = True
@@ -161,9 +172,10 @@ class Surface:
         first, second = self.sides.T
         opposed = np.einsum("hi,hi->h", normals[first], normals[second]) < 0
         size = len(self.triangles)
-        against = np.bincount(self.sides[opposed].ravel(), minlength=size)
+        opposed_neighbours = np.bincount(self.sides[opposed].ravel(), minlength=size)
         neighbours = np.bincount(self.sides.ravel(), minlength=size)
-        return int(((against == neighbours) & (neighbours > 1)).sum())
+        is_inverted = (opposed_neighbours == neighbours) & (neighbours > 1)
+        return int(is_inverted.sum())
 
     def count_intersections(self, x: np.ndarray) -> int | None:
         """Count the pairs of triangles that intersect, see `find_intersections`."""
@@ -197,39 +209,56 @@ class Enclosure:
 
     @classmethod
     def from_triangles(cls, triangles: np.ndarray, nodes: int) -> Self:
-        """Find the rims of triangles (m, 3), or P2 (m, 6), between this number of nodes."""
+        """Find the rims of triangles (m, 3), or P2 (m, 6), between this number of nodes.
+
+        The triangles must be oriented alike. A rim is a closed curve of edges that have a
+        triangle on one side only.
+        """
         cells = triangles.astype(np.int64)
         corners = cells[:, :3]
         midpoints = cells[:, 3:].reshape(3 * len(cells), -1)
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-        rim = np.hstack([edges, midpoints])[~np.isin(edges @ (nodes, 1), edges @ (1, nodes))]
+        # An edge is inside if another triangle runs along it in the opposite direction.
+        is_inside = np.isin(edges @ (nodes, 1), edges @ (1, nodes))
+        rim = np.hstack([edges, midpoints])[~is_inside]
         graph = sparse.csr_matrix((np.ones(len(rim)), rim[:, :2].T), shape=(nodes, nodes))
         label = connected_components(graph, directed=False)[1]
         _, part = np.unique(label[rim[:, 0]], return_inverse=True)
-        own = np.delete(rim, 1, axis=1)  # each node of a rim once
-        entries = np.ones(own.size), (np.repeat(part, own.shape[1]), own.ravel())
-        centre = sparse.csr_matrix(entries, shape=(part.max(initial=-1) + 1, nodes))
-        share = sparse.diags(1.0 / np.asarray(centre.sum(axis=1)).ravel())
-        return cls(cells, rim, share @ centre, part)
+        # Each node of a rim once: without the ends of the edges, which begin the next ones.
+        rim_nodes = np.delete(rim, 1, axis=1)
+        entries = np.ones(rim_nodes.size), (np.repeat(part, rim_nodes.shape[1]), rim_nodes.ravel())
+        sum_of_rim = sparse.csr_matrix(entries, shape=(part.max(initial=-1) + 1, nodes))
+        share = sparse.diags(1.0 / np.asarray(sum_of_rim.sum(axis=1)).ravel())
+        return cls(cells, rim, share @ sum_of_rim, part)
 
     def volume(self, x: np.ndarray) -> float:
         """Return V = ⅓ ∫ x · (x_ξ × x_η) over triangles and caps for positions x (n, 3) [m³].
 
         V is positive where the oriented normals point out of it. Triangles and edges of P2 are
-        curved; the rule of its energy is exact for V.
+        curved; the quadrature of the element's energy is exact for V.
         """
-        is_quadratic = self.triangles.shape[1] == 6
-        element = ELEMENTS["P2" if is_quadratic else "P1"]
+        element = ELEMENTS["P2" if self.triangles.shape[1] == 6 else "P1"]
         nodes = x[self.triangles]
         total = 0.0
         _, weights = element.rule
         for N, slopes, weight in zip(element.values, element.slopes, weights, strict=True):
             point, x_xi, x_eta = (np.einsum("k,eki->ei", c, nodes) for c in (N, *slopes))
             total += weight / 3 * np.vdot(point, np.cross(x_xi, x_eta))
-        # A cap to c: ⅙ c · ∫ r' × r dt; r has the ends a, b and the bulge m − (a + b)/2.
+        return float(total + self._caps_volume(x))
+
+    def _caps_volume(self, x: np.ndarray) -> float:
+        """Return the part of the integral over all caps for positions x (n, 3) [m³].
+
+        A cap joins its centre c to the edges of its rim. An edge is r(t) = a + t e +
+        4 t (1 − t) d, 0 ≤ t ≤ 1, with e = b − a and the bulge d = m − (a + b)/2 of its midpoint
+        m. Its part is ⅙ c · ∫ r' × r dt, and the integral is b × a − 4/3 d × e. For P1, d is 0.
+        """
         a = x[self.rim[:, 0]]
         b = x[self.rim[:, 1]]
-        swept = np.cross(b, a)
+        swept = np.cross(b, a)  # ∫ r' × r dt
+        is_quadratic = self.rim.shape[1] == 3
         if is_quadratic:
-            swept -= 4 / 3 * np.cross(x[self.rim[:, 2]] - (a + b) / 2, b - a)
-        return float(total + np.vdot((self.centre @ x)[self.part], swept) / 6)
+            bulge = x[self.rim[:, 2]] - (a + b) / 2
+            swept -= 4 / 3 * np.cross(bulge, b - a)
+        centre_of_edge = (self.centre @ x)[self.part]  # c of the rim of each edge
+        return np.vdot(centre_of_edge, swept) / 6

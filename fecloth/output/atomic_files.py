@@ -34,10 +34,10 @@ class DiskFull(WriteError):
 
 
 def ending_of(error: Exception) -> tuple[int, str]:
-    """Exit status of a command that ends with this error, and the line that it prints.
+    """Return the exit status of a command that ends with this error, and the line to print.
 
-    `error` is a `FeclothError`, an OSError or a MemoryError. A full disk is no mistake of the
-    user.
+    `error` is a `FeclothError`, an OSError or a MemoryError. The status is `BAD_INPUT` for a
+    mistake of the user, else `FAILED`. A full disk is no mistake of the user.
     """
     if isinstance(error, MemoryError):
         return FAILED, f"failed: memory is full ({error}). Take a coarser mesh."
@@ -59,12 +59,12 @@ def replace_file(path: Path, data: bytes) -> None:
 def append_in_place(path: Path, data: bytes, tail: int) -> None:
     """Write `data` in the place of the last `tail` bytes of a file, in one write.
 
-    A killed process leaves the file as it was or with all the new bytes. The cost does not
-    depend on the size of the file.
+    A killed process leaves the file as it was or with all the new bytes. After an error the file
+    is as it was, and `WriteError` is raised. The cost does not depend on the size of the file.
     """
     with writing(path), path.open("r+b", buffering=0) as stream:
         place = stream.seek(-tail, os.SEEK_END)
-        end = stream.read(tail)
+        old_end = stream.read(tail)
         stream.seek(place)
         try:
             while data:  # an almost full disk takes a part
@@ -72,14 +72,18 @@ def append_in_place(path: Path, data: bytes, tail: int) -> None:
         except BaseException:
             with suppress(OSError):  # report the first error
                 stream.seek(place)
-                stream.write(end)
+                stream.write(old_end)
                 stream.truncate()
             raise
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary file that replaces `path` at the end of the block."""
+    """Yield the path of a temporary file that replaces `path` at the end of the block.
+
+    After an error in the block the temporary file is removed, and `path` is as it was. An
+    OSError is raised as a `WriteError`. The folder of `path` is made if there is none.
+    """
     part = path.with_name(path.name + ".part")
     with writing(path):
         try:
@@ -93,11 +97,15 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def flush_to_disk(*paths: Path) -> None:
-    """Wait until files, and the entries of folders, would survive a power cut."""
+    """Wait until the contents of files, and the entries of folders, would survive a power cut.
+
+    Raises `WriteError` if the system cannot write one of them.
+    """
     for path in paths:
         if path.is_dir() and os.name == "nt":
             continue  # Windows cannot open folders
         with writing(path):
+            # A folder can be opened for reading only.
             file = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
             try:
                 os.fsync(file)
@@ -109,8 +117,9 @@ def flush_to_disk(*paths: Path) -> None:
 def lock_folder(path: Path) -> Iterator[None]:
     """Lock a run's folder against other runs, by a lock on the file `LOCK` in it.
 
-    The lock ends with the process, however that ends. On a drive without locks it does
-    nothing.
+    The lock ends with the block, or with the process, however that ends. On a drive without
+    locks it does nothing. Raises `InputError` if another process has the lock, and `WriteError`
+    if the file cannot be made.
     """
     lock = FileLock(path / LOCK, timeout=0)
     with writing(path):
@@ -125,7 +134,8 @@ def lock_folder(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):  # Windows removes it by the release
+        # Windows does not remove a file that is open; there the release removes it.
+        with suppress(OSError):
             (path / LOCK).unlink()
         lock.release()
 

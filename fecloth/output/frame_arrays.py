@@ -26,16 +26,17 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
     has neither. With `error_density` the cells have the error density of `space_error`.
     """
     cloth = system.cloth
-    G = system.panel.gradients
+    gradients = system.panel.gradients  # along warp and weft
     membranes = [term for term in system.bound if term.has_stress]
     stress = np.zeros((len(cloth.triangles), 4)) if membranes else None
     for term in membranes:
         term.add_stress(state.x, stress)
     held = np.zeros(len(cloth.X), np.uint8)  # number of directions in which each node is held
-    free = np.trace(system.constraints.projectors, axis1=1, axis2=2)
-    held[system.constraints.nodes] = np.round(3 - free)
+    # A projector onto the free directions has their number as its trace.
+    free_directions = np.trace(system.constraints.projectors, axis1=1, axis2=2)
+    held[system.constraints.nodes] = np.round(3 - free_directions)
     points = _points(cloth, state) | {"held": held} | _contact(system, state)
-    cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress, part))
+    cells = _in_blocks(cloth, lambda part: _cells(cloth, gradients, state.x, stress, part))
     cells |= {"quality": cloth.quality, "region": system.panel.region.astype(np.int32)}
     for term in system.bound:
         cells |= term.cells(state.x, state.t)
@@ -47,7 +48,7 @@ def fields(system: System, state: State, error_density: bool = False) -> tuple[A
 def kinematics(cloth: Cloth, state: State) -> tuple[Arrays, Arrays]:
     """Return the point data and cell data that need no material, along X and Y."""
     G = cloth.gradients
-    cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, None, part))
+    cells = _in_blocks(cloth, lambda part: _cells(cloth, G, state.x, stress=None, part=part))
     return _points(cloth, state), cells | {"quality": cloth.quality}
 
 
@@ -57,7 +58,10 @@ def _points(cloth: Cloth, state: State) -> Arrays:
 
 
 def _contact(system: System, state: State) -> Arrays:
-    """Pressure and slip of a system with contact; no arrays of one without."""
+    """Return contact pressure (n,) [Pa] and slip (n, 3) [m/s]; no arrays without contact.
+
+    Both are sums over the terms of contact.
+    """
     x = state.x
     v = state.v
     t = state.t
@@ -73,7 +77,10 @@ def _contact(system: System, state: State) -> Arrays:
 
 
 def _in_blocks(cloth: Cloth, arrays_of: Callable[[slice], Arrays]) -> Arrays:
-    """Join what `arrays_of(part)` returns for parts of the triangles, to save memory."""
+    """Return arrays for all triangles, joined from `arrays_of(part)` for parts of them.
+
+    The intermediate arrays of a part take less memory than those of all triangles.
+    """
     m = len(cloth.triangles)
     joined = {}
     for part in blocks(m):
@@ -87,19 +94,24 @@ def _in_blocks(cloth: Cloth, arrays_of: Callable[[slice], Arrays]) -> Arrays:
 def _cells(
     cloth: Cloth, gradients: np.ndarray, x: np.ndarray, stress: np.ndarray | None, part: slice
 ) -> Arrays:
-    """Return the cell data of some triangles; `stress` (m, 4) are S11, S22, S12 and W of all."""
+    """Return the cell data of the triangles in the slice `part`, from positions x (n, 3) [m].
+
+    `gradients` are ∂N_a/∂X of all triangles along the axes of F. `stress` (m, 4) are S11, S22,
+    S12 [N/m] and the energy density W [J/m²] of all triangles; without it there are no stresses.
+    """
     share = cloth.weights[part] / cloth.weights[part].sum(axis=1, keepdims=True)
     F = deformation_gradient(cloth, x, gradients, part)
-    mean = np.einsum("eq,eqij->eij", share, F)
-    R, U = _polar(mean)
+    mean_F = np.einsum("eq,eqij->eij", share, F)
+    R, U = _polar(mean_F)
+    # The mean of the strain; for P2 it is not the strain of the mean F.
     E = (np.einsum("eq,eqij,eqik->ejk", share, F, F) - np.eye(2)) / 2
     cells = {
         "E11": E[:, 0, 0],
         "E22": E[:, 1, 1],
         "E12": E[:, 0, 1],
         "principal_stretches": principal_stretches(cloth, x, part),
-        "warp": _single(mean[..., 0]),
-        "weft": _single(mean[..., 1]),
+        "warp": _single(mean_F[..., 0]),
+        "weft": _single(mean_F[..., 1]),
         "strain_tensor": _turned(R, E),
     }
     if stress is None:
@@ -108,13 +120,18 @@ def _cells(
 
 
 def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
-    """Cell data from the mean F = R U and S11, S22, S12 and W of each triangle (m, 4)."""
+    """Return the cell data of stress for triangles with the mean F = R U.
+
+    R (m, 3, 2) and U (m, 2, 2) are of `_polar`, and `stress` (m, 4) are S11, S22, S12 [N/m] and
+    the energy density W [J/m²].
+    """
     # The stress in space, F S Fᵀ / J, is R (U S U / J) Rᵀ.
     S11, S22, S12, W = stress.T
     S = np.stack([S11, S12, S12, S22], axis=1).reshape(-1, 2, 2)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         T = U @ S @ U / np.linalg.det(U)[:, None, None]
     T[~np.isfinite(T)] = 0.0  # a triangle without area
+    # The principal stresses by Mohr's circle.
     mean = (T[:, 0, 0] + T[:, 1, 1]) / 2
     half = (T[:, 0, 0] - T[:, 1, 1]) / 2
     radius = np.hypot(half, T[:, 0, 1])
@@ -129,7 +146,10 @@ def _stresses(R: np.ndarray, U: np.ndarray, stress: np.ndarray) -> Arrays:
 
 
 def _polar(F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R (m, 3, 2) and U (m, 2, 2) with F = R U; R is 0 where a triangle has no area."""
+    """Return R (m, 3, 2) and the symmetric U (m, 2, 2) with F = R U, for F (m, 3, 2).
+
+    R has orthonormal columns; it is 0 where a triangle has no area.
+    """
     # U² = FᵀF gives U = (FᵀF + J I) / √(tr FᵀF + 2J) with J = det U (Cayley and Hamilton).
     C = F.transpose(0, 2, 1) @ F
     J = np.sqrt(np.maximum(np.linalg.det(C), 0.0))[:, None, None]

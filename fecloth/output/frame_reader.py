@@ -99,13 +99,16 @@ FIELDS = {
 
 
 def field_values(frame: Frame, name: str) -> np.ndarray:
-    """Return the values of a field, one per node (n,) or per triangle (m,)."""
+    """Return the values of a field of `FIELDS`, one per node (n,) or per triangle (m,).
+
+    Raises `InputError` for an unknown name, and for a field whose array the frame lacks.
+    """
     known(f"field {name!r}", name, FIELDS)
     field = FIELDS[name]
     arrays = {**frame.point_data, **frame.cell_data, "": frame.points}
     if field.array not in arrays:
-        there = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
-        remedy = f"There are {there}."
+        available = ", ".join(key for key, item in FIELDS.items() if item.array in arrays)
+        remedy = f"There are {available}."
         raise InputError(f"field {name!r}", "is not in these frames", remedy=remedy)
     return field.of(arrays[field.array])
 
@@ -153,12 +156,13 @@ class Series:
 
         Raises `InputError` if there are no frames, or their list cannot be read.
         """
-        given = folder = Path(path)
+        given_path = folder = Path(path)
         listed = folder / "run.vtu.series"
         single = folder / "run.vtkhdf"
         if not (listed.is_file() or single.is_file()):  # the path is of `write_vtk`
-            folder = given.parent
-            listed = Path(f"{given}.vtu.series".replace(".pvd.", "."))
+            folder = given_path.parent
+            # It has returned out/swing.pvd for the list out/swing.vtu.series.
+            listed = Path(f"{given_path}.vtu.series".replace(".pvd.", "."))
         if listed.is_file():
             try:
                 entries = json.loads(listed.read_text(encoding="utf-8"))["files"]
@@ -171,12 +175,13 @@ class Series:
         if single.is_file():
             return cls(folder, _read_times(single), lambda i: _read_hdf(single, i))
         remedy = "Give the folder of a run, as out/flag."
-        raise InputError(f"{given}", "has no frames", "", remedy)
+        raise InputError(f"{given_path}", "has no frames", "", remedy)
 
     def at(self, time: float | None) -> int:
         """Return the number of the frame closest to a time [s]; the last for None."""
-        wanted = self.times[-1] if time is None else time
-        return int(np.argmin(np.abs(np.array(self.times) - wanted)))
+        if time is None:
+            time = self.times[-1]
+        return int(np.argmin(np.abs(np.array(self.times) - time)))
 
     def spread(self, most: int) -> list[int]:
         """Return the numbers of up to `most` frames, evenly spread from the first to the last."""
@@ -231,14 +236,16 @@ def _read_times(file: Path) -> tuple[float, ...]:
 
 
 def _read_hdf(file: Path, i: int) -> Frame:
+    """Return frame i of a .vtkhdf file, whose layout `vtkhdf_writer` describes."""
     with _hdf(file) as root:
         steps = root["Steps"]
         n = int(root["NumberOfPoints"][0])
         m = int(root["NumberOfCells"][0])
 
-        def arrays(kind, rows):
-            begins = {name: int(steps[f"{kind}Offsets/{name}"][i]) for name in root[kind]}
-            return {name: root[kind][name][b : b + rows] for name, b in begins.items()}
+        def arrays(group, rows):
+            """Return the frame's rows of each array in the group PointData or CellData."""
+            begins = {name: int(steps[f"{group}Offsets/{name}"][i]) for name in root[group]}
+            return {name: root[group][name][b : b + rows] for name, b in begins.items()}
 
         begin = int(steps["PointOffsets"][i])
         points = root["Points"][begin : begin + n]

@@ -72,22 +72,25 @@ class Frames:
         return file
 
     def keep(self, times: Sequence[float]) -> None:
-        """Continue after an earlier run's frames of these times; remove its later ones.
+        """Continue after an earlier run's frames of these times [s]; remove its later frames.
 
-        Raises `InputError` if a frame is missing or empty; nothing is changed then.
+        The lists are written anew with these frames only. Raises `InputError` if a frame is
+        missing or empty; nothing is changed then.
         """
         names = (self._name(i) for i in range(len(times)))
         files = ((name, self.path.parent / name) for name in names)
-        lost = [name for name, file in files if not (file.is_file() and file.stat().st_size)]
-        if lost:
-            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+        missing = [name for name, file in files if not (file.is_file() and file.stat().st_size)]
+        if missing:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            what = f"{self.path.parent / missing[0]}{more}"
             remedy = "Restore it, or run the scene again with --overwrite."
-            raise InputError(f"{self.path.parent / lost[0]}{more}", "is missing", remedy=remedy)
+            raise InputError(what, "is missing", remedy=remedy)
         self.times = array("d", times)
         listed = [(self._name(i), t) for i, t in enumerate(self.times)]
         for suffix, encode, _ in LISTS:
             replace_file(self._list(suffix), encode(listed))
         for file in self.path.parent.glob(f"{self.stem}_*.vtu"):
+            # The numbers have leading zeros, so the names have the order of the numbers.
             if file.name >= Path(self._name(len(self.times))).name:
                 with writing(file):
                     file.unlink()
@@ -101,7 +104,11 @@ class Frames:
         return f"{self.stem}_{number:06d}.vtu"
 
     def _fields(self, state):
-        """Return the point and cell data of a state; raise `InputError` for another cloth's."""
+        """Return the point data and the cell data of a state.
+
+        Without a system they need no material: there is no stress. Raises `InputError` for what
+        is not a `State`, and for a state of another cloth.
+        """
         shape = (len(self.cloth.X), 3)
         if not isinstance(state, State):
             what = f"a {type(state).__name__}"
@@ -117,12 +124,14 @@ class Frames:
         return self.path.with_name(self.path.name + suffix)
 
     def _list_last(self) -> None:
-        """Append the last frame to the lists; the first one creates them."""
-        last = self._name(len(self.times) - 1), self.times[-1]
+        """Append the last frame to the lists on disk; the first frame creates them."""
+        last = self._name(len(self.times) - 1), self.times[-1]  # its file and its time
         for suffix, encode, tail in LISTS:
             if len(self.times) == 1:
                 replace_file(self._list(suffix), encode([last]))
             else:
+                # The list of this frame alone without its beginning: the entry and the tail. It
+                # is written over the tail of the list on disk.
                 entry = encode([last]).removeprefix(encode([]).removesuffix(tail))
                 between = b", " if suffix == ".vtu.series" else b""
                 append_in_place(self._list(suffix), between + entry, len(tail))
@@ -131,7 +140,7 @@ class Frames:
 def write_vtk(
     path: str | Path, cloth: Cloth, states: State | Iterable[State], system: System | None = None
 ) -> Path:
-    """Write states as a series for ParaView; return the .pvd file.
+    """Write states as a series for ParaView; return the path of the .pvd file.
 
     Raises `InputError` if there is no state, one is not of this cloth, or a file cannot be
     written.
@@ -178,6 +187,7 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
     if not np.array_equal(cells, cloth.cells):
         remedy = "Make the cloth from the same mesh."
         raise InputError("its triangles join other nodes than the cloth's", "", where, remedy)
+    # Another program may have written a .vtu of the same mesh without them.
     for name, data in (("velocity", mesh.point_data), ("TimeValue", mesh.field_data)):
         if name not in (data or {}):
             remedy = "Give a frame written by fecloth."
@@ -187,7 +197,11 @@ def read_frame(path: str | Path, cloth: Cloth) -> State:
 
 
 def write_mesh(path: Path, cloth: Cloth) -> None:
-    """Write the flat mesh by meshio, with the quality and a 0/1 array for each node set."""
+    """Write the flat mesh by meshio, with the quality and a 0/1 array for each node set.
+
+    The suffix of `path` gives the format. Raises `InputError` for a suffix that meshio does not
+    know, and if the file cannot be written.
+    """
     import meshio  # here, as its import is slow
 
     points = np.column_stack([cloth.X, np.zeros(len(cloth.X))])

@@ -27,7 +27,11 @@ class Obstacles(NamedTuple):
 
 
 def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
-    """The surfaces of all obstacles at the time t around positions (n, 3); None without one."""
+    """Return the surfaces of all obstacles at the time t [s] as one; None without obstacles.
+
+    Endless obstacles are drawn around the middle of the positions x (n, 3) [m], as far as the
+    cloth is long.
+    """
     place = (x.min(axis=0) + x.max(axis=0)) / 2
     reach = system.cloth.extent
     shown = [term.surface(t, place, reach) for term in system.bound]
@@ -35,9 +39,12 @@ def find_obstacles(system: System, x: np.ndarray, t: float) -> Obstacles | None:
     if not surfaces:
         return None
     points = [points for points, _ in surfaces]
-    ends = np.cumsum([len(own) for own in points])
-    begins = ends - [len(own) for own in points]  # number of each surface's first point
-    triangles = [own + begin for (_, own), begin in zip(surfaces, begins, strict=True)]
+    counts = [len(points_of_one) for points_of_one in points]
+    begins = np.cumsum(counts) - counts  # number of each surface's first point
+    triangles = [
+        triangles_of_one + begin
+        for (_, triangles_of_one), begin in zip(surfaces, begins, strict=True)
+    ]
     return Obstacles(np.vstack(points), np.vstack(triangles))
 
 
@@ -66,9 +73,15 @@ class ObstacleFrames:
     last: Obstacles | None = None
 
     def add(self, number: int, state: State) -> None:
-        """Write the obstacles at the time of a state, if they are not where they were."""
+        """Write the obstacles at the time of a state, unless they are where they were.
+
+        `number` is the number of the frame, by which the file is named. The list of the files is
+        written anew, too.
+        """
         now = find_obstacles(self.system, self.around, state.t)
-        if now is None or (self.last is not None and all(map(np.array_equal, now, self.last))):
+        if now is None:
+            return
+        if self.last is not None and all(map(np.array_equal, now, self.last)):
             return
         name = _name(number)
         replace_file(self.folder / name, encode_vtu(now.points, now.triangles, state.t, {}, {}))
@@ -95,11 +108,14 @@ def _files(folder: Path) -> list[Path]:
 
 
 def read_obstacles(folder: Path, number: int) -> Obstacles | None:
-    """The obstacles as written last, up to frame i of a run; None without any."""
-    before = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
-    if not before:
+    """Return the obstacles in frame `number` of the run in `folder`; None if it has none.
+
+    They are in the last file up to this frame, because they are written only where they move.
+    """
+    up_to_frame = [file for file in _files(folder) if file.name <= Path(_name(number)).name]
+    if not up_to_frame:
         return None
-    file = before[-1]
+    file = up_to_frame[-1]
     if b'NumberOfPoints="0"' in file.read_bytes():  # meshio refuses a mesh without any
         return Obstacles(np.empty((0, 3)), np.empty((0, 3), np.int64))
     mesh = read_vtu(file)

@@ -33,7 +33,11 @@ COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
 
 
 def gather(series: Series, target: Path) -> Path:
-    """Write all frames of a series into one file, which is there whole or not at all."""
+    """Write all frames of a series into one .vtkhdf file, and return its path.
+
+    The file is there whole or not at all. Raises `InputError` without the package h5py, and if
+    the file cannot be written.
+    """
     with replacing(target) as part, h5py().File(part, "w") as file:
         root = file.create_group("VTKHDF")
         first = series.read(0)
@@ -41,16 +45,16 @@ def gather(series: Series, target: Path) -> Path:
         _write_steps(root, _arrays(first), series.times)
         for i in range(len(series.times)):
             for name, data in _arrays(series.read(i)).items():
-                if not (i and _is_static(name)):
+                if not (i and _is_static(name)):  # static arrays once, with the first frame
                     root[name][i * len(data) : (i + 1) * len(data)] = data
     return target
 
 
 def _arrays(frame: Frame) -> Arrays:
-    """The arrays of a frame by their names in the file."""
-    kinds = {"PointData": frame.point_data, "CellData": frame.cell_data}
-    named = {f"{kind}/{name}": data for kind, own in kinds.items() for name, data in own.items()}
-    return {"Points": frame.points, **named}
+    """Return the arrays of a frame by their names in the file, as "PointData/velocity"."""
+    point_data = {f"PointData/{name}": data for name, data in frame.point_data.items()}
+    cell_data = {f"CellData/{name}": data for name, data in frame.cell_data.items()}
+    return {"Points": frame.points, **point_data, **cell_data}
 
 
 def _is_static(name: str) -> bool:
@@ -58,18 +62,23 @@ def _is_static(name: str) -> bool:
 
 
 def _write_triangles(root, frame: Frame) -> None:
+    """Write the numbers of points and cells, and the triangles, which all frames share."""
     m, k = frame.cells.shape
     root.attrs["Version"] = (2, 2)
     root.attrs["Type"] = np.bytes_("UnstructuredGrid")
     for name, count in zip(COUNTS, (len(frame.points), m, m * k), strict=True):
         root[name] = np.array([count])
     root["Connectivity"] = frame.cells.ravel().astype(np.int64)
-    root["Offsets"] = np.arange(0, k * m + 1, k)
+    root["Offsets"] = np.arange(0, k * m + 1, k)  # of each cell in Connectivity
     root["Types"] = np.full(m, CELLS[k], np.uint8)
 
 
 def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
-    """Write times and offsets, and make datasets for all frames, compressed without loss."""
+    """Write times and offsets, and make datasets for all frames, compressed without loss.
+
+    `arrays` are the arrays of the first frame by their names; each dataset has its rows for all
+    frames, or once if the array is static. The datasets are still empty.
+    """
     count = len(times)
     steps = root.create_group("Steps")
     steps.attrs["NSteps"] = count
@@ -80,15 +89,15 @@ def _write_steps(root, arrays: Arrays, times: tuple[float, ...]) -> None:
         steps[name] = np.zeros((count, 1), np.int64)
     packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
     for name, data in arrays.items():
-        kind, _, own = name.partition("/")
-        offsets = f"{kind}Offsets/{own}" if own else "PointOffsets"
+        group, _, name_in_group = name.partition("/")  # Points is in no group
+        offsets = f"{group}Offsets/{name_in_group}" if name_in_group else "PointOffsets"
         if _is_static(name):
             steps[offsets] = np.zeros(count, np.int64)
             rows = len(data)
         else:
             steps[offsets] = np.arange(count) * len(data)
             rows = len(data) * count
-        row = data.shape[1:]
-        rows_of_chunk = max(1, CHUNK // (8 * math.prod(row)))
-        chunks = (min(rows_of_chunk, rows), *row)
-        root.create_dataset(name, (rows, *row), data.dtype, chunks=chunks, **packing)
+        shape_of_row = data.shape[1:]
+        rows_of_chunk = max(1, CHUNK // (8 * math.prod(shape_of_row)))  # 8 bytes a number
+        chunks = (min(rows_of_chunk, rows), *shape_of_row)
+        root.create_dataset(name, (rows, *shape_of_row), data.dtype, chunks=chunks, **packing)

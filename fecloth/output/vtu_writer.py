@@ -36,10 +36,11 @@ def encode_vtu(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> byt
 
 
 def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterator[bytes]:
+    """Yield the bytes of the file of `encode_vtu` in their order."""
     m, k = cells.shape
     topology = {
         "connectivity": cells.ravel(),
-        "offsets": np.arange(k, k * m + 1, k, dtype=np.int32),
+        "offsets": np.arange(k, k * m + 1, k, dtype=np.int32),  # end of each cell
         "types": np.full(m, CELLS[k], np.uint8),
     }
     order = f"{sys.byteorder.capitalize()}Endian"
@@ -65,10 +66,11 @@ def _parts(x, cells, t: float, point_data: Arrays, cell_data: Arrays) -> Iterato
 
 
 def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[bytes]:
-    """Yield a compressed DataArray.
+    """Yield the bytes of a compressed DataArray with this name, and with more XML attributes.
 
-    Its header has the number of blocks, the size of a block, the size of the last part, and the
-    compressed size of each. Better compression is slower, and saves a few per cent on float64.
+    Its header has the number of blocks, the size of a block, the size of the last block if it is
+    smaller, else 0, and the compressed size of each. All sizes are in bytes. Better compression
+    is slower, and saves a few per cent on float64.
     """
     raw = np.ascontiguousarray(data).reshape(-1).view(np.uint8).data
     parts = (raw[i : i + BLOCK] for i in range(0, len(raw), BLOCK))
@@ -78,20 +80,23 @@ def _data_array(name: str, data: np.ndarray, attributes: str = "") -> Iterator[b
         attributes += f' NumberOfComponents="{data.shape[1]}"'
         for i, component in enumerate(COMPONENTS.get(name, ())):
             attributes += f' ComponentName{i}="{component}"'
-    kind = VTK_TYPES[data.dtype.str[1:]]
-    yield f'<DataArray type="{kind}" Name="{name}"{attributes} format="binary">\n'.encode()
+    vtk_type = VTK_TYPES[data.dtype.str[1:]]  # without the byte order, as "f8" of "<f8"
+    yield f'<DataArray type="{vtk_type}" Name="{name}"{attributes} format="binary">\n'.encode()
     yield base64.b64encode(header.tobytes())
     yield base64.b64encode(b"".join(blocks))
     yield b"\n</DataArray>\n"
 
 
 def read_vtu(path: str | Path) -> Any:
-    """Read a frame as a mesh of meshio, with cells of one kind."""
+    """Read a frame as a mesh of meshio.
+
+    Raises `InputError` if the file cannot be read, or has not exactly one type of cells.
+    """
     from meshio import vtu  # here, as its import is slow
 
     try:
         mesh = vtu.read(path)
-        (_,) = mesh.cells
+        (_,) = mesh.cells  # an error unless there is one block of cells
     except Exception as error:  # meshio raises errors of any kind for a broken file
         remedy = "Give a frame written by fecloth."
         raise InputError(f"cannot be read ({error})", where=str(path), remedy=remedy) from error

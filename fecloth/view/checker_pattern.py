@@ -16,9 +16,9 @@ PIXELS = 64  # side of a square in the texture; more only sharpen the edges of s
 
 def square_side(X: np.ndarray) -> float:
     """Return a round side of a square [m] for material points (n, 2) [m]."""
-    wanted = math.log10(np.ptp(X, axis=0).max() / SQUARES_ACROSS)
-    decade = math.floor(wanted)
-    nearest = min((1, 2, 5, 10), key=lambda digit: abs(math.log10(digit) - (wanted - decade)))
+    exponent = math.log10(np.ptp(X, axis=0).max() / SQUARES_ACROSS)  # of the side before rounding
+    decade = math.floor(exponent)
+    nearest = min((1, 2, 5, 10), key=lambda digit: abs(math.log10(digit) - (exponent - decade)))
     return float(f"{nearest}e{decade}")
 
 

@@ -67,8 +67,8 @@ def export(folder: str | Path, target: str | Path, fps: float | None = None) -> 
     Raises
     ------
     InputError
-        For another suffix, a wrong fps, a folder without frames, or numbered files of a longer
-        run.
+        For another suffix, a wrong fps or an fps with .obj, a folder without frames, or
+        numbered files of a longer run.
     """
     target = Path(target)
     series = Series.open(folder)
@@ -116,17 +116,23 @@ def _rows(form: str, values: np.ndarray) -> str:
 
 
 def _write_objs(series: Series, target: Path) -> tuple[Path, ...]:
-    """Write a .obj file for each frame; refuse to leave files of a longer run beside them."""
+    """Write a .obj file for each frame, and return the paths of the files.
+
+    Raises `InputError` if there is a file with the next number: it is of a longer run, and
+    programs would show it after the last frame of this one.
+    """
     count = len(series.times)
-    *files, beyond = (target.with_name(f"{target.stem}_{i:04d}.obj") for i in range(count + 1))
-    if beyond.exists():
+    *files, next_file = (target.with_name(f"{target.stem}_{i:04d}.obj") for i in range(count + 1))
+    if next_file.exists():
         remedy = "Remove the files of that run, or choose another name."
-        raise InputError(f"{beyond}", f"is of a run with more than {count} frames", "", remedy)
+        raise InputError(f"{next_file}", f"is of a run with more than {count} frames", "", remedy)
+    # st: texture coordinates, as USD calls them.
     st = texture_coordinates(material_coordinates(series.read(0)))
     for i, file in enumerate(files):
         text = _obj("cloth", _read(series, i), st, "%d/%d/%d")
         if obstacles := read_obstacles(series.folder, i):
-            text += _obj("obstacles", obstacles, st[:0], "%d//%d", len(st))
+            # Obstacles have no texture. A .obj numbers the nodes of all its objects together.
+            text += _obj("obstacles", obstacles, st[:0], "%d//%d", before=len(st))
         replace_file(file, text.encode())
     return tuple(files)
 
@@ -146,17 +152,18 @@ def _obj(name: str, mesh: Obstacles, st: np.ndarray, corner: str, before: int = 
 
 
 def _usd(series: Series, fps: float) -> Iterator[str]:
-    """Yield the text of a .usda, a frame at a time."""
-    codes = [t * fps for t in series.times]
+    """Yield the text of a .usda file in pieces, so that one frame at a time is in memory."""
+    codes = [t * fps for t in series.times]  # the time codes of the frames
     yield HEAD.format(fps=fps, start=codes[0], end=codes[-1])
     st = texture_coordinates(material_coordinates(series.read(0)))
-    yield from _mesh("Cloth", codes, codes[:1], lambda i: _read(series, i))
+    # The triangles of the cloth do not change: they have the first time code only.
+    yield from _mesh("Cloth", codes, changes=codes[:1], read=lambda i: _read(series, i))
     yield f"        texCoord2f[] primvars:st = {_tuples(st)} {AT_NODES}    }}\n"
     surfaces = [read_obstacles(series.folder, i) or NOTHING for i in range(len(codes))]
     if len(surfaces[-1].points):
         moves = _changes(codes, [surface.points for surface in surfaces])
         changes = _changes(codes, [surface.triangles for surface in surfaces])
-        yield from _mesh("Obstacles", moves, changes, surfaces.__getitem__)
+        yield from _mesh("Obstacles", moves, changes, read=surfaces.__getitem__)
         yield "    }\n"
     yield "}\n"
 
@@ -171,7 +178,11 @@ def _changes(codes: list[float], arrays: list[np.ndarray]) -> list[float]:
 def _mesh(
     name: str, codes: list[float], changes: list[float], read: Callable[[int], Obstacles]
 ) -> Iterator[str]:
-    """Yield a mesh, without its end, with time codes of its positions and of its triangles."""
+    """Yield the text of a mesh in a .usda, without its closing bracket.
+
+    `codes` are the time codes of its positions and normals, and `changes` those of its
+    triangles. ``read(i)`` returns the mesh at the i-th of these codes.
+    """
     yield MESH.format(name=name)
     attributes: dict[str, tuple[list[float], Callable[[Obstacles], str]]] = {
         "int[] faceVertexCounts": (changes, lambda mesh: str([3] * len(mesh.triangles))),
@@ -182,9 +193,9 @@ def _mesh(
             lambda mesh: _tuples(node_normals(mesh.points, mesh.triangles)),
         ),
     }
-    for attribute, (times, text) in attributes.items():
+    for attribute, (times, write) in attributes.items():
         yield f"        {attribute}.timeSamples = {{\n"
-        yield from (f"            {t:.9g}: {text(read(i))},\n" for i, t in enumerate(times))
+        yield from (f"            {t:.9g}: {write(read(i))},\n" for i, t in enumerate(times))
         yield "        }\n"
     yield f"        normal3f[] normals {AT_NODES}"
 

@@ -49,11 +49,12 @@ def write_report(
         charts = _static_charts(tables)
     else:
         charts = _charts(tables)
+    # The line below the title: how large the run was.
     note = f"{summary['nodes']} nodes, {amount(summary['triangles'], 'triangle')}"
     if summary.get("method"):
         note += f"; {summary['method']}"
     status = summary["status"]
-    badge = status
+    badge = status  # the class of the mark beside the title, which gives its colour
     if doubtful(summary):
         status += ", with warnings"
         badge = "warned"
@@ -69,7 +70,7 @@ def write_report(
         "spent": f"Where {summary['seconds']['total']:.3g} s went",
         "bars": _bars(summary["seconds"]),
         "scene": _text(folder / "scene.resolved.toml"),
-        "numbers": _numbers(summary),
+        "numbers": _remaining_entries(summary),
     }
     page = fill_template("report.html", data, values)
     file = folder / "report.html"
@@ -85,9 +86,10 @@ def _text(file: Path) -> str:
 
 
 def read_table(file: Path, most: float = MOST_ROWS) -> dict[str, np.ndarray]:
-    """Return the columns of a .csv of numbers, {} without rows.
+    """Return the columns of a .csv of numbers by their names; {} without a file or rows.
 
-    Of more rows than `most` it has every k-th row and the last row.
+    An empty cell is NaN. Of a table with more rows than `most`, the columns have every k-th row
+    and the last row, where k is as small as possible.
     """
     head, *rows = _text(file).splitlines() or [""]
     if not rows:
@@ -95,8 +97,8 @@ def read_table(file: Path, most: float = MOST_ROWS) -> dict[str, np.ndarray]:
     sample = rows[:: math.ceil(len(rows) / min(most, len(rows)))]
     if sample[-1] is not rows[-1]:
         sample.append(rows[-1])
-    given: dict[str, Any] = {"delimiter": ",", "ndmin": 2, "encoding": None}
-    values = np.loadtxt(sample, converters=lambda cell: float(cell or "nan"), **given)
+    format_of_csv: dict[str, Any] = {"delimiter": ",", "ndmin": 2, "encoding": None}
+    values = np.loadtxt(sample, converters=lambda cell: float(cell or "nan"), **format_of_csv)
     return dict(zip(head.split(","), values.T.copy(), strict=True))
 
 
@@ -106,11 +108,14 @@ def doubtful(summary: Mapping) -> bool:
 
 
 def _model(folder: Path) -> str:
-    """Return the fabrics and terms of the scene in words, or "" without a fabric."""
+    """Return the fabrics and terms of the scene in words, or "" without a fabric.
+
+    The scene is read from the folder of the run.
+    """
     scene = tomllib.loads(_text(folder / "scene.resolved.toml"))
     if not (fabric := scene.get("fabric")):
         return ""
-    regions = fabric
+    regions = fabric  # the fabric of each region by its name, or the constants of one fabric
     if "areal_density" in fabric:
         regions = {"Fabric": fabric}
     words = [f"{name}: {_constants(constants)}" for name, constants in regions.items()]
@@ -140,7 +145,10 @@ def _warnings(folder, summary) -> Iterator[dict[str, str]]:
 
 
 def _tiles(summary, tables) -> dict[str, str]:
-    """Return the main results by their titles, as text."""
+    """Return the main results of a run as texts by their titles, one for each tile of the page.
+
+    `tables` are the tables of `TABLES` by their names. What the run did not have is left out.
+    """
     seconds = summary["seconds"]["total"]
     tiles = {
         "simulated": f"{summary['t']:.4g} of {summary['t_end']:.4g}{summary.get('unit', ' s')}",
@@ -171,7 +179,10 @@ def _is_static(summary) -> bool:
 
 
 def _doubts(summary, steps) -> dict[str, str]:
-    """Return how wrong a run may be in time, or whether an equilibrium is stable."""
+    """Return tiles on how wrong a run may be in time; for a static one, whether it is stable.
+
+    They are texts by their titles; `steps` is the table of the steps.
+    """
     if not _is_static(summary):
         energy = _unexplained(summary, steps)
         return {"energy unexplained": energy, "error in time": _error(summary, "time")}
@@ -179,7 +190,7 @@ def _doubts(summary, steps) -> dict[str, str]:
     least = summary.get("least_eigenvalue")
     if least is None:
         return {"equilibrium": words}
-    words = words.partition(";")[0]
+    words = words.partition(";")[0]  # what follows states the eigenvalue, which has a tile here
     return {"equilibrium": words, "least eigenvalue of K": f"{least:.4g} N/m"}
 
 
@@ -197,31 +208,37 @@ def _unexplained(summary, steps):
     return words
 
 
-def _numbers(summary) -> dict[str, str]:
-    """Return the entries of the summary that have no other place on the page, as text."""
-    elsewhere = ("error", "warning", "warnings", "seconds", "versions", "ledger")
-    numbers = {}
+def _remaining_entries(summary) -> dict[str, str]:
+    """Return as text the entries of the summary that are not elsewhere on the page, and versions.
+
+    An entry has its key, and a version has the name of its program.
+    """
+    elsewhere = ("error", "warning", "warnings", "seconds", "ledger")
+    entries = {}
     for key, value in summary.items():
         if key in elsewhere:
             continue
+        if key == "versions":  # not as one row, but as one row for each program, below
+            continue
         if not isinstance(value, str):
             value = json.dumps(value, ensure_ascii=False, default=str)
-        numbers[key] = value
-    return numbers | {name: str(value) for name, value in summary.get("versions", {}).items()}
+        entries[key] = value
+    return entries | {name: str(value) for name, value in summary.get("versions", {}).items()}
 
 
 def _charts(tables) -> list[str]:
-    """Return the charts of a run over time."""
+    """Return the charts of a run over time as HTML, with "" for a chart without curves."""
     steps, energies, observed, strains = (tables[name] for name in TABLES)
     figures = [*observed_charts(observed), _energies(energies), _remainder(energies)]
     if strains:
         curves = {name: (strains["t"], strains[name]) for name in STRETCHES if name in strains}
         figures.append(chart("Principal stretches, at the frames", curves, "t [s]", "stretch"))
     if steps:
-        at = steps["t"]
-        sizes = {"dt": (at, steps["dt"])}
+        t = steps["t"]
+        sizes = {"dt": (t, steps["dt"])}
         figures.append(chart("Step size", sizes, "t [s]", "dt [s]", log=True))
-        counts = {"Newton": (at, steps["newton"]), "linear": (at, steps["linear"])}
+        counts = {"Newton": (t, steps["newton"]), "linear": (t, steps["linear"])}
+        # A count that is zero throughout, as with an explicit method, has no curve.
         counts = {name: curve for name, curve in counts.items() if curve[1].any()}
         figures.append(chart("Iterations a step", counts, "t [s]", "iterations", log=True))
     return figures
@@ -229,8 +246,9 @@ def _charts(tables) -> list[str]:
 
 def _static_charts(tables) -> list[str]:
     """Return the charts over the part of the loads, without steps and unexplained energy."""
-    chosen = tables | {"steps": {}}
-    drawn = [figure for figure in _charts(chosen) if "Energy that stays" not in figure]
+    tables_without_steps = tables | {"steps": {}}
+    figures = _charts(tables_without_steps)
+    drawn = [figure for figure in figures if "Energy that stays" not in figure]
     return [figure.replace("t [s]", "part of the loads") for figure in drawn]
 
 

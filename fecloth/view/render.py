@@ -77,10 +77,10 @@ def render(
     fps: float | None = None,
     time: float | None = None,
 ) -> Path:
-    """Draw a run and return the path of the file.
+    """Draw a run as a movie or a picture, and return the path of the file.
 
-    Raises `InputError` for arguments out of range, and if the packages of the extra [view] are
-    not installed.
+    Raises `InputError` for arguments out of range, for a folder without frames or a field that
+    they lack, and if the packages of the extra [view] are not installed.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def render(
     if fps is None:
         fps = SLOWEST_FPS
         if length := series.times[-1] - series.times[0]:
-            real_time = (len(frames) - 1) / length
-            fps = float(np.clip(real_time, SLOWEST_FPS, FASTEST_FPS))
+            real_time_fps = (len(frames) - 1) / length
+            fps = float(np.clip(real_time_fps, SLOWEST_FPS, FASTEST_FPS))
     quiet = _import_package("pyvista").vtk_verbosity("error")  # VTK warns without a display
     with quiet:
         _write(target, fps, size, _draw_frames(series, frames, shot))
@@ -116,7 +116,10 @@ def render(
 
 
 def _check_arguments(target: Path, field, size, fps, time) -> None:
-    """Raise `InputError` for arguments of `render` that are out of range."""
+    """Raise `InputError` for arguments of `render` that are out of range or do not fit.
+
+    Only a .mp4 needs even sides, because its colours are stored for squares of 2 × 2 pixels.
+    """
     known(f"field {field!r}", field, (*frame_reader.FIELDS, CHECKS))
     if target.suffix not in SUFFIXES:
         raise InputError(f"-o {target}", f"must end in {', '.join(SUFFIXES)}")
@@ -142,7 +145,11 @@ def _import_package(name: str):
 
 
 def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
-    """Write the images (h, w, 3) to a file; a failure leaves no partial file."""
+    """Write the images (h, w, 3) to a file; a failure leaves no partial file.
+
+    The suffix of `target` says of which kind. Images of a .mp4 are written one by one; the
+    others are gathered in memory.
+    """
     if target.suffix == ".mp4":
         with replacing(target) as part:
             _encode(part, fps, size, images)
@@ -159,7 +166,11 @@ def _write(target: Path, fps: float, size, images: Iterator[np.ndarray]) -> None
 
 
 def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
-    """Pipe the images to ffmpeg; raise OSError if it fails."""
+    """Write the images (h, w, 3) to a .mp4 file `part` by ffmpeg.
+
+    `size` is (w, h) in pixels. Raises OSError if ffmpeg fails: with the number of the system if
+    the disk is full or the file too large, else with ffmpeg's message.
+    """
     ffmpeg = _import_package("imageio_ffmpeg").get_ffmpeg_exe()
     width, height = size
     source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps:g} -i pipe:0"
@@ -171,6 +182,7 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
                 process.stdin.write(image.tobytes())  # type: ignore[union-attr]  # it is a PIPE
         words = process.communicate()[1].decode(errors="replace").strip()
     if process.returncode:
+        # The signal of a file beyond the limit of its size; Windows has none.
         too_large = process.returncode == -getattr(signal, "SIGXFSZ", 0)
         number = errno.EFBIG if too_large else DiskFull.errno_in(words)
         if number:
@@ -179,7 +191,10 @@ def _encode(part: Path, fps: float, size, images: Iterator[np.ndarray]) -> None:
 
 
 def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Shot:
-    """Fit the colours and the camera to the whole motion."""
+    """Return the settings of all frames: colours and camera fit the whole motion.
+
+    All frames are read once, and samples of their values and points are kept.
+    """
     values = []
     points = []
     lows = []
@@ -198,15 +213,16 @@ def _shot(series: frame_reader.Series, field: str, size: tuple[int, int]) -> Sho
     colours = None
     if values:
         drawn = frame_reader.clip_to_drawable(np.concatenate(values))
+        # A few extreme triangles must not take all colours.
         colours = tuple(np.percentile(drawn, [CLIPPED_PERCENT, 100 - CLIPPED_PERCENT]))
     width, height = size
-    obstacles = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
+    obstacles_at_ends = [read_obstacles(series.folder, i) for i in (0, len(series.times) - 1)]
     return Shot(
         field=field,
         view=view,
         distance=_camera_distance(view, np.concatenate(points), width / height),
         colours=colours,
-        ground=ground_of(low, high, obstacles),
+        ground=ground_of(low, high, obstacles_at_ends),
         size=size,
     )
 
@@ -230,11 +246,14 @@ def _camera_distance(view: View, points: np.ndarray, aspect: float) -> float:
 
 
 def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np.ndarray]:
-    """Yield the pictures (h, w, 3) of frames."""
+    """Yield the pictures (h, w, 3), one for each number in `frames`.
+
+    The first frame makes the meshes, and each frame moves their points.
+    """
     pyvista = _import_package("pyvista")
     first = series.read(frames[0])
     triangles = frame_reader.straight(first.cells)
-    parts = len(triangles) // len(first.cells)
+    parts = len(triangles) // len(first.cells)  # triangles drawn for each cell: 1, or 4 for P2
     cloth = pyvista.PolyData.from_regular_faces(first.points.astype(float), triangles)
     shadow = cloth.copy()
     edges = frame_reader.rim(triangles)
@@ -244,27 +263,29 @@ def _draw_frames(series: frame_reader.Series, frames, shot: Shot) -> Iterator[np
     plotter.add_mesh(shadow, color=SHADOW, lighting=False)
     _add_cloth(plotter, cloth, shot, pyvista)
     plotter.add_mesh(border, color="#1b2027", line_width=1.5, lighting=False)
-    text = max(6, round(shot.size[1] / 75))
+    font_size = max(6, round(shot.size[1] / 75))
     unit = unit_of(series.folder)
-    name = "t = " if unit == " s" else ""
+    label = "t = " if unit == " s" else ""
     try:
         for i in frames:
             frame = series.read(i)
             _update_cloth(cloth, frame, shot, parts)
             border.points = cloth.points
             _add_obstacles(plotter, read_obstacles(series.folder, i), pyvista)
+            # Each point goes along the light until it meets the ground. The shadow lies a little
+            # above it: of two surfaces at the same place, parts of both would be seen.
             drop = (cloth.points[:, 2:] - shot.ground) / LIGHT[2]
             shadow.points = cloth.points - drop * LIGHT + [0, 0, 1e-3 * np.ptp(shot.view.box)]
-            style = {"font_size": text, "color": "#1b2027", "name": "time"}
+            style = {"font_size": font_size, "color": "#1b2027", "name": "time"}
             place = {"position": (0.02, 0.93), "viewport": True}
-            plotter.add_text(f"{name}{frame.t:.3f}{unit}", **place, **style)
+            plotter.add_text(f"{label}{frame.t:.3f}{unit}", **place, **style)
             yield plotter.screenshot(return_img=True)
     finally:
         plotter.close()
 
 
 def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
-    """Show these obstacles in place of the obstacles in the previous frame."""
+    """Show these obstacles in place of the obstacles of the previous frame; None shows none."""
     if obstacles is None or not len(obstacles.points):
         plotter.remove_actor("obstacles")
         return
@@ -273,7 +294,7 @@ def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
     plotter.add_mesh(
         mesh,
         color=OBSTACLE,
-        name="obstacles",
+        name="obstacles",  # replaces the mesh of this name
         reset_camera=False,
         smooth_shading=True,
         split_sharp_edges=True,
@@ -283,10 +304,14 @@ def _add_obstacles(plotter, obstacles: Obstacles | None, pyvista) -> None:
 
 
 def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> None:
-    """Give the cloth the positions and the field of a frame; a cell has several parts for P2."""
+    """Give the mesh `cloth` the positions, the field and the normals of a frame.
+
+    Each cell of the frame has `parts` triangles in the mesh: 1, or 4 for P2.
+    """
     cloth.points = frame.points.astype(float)
     if shot.field == CHECKS:
         X = checker_pattern.material_coordinates(frame)
+        # The texture has two squares along each side, and is repeated.
         cloth.active_texture_coordinates = X / (2 * checker_pattern.square_side(X))
     else:
         values = frame_reader.field_values(frame, shot.field)
@@ -294,11 +319,12 @@ def _update_cloth(cloth, frame: frame_reader.Frame, shot: Shot, parts: int) -> N
             cloth.point_data["shown"] = values
         else:
             cloth.cell_data["shown"] = np.repeat(values, parts)
+    # consistent_normals is not needed: the triangles are oriented alike already.
     cloth.compute_normals(cell_normals=False, consistent_normals=False, inplace=True)
 
 
 def _make_plotter(pyvista, shot: Shot):
-    """Return a plotter with camera, lights and ground."""
+    """Return a plotter with camera, lights and ground, on which the meshes are drawn."""
     plotter = pyvista.Plotter(off_screen=True, window_size=shot.size, lighting="none")
     plotter.set_background(PAPER)
     middle = shot.view.box.mean(axis=0)
@@ -312,6 +338,7 @@ def _make_plotter(pyvista, shot: Shot):
         plotter.add_light(light)
     centre = (*middle[:2], shot.ground)
     floor = pyvista.Disc(center=centre, inner=0.0, outer=4 * size, r_res=40, c_res=72)
+    # From 30 % of its radius on, the ground fades into the background, so that no rim is seen.
     far = np.linalg.norm(floor.points[:, :2] - middle[:2], axis=1) / (4 * size)
     share = np.clip((1 - far) / 0.7, 0, 1)[:, None]
     near_colour, far_colour = (np.array(pyvista.Color(name).int_rgb) for name in (FLOOR, PAPER))
@@ -322,7 +349,7 @@ def _make_plotter(pyvista, shot: Shot):
 
 
 def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
-    """Show the cloth with its field, or with the checker pattern."""
+    """Add the mesh `cloth` to the plotter, with the field of the shot or the checker pattern."""
     matter = {"ambient": 0.3, "diffuse": 0.85, "specular": 0.15, "specular_power": 20}
     if shot.field == CHECKS:
         texture = pyvista.Texture(checker_pattern.weave_texture())
@@ -332,11 +359,13 @@ def _add_cloth(plotter, cloth, shot: Shot, pyvista) -> None:
         look = {"scalars": "shown", "cmap": "viridis", "clim": shot.colours}
         look |= {"interpolate_before_map": True, "scalar_bar_args": _colour_bar(shot)}
     actor = plotter.add_mesh(cloth, **matter, **look)
-    actor.prop.interpolation = "phong"  # with normals of _update_cloth; smooth_shading copies
+    # Phong's shading takes the normals that `_update_cloth` computes. The option smooth_shading
+    # would draw a copy of the mesh, which does not move.
+    actor.prop.interpolation = "phong"
 
 
 def _colour_bar(shot: Shot) -> dict:
-    """Return the arguments of the colour bar.
+    """Return the arguments of the colour bar, for PyVista's ``scalar_bar_args``.
 
     It takes a third of the width of a wide picture, and up to 0.8 of a tall picture. The fonts
     have their usual size in a picture of 1280 × 720 pixels.
@@ -344,6 +373,7 @@ def _colour_bar(shot: Shot) -> dict:
     field = frame_reader.FIELDS[shot.field]
     width, height = shot.size
     share = min(0.8, 0.34 * max(1.0, 16 / 9 * height / width))  # of the width
+    # The fonts must fit into the height of the picture and into the width of the bar.
     scale = min(height / 720, share * width / (0.34 * 1280))
     title = field.title
     if field.unit:

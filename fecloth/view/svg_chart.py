@@ -34,7 +34,7 @@ Curve = tuple[np.ndarray, np.ndarray]
 
 
 def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = False) -> str:
-    """Return a <figure> of curves, or "" if no curve has two points.
+    """Return a <figure> of curves as HTML, or "" if no curve has two points.
 
     Parameters
     ----------
@@ -47,10 +47,12 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
     log
         Whether the y axis is logarithmic; then values ≤ 0 are gaps in the curve.
     """
+    # px and py are the points of a curve, x and y the labels of the axes.
     drawn = {name: _points_to_draw(px, py, log) for name, (px, py) in curves.items()}
     drawn = {name: (px, py) for name, (px, py) in drawn.items() if np.isfinite(py).sum() > 1}
     if not drawn:
         return ""
+    # The pixels of an SVG count downwards, so the y axis begins at HEIGHT.
     across = _axis(np.concatenate([px for px, _ in drawn.values()]), (0, WIDTH), tight=True)
     up = _axis(np.concatenate([py for _, py in drawn.values()]), (HEIGHT, 0), log)
     paths = [
@@ -71,13 +73,17 @@ def chart(title: str, curves: Mapping[str, Curve], x: str, y: str, log: bool = F
 
 
 def _points_to_draw(x, y, log):
-    """Return the points to draw: y as its decimal logarithm if `log`, NaN in gaps."""
+    """Return x and y of the points to draw: y as its decimal logarithm if `log`, NaN in gaps.
+
+    Gaps are values that are not finite or far too large, and with `log` values ≤ 0. Of many
+    points, the least and the largest of each of `WIDTH` spans are drawn, and both ends.
+    """
     x = np.asarray(x, float)
     y = np.asarray(y, float)
     y = np.where(drawable(y) & ((y > 0) | (not log)), y, np.nan)
     if log:
         y = np.log10(y)
-    if len(x) <= 2 * WIDTH:
+    if len(x) <= 2 * WIDTH:  # no more than the spans would leave
         return x, y
     spans = np.array_split(np.arange(len(x)), WIDTH)
     # The least and the largest value of each span; any index where all are gaps.
@@ -88,16 +94,19 @@ def _points_to_draw(x, y, log):
 
 
 def _path(px, py):
-    """Return an SVG path with a line for each piece between gaps; one point is a dot."""
+    """Return an SVG path with a line for each piece between gaps; a single point is a dot.
+
+    `px` and `py` (k,) are pixel coordinates; a NaN in `py` is a gap.
+    """
     points = [f"{a:.1f} {b:.1f}" for a, b in zip(px, py, strict=True)]
-    there = np.isfinite(py)
-    pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(there)) + 1)
+    is_drawn = np.isfinite(py)
+    pieces = np.split(np.arange(len(points)), np.flatnonzero(np.diff(is_drawn)) + 1)
     path = ""
     for piece in pieces:
-        if there[piece[0]]:
+        if is_drawn[piece[0]]:  # a piece is a line as a whole, or a gap
             line = [points[i] for i in piece]
             if len(line) == 1:
-                line *= 2
+                line *= 2  # a line from the point to itself, which round ends make a dot
             path += "M" + "L".join(line)
     return path
 
@@ -129,11 +138,15 @@ class Axis(NamedTuple):
         return begin + (values - self.low) / (self.high - self.low) * (end - begin)
 
     def labels(self) -> list[dict[str, str]]:
-        """Return the position and the label of each tick, and the position of the label."""
+        """Return for each tick its position "at", its "label", and "text_at", where this is.
+
+        Positions are pixel coordinates along the axis, as text.
+        """
         digits = 4
         if len(self.ticks) > 1 and not self.log:
             largest = np.abs(self.ticks).max()
-            step = self.ticks[1] - self.ticks[0]  # more digits if the ticks differ only in them
+            step = self.ticks[1] - self.ticks[0]
+            # More digits where neighbours, as 1.00001 and 1.00002, would look the same.
             digits = max(digits, math.ceil(math.log10(largest / step)) + 2)
         values = 10.0**self.ticks if self.log else self.ticks
         return [
@@ -145,26 +158,31 @@ class Axis(NamedTuple):
 def _axis(values: np.ndarray, pixels: tuple[float, float], log=False, tight=False) -> Axis:
     """Return an axis of about five round ticks that includes the values.
 
-    A `tight` axis ends at the values, or begins at a tick that is a little below them.
+    It begins and ends at a tick, but a curve may lie outside by the part `NEAR` of a tick step. A
+    `tight` axis begins and ends at the values instead, or begins at a tick that is a little
+    below them. `pixels` are the coordinates of its two ends. With `log` the values are decimal
+    logarithms.
     """
     low = float(np.nanmin(values))
     high = float(np.nanmax(values))
     if high - low <= 1e-12 * max(abs(low), abs(high)):
+        # All values are the same up to round-off: half of it below and above, or 0.5 for 0.
         low = low - (0.5 * abs(low) or 0.5)
         high = high + (0.5 * abs(high) or 0.5)
         tight = False
-    rough = (high - low) / 5
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough)
+    rough_step = (high - low) / 5
+    power = 10.0 ** math.floor(math.log10(rough_step))
+    # The smallest round step that is not smaller; 0.999 spares one that only round-off makes so.
+    step = next(power * k for k in (1, 2, 2.5, 5, 10) if power * k >= 0.999 * rough_step)
     if log:
         step = max(1.0, math.ceil(step))  # whole powers of ten
-    first = math.floor(low / step + NEAR)
-    last = math.ceil(high / step - NEAR)
-    ticks = step * np.arange(first, last + 1)
+    first_tick = math.floor(low / step + NEAR)  # in steps from 0
+    last_tick = math.ceil(high / step - NEAR)
+    ticks = step * np.arange(first_tick, last_tick + 1)
     if not tight:
         return Axis(ticks[0], ticks[-1], pixels, ticks, log)
     low = min([low, *ticks[(ticks <= low) & (ticks >= low - NEAR * (high - low))]])
-    slack = 1e-9 * (high - low)
+    slack = 1e-9 * (high - low)  # so that round-off loses no tick at an end
     return Axis(low, high, pixels, ticks[(ticks >= low - slack) & (ticks <= high + slack)])
 
 
@@ -183,9 +201,10 @@ REACTION = "reaction:"
 
 
 def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
-    """Return a <figure> for each probe, for sag and area, and for the force of each pin or body.
+    """Return figures of each probe, of sag and area, and of the force of each pin and obstacle.
 
-    The `table` has the columns of observed.csv; without rows there is no figure.
+    For an obstacle there is also a figure of its least distance. The `table` has the columns of
+    observed.csv; without rows there is no figure. A figure without curves is "".
     """
     if not table:
         return []
@@ -198,6 +217,7 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
         return {component: table[f"{name}.{component}"] for component in "xyz"}
 
     vectors = [name.removesuffix(".x") for name in table if name.endswith(".x")]
+    # The columns of a vector are NAME.x, NAME.y and NAME.z.
     reactions = [name for name in vectors if name.startswith(REACTION)]
     probes = [name for name in vectors if name not in reactions]
     figures = [draw(_probe_title(name), components(name), "[m]") for name in probes]
@@ -205,7 +225,7 @@ def observed_charts(table: Mapping[str, np.ndarray]) -> list[str]:
     figures.append(draw("Area", {"area": table["area"]}, "[m²]"))
     for reaction in reactions:
         name = reaction.removeprefix(REACTION)
-        distance = table.get(f"least_distance:{name}")
+        distance = table.get(f"least_distance:{name}")  # obstacles have it, and pins not
         if distance is None:
             figures.append(draw(f"Force of the pin {name}", components(reaction), "[N]"))
         else:
@@ -227,7 +247,11 @@ def result_figures(
     energies: Mapping[str, np.ndarray],
     observed: Mapping[str, np.ndarray],
 ) -> str:
-    """Return HTML of the nonzero energies [J], and of `observed` heights [m], over time."""
+    """Return HTML with a chart of the energies [J], and one of the heights of probes [m].
+
+    Energies that are zero throughout are left out. Of `observed`, the columns of observed.csv,
+    the sag and the z of each probe are drawn. `times` [s] are the times of all values.
+    """
     curves = {name: (times, values) for name, values in energies.items() if np.any(values)}
     heights = {
         name: (times, values)

@@ -121,7 +121,7 @@ def write_view(folder: str | Path) -> Path:
     data = pack_frames((series.read(i) for i in frames), fields, unit, obstacles)
     count = len(data["times"])
     note = f"{amount(count, 'frame')}, {amount(data['cells'], 'triangle')}"
-    if len(frames) < len(series.times):
+    if len(frames) < len(series.times):  # `select_frames` has left some out
         note += f" (of {len(series.times)} frames: the page with all would be too large)"
     page = fill_template("view.html", data, {"title": title_of(series.folder), "note": note})
     file = series.folder / "view.html"
@@ -206,20 +206,20 @@ def pack_frames(
         The obstacles in each frame.
     """
     times = []
-    clouds = []
+    positions = []
     values: dict[str, list[np.ndarray]] = {name: [] for name in fields}
     for frame in frames:
         times.append(frame.t)
-        clouds.append(frame.points)
+        positions.append(frame.points)
         for name in fields:
             values[name].append(frame_reader.field_values(frame, name))
-    if not times or not len(clouds[0]):
+    if not times or not len(positions[0]):
         raise InputError("no frames", "a view needs at least one")
-    points = frame_reader.clip_to_drawable(np.array(clouds))
+    points = frame_reader.clip_to_drawable(np.array(positions))
     low = points.min(axis=(0, 1))
     high = points.max(axis=(0, 1))
     view = view_of(low, high)
-    triangles = frame_reader.straight(frame.cells)
+    triangles = frame_reader.straight(frame.cells)  # the same in all frames
     return {
         "times": times,
         "unit": unit,
@@ -241,7 +241,10 @@ def pack_frames(
 
 
 def _obstacles(frames: Sequence[Obstacles | None]) -> list[dict]:
-    """Return points and triangles of obstacles, each with the first frame that shows them."""
+    """Return the points and triangles of obstacles as base64, and from which frame on they show.
+
+    `frames` are the obstacles in each frame. They are packed again only where they move.
+    """
     packed: list[dict] = []
     for i, obstacles in enumerate(frames):
         if obstacles is None:
@@ -263,7 +266,12 @@ def _checks(frame: frame_reader.Frame) -> dict | None:
 
 
 def _field(name: str, values: np.ndarray, nodes: int) -> dict:
-    """Return the values (frames, count) of a field and the ends of its colour bar."""
+    """Return what viewer.js needs of a field: its title and unit, its values and their range.
+
+    `values` are (frames, count), with one value for each of the `nodes` or for each cell. "low"
+    and "high" are the extremes of all values, and "shown" the ends of the colour bar, between
+    which all but a few values lie.
+    """
     values = frame_reader.clip_to_drawable(values)
     low = float(values.min())
     high = float(values.max())
