@@ -39,7 +39,11 @@ def json_schema() -> str:
 
 
 def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
-    """Allow names of methods and fabrics, shorthands of [fabric], one expectation, [cloths]."""
+    """Change the `schema` so that it also allows what a file may write in a shorter way.
+
+    These are the names of methods and of fabrics, the shorthands of [fabric], one expectation
+    without a list, and [cloths.NAME]. `tables` has the schema of each table by its name.
+    """
     scene = schema["properties"]
     fabric = tables["FabricTable"]
     method = tables["Time"]["properties"]["method"]
@@ -47,8 +51,10 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     published = {"enum": list(presets.names())}
     shorthands = Shorthands.model_json_schema(schema_generator=SchemaOfFiles)["properties"]
     fabric["properties"] |= shorthands | {"preset": shorthands["preset"] | published}
-    required = fabric.pop("required"), *([key] for key in shorthands)
-    fabric["anyOf"] = [{"required": keys} for keys in required]
+    # A fabric needs all its required constants, or one shorthand in place of them.
+    sets_of_required_keys = [fabric.pop("required")]
+    sets_of_required_keys += [[key] for key in shorthands]
+    fabric["anyOf"] = [{"required": keys} for keys in sets_of_required_keys]
     one_fabric = {"anyOf": [{"$ref": "#/$defs/FabricTable"}, published]}
     scene["fabric"] = {"description": scene["fabric"]["description"], **one_fabric}
     scene["fabrics"]["additionalProperties"] = one_fabric
@@ -56,5 +62,6 @@ def _allow_names(schema: dict[str, Any], tables: dict[str, Any]) -> None:
     several = scene["expect"]["additionalProperties"]
     scene["expect"]["additionalProperties"] = {"anyOf": [one_value, several]}
     scene["cloths"] = tables["Pieces"]["properties"]["pieces"]
+    # [cloth] is the only required table of a scene; now [cloths.NAME] may replace it.
     schema["oneOf"] = [{"required": ["cloth"]}, {"required": ["cloths"]}]
     del schema["required"]

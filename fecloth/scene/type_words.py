@@ -18,13 +18,21 @@ def fields(table: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def writable(hint: Any) -> Any:
-    """Return the part of a type that a file can hold, whose lists are read as tuples."""
+    """Return the part of a type that a file can hold.
+
+    Of a union, functions and arrays are left out, and also lists, because the lists of a file
+    are read as tuples. If nothing remains, the whole union stays.
+    """
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
         return Annotated[(writable(args[0]), *args[1:])]
     if origin in (Union, types.UnionType):
-        kept = [a for a in args if get_origin(a) not in (Callable, list) and a is not np.ndarray]
+        kept = [
+            member
+            for member in args
+            if get_origin(member) not in (Callable, list) and member is not np.ndarray
+        ]
         return Union[tuple(map(writable, kept or args))]  # noqa: UP007
     if origin is tuple:
         return tuple[tuple(map(writable, args))]  # type: ignore[misc]  # made at run time
@@ -70,7 +78,11 @@ def meaning(field: FieldInfo) -> str:
 
 
 def _limits(metadata) -> str:
-    """Describe the limits of a number: " > 0", " >= 0 and < 1", or ""."""
+    """Describe the limits of a number in the metadata of its type.
+
+    For example " > 0", " >= 0 and < 1", or "" for a number without limits.
+    """
+    # An item is a limit, or a `Field` of pydantic that contains limits.
     flat = [part for item in metadata for part in getattr(item, "metadata", [item])]
     limits = [
         f" {sign} {getattr(part, name)}"
@@ -82,7 +94,10 @@ def _limits(metadata) -> str:
 
 
 def _words(hint, many: bool = False) -> str:
-    """Describe the values of a type in words, in the plural for `many`."""
+    """Describe the values of a type in words, in the plural for `many`.
+
+    For example "a finite number", "one of laid, shaken", or "a list of 3 finite numbers".
+    """
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
