@@ -50,9 +50,8 @@ class Table:
         header = self._header or tuple(row)
         if row.keys() != set(header):
             different_keys = ", ".join(sorted(row.keys() ^ set(header)))
-            raise InputError(
-                f"keys {different_keys}", "must be the keys of the first row", str(self.path)
-            )
+            what = f"keys {different_keys}"
+            raise InputError(what, "must be the keys of the first row", str(self.path))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         if not self._header:
