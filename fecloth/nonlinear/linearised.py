@@ -167,9 +167,9 @@ def _by_gmres(
 ) -> np.ndarray:
     """Solve residual(y) = 0 by GMRES and return y.
 
-    Raise `NoDerivative` if it does not converge. The product of the matrix with a vector is a difference of the residual, because residual(y)
-    is linear up to a constant. `solve`, the inverse of the last approximate matrix, is the
-    preconditioner.
+    Raise `NoDerivative` if it does not converge. The product of the matrix with a vector is a
+    difference of the residual, because residual(y) is linear up to a constant. `solve`, the
+    inverse of the last approximate matrix, is the preconditioner.
     """
     r = residual(y)
 
