@@ -99,7 +99,7 @@ class DistributedSolver:
     def prepare(self, A: BlockMatrix) -> None:
         """Take the matrix that the processes hold; A is what one process knows of it."""
         if self.choice == "auto" and self.kind != "GAMG" and self.last > MOST_JACOBI_ITERATIONS:
-            self._change()
+            self._take_gamg()
         is_worn = self.last > WORN_HIERARCHY * self.first
         self._prepare(anew=self.first == 0 or is_worn)
         self.prepared += 1
@@ -113,7 +113,7 @@ class DistributedSolver:
         self.first = 0 if anew else self.first
         self.seconds_factor = time.perf_counter() - begin
 
-    def _change(self) -> None:
+    def _take_gamg(self) -> None:
         """Take GAMG from now on."""
         self.kind = "GAMG"
         self._create()
@@ -143,7 +143,7 @@ class DistributedSolver:
             self.spoiled = True
             is_slow = isinstance(failure, TooManyIterations) and self.kind == "block Jacobi"
             if is_slow and self.choice == "auto":
-                self._change()
+                self._take_gamg()
             elif not (has_solved_before and self.kind == "GAMG"):
                 raise
             self._prepare(anew=True)
@@ -214,7 +214,7 @@ class DistributedSystem(System):
         """
         start = self.rest() if self.start is None else self.start
         pairs = zip(self.terms, self._is_shared, strict=True)
-        shared_terms = [self._known(term) for term, is_shared in pairs if is_shared]
+        shared_terms = [self._with_known_springs(term) for term, is_shared in pairs if is_shared]
         descriptions = []
         for part in self.parts:
             # Springs between nodes are cut here; other terms follow from the part's triangles.
@@ -234,7 +234,7 @@ class DistributedSystem(System):
             descriptions.append(description)
         return Crew.begin(self.link, descriptions)
 
-    def _known(self, term):
+    def _with_known_springs(self, term):
         """The term, or its springs where a part does not know their stiffness."""
         if isinstance(term, named.Springs) and term.kind == "structural":
             return term.springs(self.panel)

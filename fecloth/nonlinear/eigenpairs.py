@@ -217,7 +217,7 @@ def find_all(
         operator = LinearOperator(inverse.shape, deflated, dtype=float)
         wanted = max(count - len(values), 1)
         start = random.standard_normal(size)
-        new_values, new_vectors = _iterate(operator, M, shift, wanted, start)
+        new_values, new_vectors = _iterate_lanczos(operator, M, shift, wanted, start)
         if len(values) == count:
             least_distance = (1 - LESS_EIGENVALUE) * (values[-1] + shift)
             if new_values[0] + shift >= least_distance:
@@ -229,7 +229,7 @@ def find_all(
         vectors = vectors[:, order]
 
 
-def _iterate(operator, M, shift: float, wanted: int, start: np.ndarray):
+def _iterate_lanczos(operator, M, shift: float, wanted: int, start: np.ndarray):
     """The eigenvalues and the vectors (f, …) that Lanczos' iteration finds.
 
     It looks for as many as `wanted`, beginning with the vector `start`, and returns at least

@@ -506,6 +506,7 @@ def solve_static(
     guess = x
 
     def tell(progress: Progress) -> None:
+        """Report an iteration, note whether K was definite, and check how far the cloth went."""
         nonlocal is_definite
         point = progress.point
         shift = progress.remedy.shift

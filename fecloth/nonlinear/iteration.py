@@ -59,7 +59,7 @@ def iterate(
     progress = steps.begin(y, other_start)
     most = context.options.max_iterations
     while True:
-        counts = _counts_at_end(steps, progress, least)
+        counts = _counts_if_ended(steps, progress, least)
         if counts:
             return progress.point.y, counts
         if progress.failed or progress.number == most:
@@ -69,7 +69,7 @@ def iterate(
             report(progress)
 
 
-def _counts_at_end(steps: Steps, progress: Progress, least: int) -> Counts | None:
+def _counts_if_ended(steps: Steps, progress: Progress, least: int) -> Counts | None:
     """The counts if the iteration ends here, or None if it must go on.
 
     It ends with a small residual after at least `least` iterations, with a small error left, or
@@ -78,13 +78,13 @@ def _counts_at_end(steps: Steps, progress: Progress, least: int) -> Counts | Non
     point = progress.point
     has_small_residual = progress.number >= least and point.norm <= steps.goal(point)
     if has_small_residual and not steps.error_left.is_needed:
-        return _counts(steps, progress)
+        return _make_counts(steps, progress)
     if steps.error_left.is_small or point.norm == 0:
-        return _counts(steps, progress)
+        return _make_counts(steps, progress)
     if _may_be_round_off(steps, progress, least):
         floor = ROUND_OFF_FACTOR * steps.equation.round_off(point.y)
         if point.norm <= floor:
-            return _counts(steps, progress, floor)
+            return _make_counts(steps, progress, floor)
     return None
 
 
@@ -97,7 +97,7 @@ def _may_be_round_off(steps: Steps, progress: Progress, least: int) -> bool:
     return progress.stagnates or is_last or steps.error_left.stagnates
 
 
-def _counts(steps: Steps, progress: Progress, floor: float = 0.0) -> Counts:
+def _make_counts(steps: Steps, progress: Progress, floor: float = 0.0) -> Counts:
     """The counts at the end of the iteration; also end the step of `FactorReuse`.
 
     `floor` is the round-off of the residual, if the iteration ends because of it.

@@ -136,7 +136,7 @@ class Recorder:
         memory = Memory(step=0, start=problem.start.t, method_memory=None)
         kinds = (kind for kind in list_accounts(problem.is_static) if kind not in LAST)
         accounts = Accounts.begin((*kinds, *LAST), self.run, problem.ledger)
-        accounts = self._frame(problem.start, memory, accounts)
+        accounts = self._write_frame(problem.start, memory, accounts)
         first_frame = self.files.frames.files(0)[0]
         check_space(self.folder.path, problem, size=first_frame.stat().st_size)
         rows = accounts.rows(problem.observer.row(None, None))
@@ -229,7 +229,7 @@ class Recorder:
             self.watch.add({"record": record.seconds})
             with self.watch.phase("output"):
                 self.folder.check_in_place()
-                self._take(record)
+                self._record_step(record)
                 self._warn(self.progress.accounts, warn)
                 if is_restart_due := self._is_restart_due(info):
                     self.restart(regular=True)
@@ -239,7 +239,7 @@ class Recorder:
                     self.restart()
                 return
 
-    def _take(self, record: Record) -> None:
+    def _record_step(self, record: Record) -> None:
         """Write a step to all files and replace `progress`.
 
         If a file cannot be written, or a signal comes, remove the step from all files again and
@@ -258,7 +258,7 @@ class Recorder:
                 steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
-                accounts = self._frame(
+                accounts = self._write_frame(
                     record.state, info.memory, accounts, info.t >= self.problem.t_end
                 )
             self.progress = self._progress(
@@ -269,7 +269,7 @@ class Recorder:
             self.files.cut(before)
             raise
 
-    def _frame(
+    def _write_frame(
         self, state: State, memory: Memory | None, accounts: Accounts, ended: bool = False
     ) -> Accounts:
         """Write a frame with its row of strains.csv, and return the accounts after it.
@@ -335,7 +335,7 @@ class Recorder:
                 if not has_frame and not isinstance(error, WriteError):
                     memory = self.progress.memory
                     accounts = self.progress.accounts
-                    accounts = self._frame(state, memory, accounts, ended=True)
+                    accounts = self._write_frame(state, memory, accounts, ended=True)
                     self.progress = replace(self.progress, accounts=accounts)
                 if status == DONE:
                     self.files.gather()
@@ -348,7 +348,7 @@ class Recorder:
         with self.watch.phase("output"):
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
-        summary = self._summary(status, why, str(error) if error else None, accounts)
+        summary = self._to_summary(status, why, str(error) if error else None, accounts)
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -365,14 +365,14 @@ class Recorder:
         except InputError as disk_error:
             status = FAILED
             error = error or disk_error
-        return self._result(status, summary, accounts, error, resumes)
+        return self._make_result(status, summary, accounts, error, resumes)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """All doubts of the run, first the doubts before the first step."""
         return (*self.doubts_before_run, *self.progress.doubts)
 
-    def _summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+    def _to_summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
         """Return the content of summary.json, its keys in the order of `ORDER`.
 
         `failure` is the message of the error that ended the run; `why` is the reason for the
@@ -410,7 +410,7 @@ class Recorder:
         except Exception as failure:  # no error of a page may lose the result
             self.folder.log(f"warning: no report: {failure}")
 
-    def _result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
+    def _make_result(self, status: str, summary: dict, accounts: Accounts, error, resumes):
         """Return the `SceneResult`, with the energies and observed columns from their files."""
         files = (self.files.tables[name].path for name in ("energies", "observed"))
         energies, observed = (read_table(file, math.inf) for file in files)

@@ -44,9 +44,9 @@ LARGEST_FORCE = 1e15  # N of a term on a node at the start
 MOST_CHECKED_PLACES = 1_000_000
 
 AnyTime = Time | EquilibriumTable
-# `errors_at` for the file of the scene: within ``with at("terms"):`` an `InputError` becomes a
-# `SceneError` that names the file and the key "terms".
-At = Callable[[str], AbstractContextManager[None]]
+# `errors_at` for the file of the scene: in a block ``with errors_of_key("terms"):`` an
+# `InputError` becomes a `SceneError` that names the file and the key "terms".
+ErrorsOfKey = Callable[[str], AbstractContextManager[None]]
 
 
 def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System) -> Problem:
@@ -56,12 +56,12 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
     the arguments of `System`. Raise `SceneError`, with the key of the mistake, for a start, a
     method, a solver, a probe or a quantity that this cloth does not allow.
     """
-    at = partial(errors_at, where=scene.source)
-    state = _start(scene, cloth, at)
-    system = _system(scene, cloth, state, at, make_system)
-    _check_start(scene, system, state, at)
+    errors_of_key = partial(errors_at, where=scene.source)
+    state = _make_start(scene, cloth, errors_of_key)
+    system = _bind_system(scene, cloth, state, errors_of_key, make_system)
+    _check_start(scene, system, state, errors_of_key)
     steps = scene.schedule.steps()
-    _check_method(scene, system, state, steps, at)
+    _check_method(scene, system, state, steps, errors_of_key)
     probes = tuple(table.probe() for table in scene.probes)
     if scene.expect:
         pattern = getattr(scene.cloth, "pattern", "")
@@ -76,7 +76,7 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         unit=scene.schedule.unit,
         newton=scene.solver.make(),
         linear=scene.solver.linear,
-        probes=(*probes, *_on_request(scene)),
+        probes=(*probes, *_columns_on_request(scene)),
         # With a memory the start is not checked again; `_check_method` has done so.
         memory=Memory(step=0, start=state.t, method_memory=None),
         frame_steps=scene.output.steps(scene.schedule),
@@ -84,16 +84,21 @@ def build(scene: Any, cloth: Cloth, make_system: Callable[..., System] = System)
         note=note,
         output=scene.output,
     )
-    _check_columns(scene, problem, probes, at)
+    _check_columns(scene, problem, probes, errors_of_key)
     return problem
 
 
-def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callable) -> System:
+def _bind_system(
+    scene: Any, cloth: Cloth, start: State, errors_of_key: ErrorsOfKey, make_system: Callable
+) -> System:
     """Return the system: the terms and pins of a scene, bound to the cloth.
 
     Raise `SceneError`, with the key of the table with the mistake, for what does not fit.
     """
-    pins = [_pin(i, table, scene.schedule, cloth, at) for i, table in enumerate(scene.pins)]
+    pins = [
+        _make_pin(number, table, scene.schedule, cloth, errors_of_key)
+        for number, table in enumerate(scene.pins)
+    ]
     if scene.fabric:
         fabric = scene.fabric.make()
     else:
@@ -101,15 +106,15 @@ def _system(scene: Any, cloth: Cloth, start: State, at: At, make_system: Callabl
     grain = _in_radians(scene.grain_degrees)
     terms = [term.make() for term in scene.terms]
     threads = scene.solver.threads
-    with at("solver.threads"):
+    with errors_of_key("solver.threads"):
         number_of_threads(threads)  # only to refuse a wrong number by the name of its key
     try:
         return make_system(cloth, fabric, terms, pins, scene.mass, grain, start, threads=threads)
     except InputError:
         # Find the part with the mistake. If each part alone is valid, the terms do not fit
         # together.
-        _refuse_parts(scene, cloth, start, fabric, grain, pins, terms, at)
-        with at("terms"):
+        _refuse_parts(scene, cloth, start, fabric, grain, pins, terms, errors_of_key)
+        with errors_of_key("terms"):
             raise
 
 
@@ -121,23 +126,23 @@ def _refuse_parts(
     grain: Any,
     pins: list[Pin],
     terms: list,
-    at: At,
+    errors_of_key: ErrorsOfKey,
 ) -> None:
     """Raise `SceneError` for the first part that alone makes no system, by its key.
 
     A message about one of several pins or terms also has its type and its line in the file.
     """
-    with at("pins"):
+    with errors_of_key("pins"):
         Constraints.bind(pins, cloth)
     written = {"terms": [{"type": table.type} for table in scene.terms], "pins": scene.pins}
     for i, pin in enumerate(pins):
         with errors_at(f"pins.{i}", scene.source, written, scene.text):
             find_clamps(Constraints.bind([pin], cloth), cloth, start)
-    with at("fabric" if scene.fabric else "fabrics"):
+    with errors_of_key("fabric" if scene.fabric else "fabrics"):
         Panel.cut(cloth, fabric)
-    with at("grain_degrees"):
+    with errors_of_key("grain_degrees"):
         Panel.cut(cloth, fabric, grain)
-    with at("mass"):
+    with errors_of_key("mass"):
         System(cloth, fabric, (), (), scene.mass, grain)
     for i, term in enumerate(terms):
         with errors_at(f"terms.{i}", scene.source, written, scene.text):
@@ -151,14 +156,16 @@ def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float
     return math.radians(degrees)
 
 
-def _pin(number: int, table: PinTable, time: AnyTime, cloth: Cloth, at: At) -> Pin:
+def _make_pin(
+    number: int, table: PinTable, time: AnyTime, cloth: Cloth, errors_of_key: ErrorsOfKey
+) -> Pin:
     """Return pin `number` of a scene, whose nodes and motion are valid in the whole run.
 
     Raise `SceneError`, with its key, if it holds no nodes, or if its motion has no value at a
     time of the run. A motion by place is tested at some of the times only.
     """
     key = "inside" if table.where is None else "where"
-    with at(f"pins.{number}.{key}"):
+    with errors_of_key(f"pins.{number}.{key}"):
         X = cloth.X[cloth.nodes(table.pin.where)]
     pin = table.pin.at(X)
     if isinstance(pin.motion, Motion):
@@ -169,12 +176,12 @@ def _pin(number: int, table: PinTable, time: AnyTime, cloth: Cloth, at: At) -> P
         times = np.append(start, step_times(start, dt, end))
         if pin.motion.by_place:  # at some of the times, to limit the work
             times = times[:: 1 + len(times) * len(X) // MOST_CHECKED_PLACES]
-        with at(f"pins.{number}.motion"):
+        with errors_of_key(f"pins.{number}.motion"):
             pin.motion.check(times)
     return pin
 
 
-def _start(scene: Any, cloth: Cloth, at: At) -> State:
+def _make_start(scene: Any, cloth: Cloth, errors_of_key: ErrorsOfKey) -> State:
     """Return the state at the start.
 
     Raise `SceneError`, with the key, for a start that cannot be made, and for a node farther
@@ -182,9 +189,9 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
     """
     start = scene.start
     if start.frame:
-        with at("start.frame"):
+        with errors_of_key("start.frame"):
             return replace(read_frame(start.frame, cloth), t=scene.schedule.t_start)
-    with at("start.position"):
+    with errors_of_key("start.position"):
         if isinstance(scene.cloth, Pieces):
             x = scene.cloth.x(cloth)
         else:
@@ -197,7 +204,7 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
                 key = "position"
             what = f"start.{key}: a node {distance:g} m away"
             raise SceneError(what, f"must be within {FARTHEST:g} m", scene.source)
-    with at("start.velocity"):
+    with errors_of_key("start.velocity"):
         if isinstance(scene.cloth, Pieces):
             v = scene.cloth.v(cloth)
         else:
@@ -205,11 +212,11 @@ def _start(scene: Any, cloth: Cloth, at: At) -> State:
         if (speed := np.abs(v).max()) > LARGEST_SPEED:
             what = f"start.velocity: a node with {speed:g} m/s"
             raise SceneError(what, f"must be at most {LARGEST_SPEED:g} m/s", scene.source)
-    with at("start"):
+    with errors_of_key("start"):
         return make_state(len(cloth.X), x, v, scene.schedule.t_start)
 
 
-def _check_start(scene: Any, system: System, state: State, at: At) -> None:
+def _check_start(scene: Any, system: System, state: State, errors_of_key: ErrorsOfKey) -> None:
     """Raise `SceneError` for a term that cannot begin from the start.
 
     That is a term that refuses the positions (such as contact of a cloth inside an obstacle),
@@ -217,9 +224,9 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
     """
     for name, term in system.named:
         f = np.zeros_like(state.x)  # forces [N], (n, 3)
-        with at("start"):
-            term.check_start(state.x, state.t, where="")  # `at` adds the place
-        with at("terms"):
+        with errors_of_key("start"):
+            term.check_start(state.x, state.t, where="")  # `errors_of_key` adds it
+        with errors_of_key("terms"):
             term.add_force(state.x, state.v, state.t, f)
         if not np.isfinite(f).all():
             allowed = "has no finite force at the start"
@@ -233,7 +240,7 @@ def _check_start(scene: Any, system: System, state: State, at: At) -> None:
 
 
 def _check_method(
-    scene: Any, system: System, state: State, steps: StepChoice | Auto, at: At
+    scene: Any, system: System, state: State, steps: StepChoice | Auto, errors_of_key: ErrorsOfKey
 ) -> None:
     """Raise `SceneError` for a method or a linear solver that this system does not allow.
 
@@ -241,7 +248,7 @@ def _check_method(
     processes; loads that depend on t in a static scene; a mass, a linear solver or a step that
     does not fit the method.
     """
-    with at("terms"):
+    with errors_of_key("terms"):
         check_terms(system, steps, "terms")
     # A system on several processes is not whole: each process has a part of the cloth.
     if not system.is_whole and (isinstance(steps, Auto) or steps.traits.explicit):
@@ -251,16 +258,16 @@ def _check_method(
     if isinstance(steps, LoadSteps):
         _refuse_loads_in_time(scene, system, state)
         return
-    with at(""):  # `check` refuses a kind of mass, and its message has the key already
+    with errors_of_key(""):  # it refuses a kind of mass by a message that has the key already
         steps.check(system)
     if scene.solver.linear != "auto" and not steps.traits.explicit:
         # With definiteness = "clamp" the matrix is made symmetric, whatever the terms.
         symmetric = has_symmetric_matrix(system, steps) or scene.solver.definiteness == "clamp"
-        with at("solver.linear"):
+        with errors_of_key("solver.linear"):
             select.create(scene.solver.linear, symmetric)  # only to refuse an unfit solver
     # what to write to run beyond the stability limit all the same
     insist = f'method = {{ type = "{scene.time.method.type}", beyond_limit = true }}'
-    with at("time"):
+    with errors_of_key("time"):
         steps.check_start(system, state, insist)
 
 
@@ -288,7 +295,7 @@ def _refuse_loads_in_time(scene: Any, system: System, state: State) -> None:
             raise SceneError(f"terms: {name}", allowed, scene.source, remedy)
 
 
-def _on_request(scene: Any) -> tuple[str, ...]:
+def _columns_on_request(scene: Any) -> tuple[str, ...]:
     """Return the columns that a run has only on request and that this scene asks for.
 
     A scene asks for a column by naming it under [expect] or [interest].
@@ -299,7 +306,9 @@ def _on_request(scene: Any) -> tuple[str, ...]:
     return on_request(names)
 
 
-def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: At) -> None:
+def _check_columns(
+    scene: Any, problem: Problem, probes: tuple[Probe, ...], errors_of_key: ErrorsOfKey
+) -> None:
     """Raise `SceneError` for a probe that cannot be bound, or a quantity without a column.
 
     The quantities are those of [expect] and [interest].
@@ -309,10 +318,10 @@ def _check_columns(scene: Any, problem: Problem, probes: tuple[Probe, ...], at: 
     except InputError:  # bind the probes one by one, to name the one with the mistake
         for i, probe in enumerate(probes):
             key = "where" if probe.point is None else "point"
-            with at(f"probes.{i}.{key}"):
+            with errors_of_key(f"probes.{i}.{key}"):
                 probe.weights(problem.cloth)
         # All probes are valid: the mistake is in a column on request.
-        with at("interest" if scene.interest else "expect"):
+        with errors_of_key("interest" if scene.interest else "expect"):
             raise
     if scene.expect or scene.interest:
         names = sorted(problem.row().keys() - {"t"})

@@ -41,10 +41,10 @@ def plan(problem: Problem, why: str) -> list[str]:
         f"{n} nodes, {amount(len(system.cloth.triangles), element_name)}, "
         f"area {system.cloth.area:.6g} m², {system.constraints.count_free(n)} free dofs",
         f"terms: {', '.join(system.names) or 'none'}",
-        f"pins: {_pins(system)}",
-        _course(problem),
+        f"pins: {_describe_pins(system)}",
+        _describe_steps(problem),
         f"linear solver: {why}",
-        _threads_and_memory(problem),
+        _describe_threads_and_memory(problem),
         *_length_lines(system),
         *problem.notes(),
     ]
@@ -61,7 +61,7 @@ def plan(problem: Problem, why: str) -> list[str]:
     return lines
 
 
-def _pins(system: System) -> str:
+def _describe_pins(system: System) -> str:
     """Return in words how many nodes each pin holds, and whether the cloth can turn about them.
 
     It can turn if all pins are on a line and none is clamped.
@@ -77,7 +77,7 @@ def _pins(system: System) -> str:
     return words
 
 
-def _course(problem: Problem) -> str:
+def _describe_steps(problem: Problem) -> str:
     """Return in words the method, how its steps are chosen, and the end of the run."""
     if problem.is_static:
         return str(problem.method)
@@ -91,7 +91,7 @@ def _course(problem: Problem) -> str:
     return f"{problem.method}, {words} to t = {problem.t_end:g} s"
 
 
-def _threads_and_memory(problem: Problem) -> str:
+def _describe_threads_and_memory(problem: Problem) -> str:
     """Return in words the threads of the loops and of the factorisations, and the memory.
 
     A solver still to be chosen may iterate, or factor the matrix: then both memories are given.

@@ -194,7 +194,8 @@ class Output(Table):
         return {"frames": 50} | data
 
     @model_validator(mode="after")
-    def _one_spacing(self):
+    def _check_spacings(self):
+        """Raise `InputError` for two spacings of frames or of restart files, or without h5py."""
         require_exactly_one(self, "frames", "every", "every_steps")
         if self.restart_steps and self.restart_every:
             require_exactly_one(self, "restart_steps", "restart_every")

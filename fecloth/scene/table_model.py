@@ -51,10 +51,15 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, data: Any) -> Any:
+    def _check_keys(cls, data: Any) -> Any:
+        """Return the table with its quantities in SI.
+
+        Raise `InputError` for unknown keys or, if there are none, for missing keys: the first
+        mistake, whose `also` has the others.
+        """
         if not isinstance(data, dict):
             return data
-        if refusals := _unknown(data, cls) or _missing(data, cls):
+        if refusals := _errors_of_unknown_keys(data, cls) or _errors_of_missing_keys(data, cls):
             refusals[0].also = tuple(refusals[1:])
             raise refusals[0]
         return in_si(data, cls.model_fields)
@@ -83,7 +88,7 @@ class Table(BaseModel):
             raise InputError("", f"must be {phrase(field)}", "", remedy) from None
 
 
-def _unknown(data: dict, table: type[Table]) -> list[InputError]:
+def _errors_of_unknown_keys(data: dict, table: type[Table]) -> list[InputError]:
     """Return an `InputError` for each key of `data` that the table does not have.
 
     A remedy names the nearest key, or what to write in place of a usual mistake.
@@ -105,7 +110,7 @@ def _unknown(data: dict, table: type[Table]) -> list[InputError]:
     return refusals
 
 
-def _missing(data: dict, table: type[Table]) -> list[InputError]:
+def _errors_of_missing_keys(data: dict, table: type[Table]) -> list[InputError]:
     """Return an error for each required key that is not in the data."""
     return [
         InputError(f"{key} is missing", f"must be {phrase(field)}", "", meaning(field))
@@ -133,6 +138,7 @@ class Made(Table):
 
     @model_validator(mode="after")
     def _make_object(self):
+        """Make the object from the fields, and raise the `InputError` of its class."""
         values = {}
         for field in dataclasses.fields(self.makes):
             if field.init:

@@ -177,7 +177,7 @@ class FabricTable(_FabricFields):
         if not used:
             return own_constants
         folder = Path((info.context or {}).get("folder", "."))
-        constants = _constants(used[0], data[used[0]], folder)
+        constants = _constants_of_shorthand(used[0], data[used[0]], folder)
         replaced = set(own_constants)
         if "bending_rigidity" in own_constants:
             # The shorthand's rigidity on the bias belongs to its rigidities along the yarns.
@@ -190,7 +190,7 @@ class FabricTable(_FabricFields):
         return {**constants, **own_constants}
 
 
-def _constants(key: str, value: Any, folder: Path) -> dict:
+def _constants_of_shorthand(key: str, value: Any, folder: Path) -> dict:
     """Return the constants of a fabric that a shorthand of [fabric] gives.
 
     `key` is the shorthand: "preset", "file", "kes" or "fast"; `value` is what the scene has at

@@ -104,8 +104,8 @@ def override(data: dict, overrides: Iterable[str]) -> dict:
     """
     data = copy.deepcopy(data)
     for text in overrides:
-        keys, value = _override(text)
-        _set(data, keys, value, text)
+        keys, value = _parse_override(text)
+        _set_value(data, keys, value, text)
     return data
 
 
@@ -125,7 +125,7 @@ def flatten(data: object, key: str = "") -> dict[str, Any]:
     return flat
 
 
-def _override(text: str) -> tuple[list[str], object]:
+def _parse_override(text: str) -> tuple[list[str], object]:
     """Return the keys, ["a", "b"], and the value, 1, of an override, "a.b=1".
 
     Raise `SceneError` for a text that is no override. A value that is not TOML stays a text if
@@ -156,7 +156,7 @@ def _keys(chain) -> list[str]:
     return [key, *_keys(rest)]
 
 
-def _set(data: dict, keys: list[str], value, text: str) -> None:
+def _set_value(data: dict, keys: list[str], value, text: str) -> None:
     """Change `data`, tables and lists, so that the dotted key `keys` has the value.
 
     Missing tables are made, and a name on the way becomes the table that it replaces. Raise
@@ -181,11 +181,11 @@ def _set(data: dict, keys: list[str], value, text: str) -> None:
             inner = place[key]
         else:
             inner = place.setdefault(key, {})
-        place[key] = _table(inner, ".".join(keys[: depth + 1]))
+        place[key] = _table_for_name(inner, ".".join(keys[: depth + 1]))
         place = place[key]
 
 
-def _table(value, key: str):
+def _table_for_name(value, key: str):
     """Return the value, or the table that a name replaces."""
     if isinstance(value, str):
         for keys, name in _NAMED:
