@@ -348,7 +348,7 @@ class Recorder:
         with self.watch.phase("output"):
             accounts = self.progress.accounts.finish(self.run, end)
         self._warn(accounts, warn)
-        summary = self._to_summary(status, why, str(error) if error else None, accounts)
+        summary = self._summarise(status, why, str(error) if error else None, accounts)
         place = place_in_words(state.t, self.problem.unit)
         words = f"{status} at {place} after {amount(steps, 'step')}"
         resumes: float | None = None  # without a restart file
@@ -372,7 +372,7 @@ class Recorder:
         """All doubts of the run, first the doubts before the first step."""
         return (*self.doubts_before_run, *self.progress.doubts)
 
-    def _to_summary(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
+    def _summarise(self, status: str, why: str, failure: str | None, accounts: Accounts) -> dict:
         """Return the content of summary.json, its keys in the order of `ORDER`.
 
         `failure` is the message of the error that ended the run; `why` is the reason for the

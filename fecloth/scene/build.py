@@ -143,10 +143,10 @@ def _refuse_parts(
     with errors_of_key("grain_degrees"):
         Panel.cut(cloth, fabric, grain)
     with errors_of_key("mass"):
-        System(cloth, fabric, (), (), scene.mass, grain)
+        System(cloth, fabric, terms=(), pins=(), mass=scene.mass, grain=grain)
     for i, term in enumerate(terms):
         with errors_at(f"terms.{i}", scene.source, written, scene.text):
-            System(cloth, fabric, [term], (), scene.mass, grain)
+            System(cloth, fabric, [term], pins=(), mass=scene.mass, grain=grain)
 
 
 def _in_radians(degrees: float | Mapping[str, float]) -> float | dict[str, float]:

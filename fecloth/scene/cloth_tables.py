@@ -168,7 +168,7 @@ class Pieces(Table):
                     what = f"pieces.{name}: {error.where}: {error.what}"
                 else:  # `what` begins with the key within the piece
                     what = f"pieces.{name}.{error.what}"
-                raise InputError(what, error.allowed, "", error.remedy) from error
+                raise InputError(what, error.allowed, remedy=error.remedy) from error
         return Cloth.join(meshed, list(self.pieces))
 
     def x(self, cloth: Cloth) -> np.ndarray:

@@ -54,7 +54,7 @@ def resolve_path(value: str, info: ValidationInfo) -> str:
     path = folder / value
     if problem := file_problem(path):
         reason, remedy = problem
-        raise InputError("", f"{path}: {reason}", "", remedy)
+        raise InputError("", f"{path}: {reason}", remedy=remedy)
     return str(path.resolve())
 
 

@@ -165,7 +165,7 @@ class PinTable(Table):
         if self.motion and not uses_t and (pin.motion.by_place or pin.motion(0).any()):
             allowed = "must depend on t: only changes of a motion move a pin"
             remedy = 'Write "0.1 * t", or move the cloth by shift in [start].'
-            raise InputError(f"motion = {list(self.motion)}", allowed, "", remedy)
+            raise InputError(f"motion = {list(self.motion)}", allowed, remedy=remedy)
         return self
 
     @property

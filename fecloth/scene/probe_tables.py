@@ -57,7 +57,7 @@ class Expectation(Table):
         for key, value in data.items() if isinstance(data, dict) else ():
             if isinstance(value, dict):
                 remedy = f'A name with a dot needs quotes, as in "mean_displacement.{key}".'
-                raise InputError(f"{key} = {value}", "unknown key", "", remedy)
+                raise InputError(f"{key} = {value}", "unknown key", remedy=remedy)
         return data
 
     @model_validator(mode="after")
@@ -65,7 +65,7 @@ class Expectation(Table):
         require_exactly_one(self, "relative", "absolute")
         if self.relative and self.value == 0:
             allowed = "must not be used with value = 0"
-            raise InputError("relative is given", allowed, "", "Use absolute.")
+            raise InputError("relative is given", allowed, remedy="Use absolute.")
         return self
 
     @property

@@ -120,7 +120,7 @@ class Scene(Table):
             raise InputError("fabrics = {}", "must name a region, as in [fabrics.body]")
         if isinstance(self.cloth, tables.Pieces) and self.start != Start(plane="xy"):
             remedy = "Write [cloths.NAME.start] for each piece."
-            raise InputError("[start] is given", "is for one piece", "", remedy)
+            raise InputError("[start] is given", "is for one piece", remedy=remedy)
         names = [probe.name for probe in self.probes]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -142,17 +142,17 @@ class Scene(Table):
         """
         static = "needs [time]: this scene has [equilibrium]"
         if self.start.velocity:
-            raise InputError("start.velocity is given", static, "", "Leave it out.")
+            raise InputError("start.velocity is given", static, remedy="Leave it out.")
         instead_of = {"every": "frames or every_steps", "restart_every": "restart_steps"}
         for key, instead in instead_of.items():
             if getattr(self.output, key):
-                raise InputError(f"output.{key} is given", static, "", f"Use {instead}.")
+                raise InputError(f"output.{key} is given", static, remedy=f"Use {instead}.")
         if self.solver.linear in ("pcg", "multigrid"):
             remedy = "Leave it out, or take direct, pardiso or superlu."
-            raise InputError(f'solver.linear = "{self.solver.linear}"', static, "", remedy)
+            raise InputError(f'solver.linear = "{self.solver.linear}"', static, remedy=remedy)
         if self.solver.make() != Newton():
             remedy = "Its tolerance and max_iterations are keys of [equilibrium]; leave others out."
-            raise InputError("[solver] has more than linear", static, "", remedy)
+            raise InputError("[solver] has more than linear", static, remedy=remedy)
 
     def _set_steps_for_friction(self, static: EquilibriumTable) -> None:
         """Set `equilibrium` to at least `LOAD_STEPS` load steps if a fabric has friction.
@@ -168,7 +168,7 @@ class Scene(Table):
         if static.friction != "laid" and not has_friction:
             what = f'equilibrium.friction = "{static.friction}"'
             allowed = "needs BendingFriction"
-            raise InputError(what, allowed, "", 'Add { type = "BendingFriction" } to terms.')
+            raise InputError(what, allowed, remedy='Add { type = "BendingFriction" } to terms.')
         if has_friction and any(any(fabric.make().hysteresis or ()) for fabric in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
             in_small_steps = static.model_copy(update={"load_steps": number})
@@ -297,7 +297,7 @@ def _refuse_time_with_equilibrium(data: dict[str, Any]) -> None:
     if "time" in data and "equilibrium" in data:
         allowed = "a scene has one of them; with [equilibrium] it is static, without time and dt"
         remedy = "Leave out the other."
-        raise InputError("time and equilibrium are given", allowed, "", remedy)
+        raise InputError("time and equilibrium are given", allowed, remedy=remedy)
 
 
 def _check(scene_class: type[Scene], data: dict, source: str, text: str, folder: Path) -> Scene:

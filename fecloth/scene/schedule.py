@@ -72,7 +72,7 @@ class Time(Table):
             if data.get("dt", "auto") != "auto":
                 remedy = "Or leave dt out, too: then both are chosen."
                 allowed = f"must be one of {', '.join(_METHODS)}"
-                raise InputError("method is missing", allowed, "", remedy)
+                raise InputError("method is missing", allowed, remedy=remedy)
             return data | {"method": {"type": "auto"}}
         if isinstance(data["method"], str):
             return data | {"method": {"type": data["method"]}}
@@ -97,13 +97,13 @@ class Time(Table):
         if self.method.type == "auto":
             raise InputError(f"dt = {self.dt!r}", 'must be "auto" with method = "auto"')
         if problem := coarse_clock(max(abs(self.t_start), abs(self.t_end)), self.dt):
-            raise InputError(f"dt = {self.dt!r}", problem, "", EARLIER)
+            raise InputError(f"dt = {self.dt!r}", problem, remedy=EARLIER)
         steps = (self.t_end - self.t_start) / self.dt
         if steps > MOST_STEPS:
             what = f"dt = {self.dt!r} makes {steps:.2g} steps"
             allowed = f"must be at most {MOST_STEPS:.0e}"
             remedy = "A bare number is in seconds."
-            raise InputError(what, allowed, "", remedy)
+            raise InputError(what, allowed, remedy=remedy)
         return self
 
     def steps(self) -> StepChoice | Auto:

@@ -85,7 +85,7 @@ class Table(BaseModel):
                 remedy = did_you_mean(value, words)
             else:
                 remedy = ""
-            raise InputError("", f"must be {phrase(field)}", "", remedy) from None
+            raise InputError("", f"must be {phrase(field)}", remedy=remedy) from None
 
 
 def _errors_of_unknown_keys(data: dict, table: type[Table]) -> list[InputError]:
@@ -106,14 +106,14 @@ def _errors_of_unknown_keys(data: dict, table: type[Table]) -> list[InputError]:
             remedy = table.remedies.get(key) or did_you_mean(key, known_keys)
         what = f"{key} = {shorten(value)}"
         allowed = f"unknown key; the keys are {', '.join(known_keys)}"
-        refusals.append(InputError(what, allowed, "", remedy))
+        refusals.append(InputError(what, allowed, remedy=remedy))
     return refusals
 
 
 def _errors_of_missing_keys(data: dict, table: type[Table]) -> list[InputError]:
     """Return an error for each required key that is not in the data."""
     return [
-        InputError(f"{key} is missing", f"must be {phrase(field)}", "", meaning(field))
+        InputError(f"{key} is missing", f"must be {phrase(field)}", remedy=meaning(field))
         for key, field in table.model_fields.items()
         if field.is_required() and key not in data
     ]

@@ -217,7 +217,7 @@ def _from_file(name: Any, folder: Path) -> dict:
         raise InputError(f"file = {brief(name)}", "must be the path of a TOML file")
     if problem := file_problem(folder / name):
         reason, remedy = problem
-        raise InputError(f"file = {name!r}", f"{folder / name}: {reason}", "", remedy)
+        raise InputError(f"file = {name!r}", f"{folder / name}: {reason}", remedy=remedy)
     with errors_of("", f"file = {name!r}: "):
         return constants_in(folder / name)
 
