@@ -148,12 +148,12 @@ def list_calls_of_term(
     if J is None:
         return calls
     for definite in (False, True):  # the exact tangent, and the clamped one
-        wx = wv = 1.0  # weights of the tangents by x and by v
-        arguments = (x, v, t, wx, wv, J, definite)
+        place_and_weights = (x, v, t, 1.0, 1.0)  # the weights wx and wv of the tangents
+        arguments = (*place_and_weights, J, definite)
         calls.append(FirstCall(f"{name}.add_tangent", term.add_tangent, arguments))
         if term.couples_nodes:
-            arguments = (x, v, t, wx, wv, definite)
-            calls.append(FirstCall(f"{name}.coupling", term.coupling, arguments))
+            arguments_of_coupling = (*place_and_weights, definite)
+            calls.append(FirstCall(f"{name}.coupling", term.coupling, arguments_of_coupling))
     return calls
 
 

@@ -258,9 +258,8 @@ class Recorder:
                 steps = {**row, "residual": counts.residual, **record.rows["steps"]}
                 self.files.add_rows({**record.rows, "steps": steps})
             if self._is_frame_due(info):
-                accounts = self._write_frame(
-                    record.state, info.memory, accounts, info.t >= self.problem.t_end
-                )
+                ended = info.t >= self.problem.t_end
+                accounts = self._write_frame(record.state, info.memory, accounts, ended)
             self.progress = self._progress(
                 record.state, info.memory, accounts, doubts=before.doubts, wanted=record.wanted
             )
@@ -282,8 +281,8 @@ class Recorder:
         step = accounts[Solves].steps
         steps_between_counts = STEPS_BETWEEN_COUNTS[self.problem.method.traits.explicit]
         is_count_due = ended or step - shape.counted >= steps_between_counts
-        counts = self.problem.output.intersections and is_count_due
-        shape, row = shape.at_frame(self.run, state, cells, step, counts)
+        counts_now = self.problem.output.intersections and is_count_due
+        shape, row = shape.at_frame(self.run, state, cells, step, counts_now)
         self.files.add_rows({"strains": row})
         return accounts.with_record(shape)
 
@@ -315,10 +314,10 @@ class Recorder:
         """Whether the scene asks for a frame after this step, or the run has reached its end."""
         if info.t >= self.problem.t_end:
             return True
-        every = self.problem.frame_steps
-        if every is None:
+        steps_between_frames = self.problem.frame_steps
+        if steps_between_frames is None:
             return info.t in self.problem.stops
-        return info.step % every == 0
+        return info.step % steps_between_frames == 0
 
     def close(self, status: str, why: str, error: FeclothError | None, warn) -> SceneResult:
         """Write what belongs to the end of a run, and return its result.

@@ -276,9 +276,8 @@ def load_scene(
     scene_class = Scene
     text = toml_text.text(path)
     if terms:  # a class of scenes that may also have terms of these types
-        _, term = tables.terms_with(terms)
-        any_terms: Any = tuple[term, ...]
-        scene_class = create_model("Scene", __base__=Scene, terms=(any_terms, ()))
+        any_term: Any = tables.terms_with(terms)[1]  # the type of a table of any term
+        scene_class = create_model("Scene", __base__=Scene, terms=(tuple[any_term, ...], ()))
     scene = _check(scene_class, data, source, text, path.parent)
     scene._trusts_geo = trust_geo
     scene._mesh_time = mesh_time

@@ -174,13 +174,7 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
         hint = writable(hints[field.name])
         if hint is object:  # "Term" is resolved when all tables of terms are made
             hint = Union[ForwardRef("Term"), None]  # noqa: UP007
-        if field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
-        elif field.default is not dataclasses.MISSING:
-            default = field.default
-        else:
-            default = ...
-        fields[field.name] = (hint, default)
+        fields[field.name] = (hint, _find_default(field))
     described: dict[str, Any] = {
         key: (hint, Field(default, description=meanings.get(key)))
         for key, (hint, default) in (fields | more).items()
@@ -194,6 +188,15 @@ def table_of(cls: type, name: str = "", **more) -> type[Made]:
     )
     model.makes = cls
     return model
+
+
+def _find_default(field: dataclasses.Field) -> Any:
+    """Return the default of a dataclass's field; ... for a field that has none."""
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    return ...
 
 
 def parts_of_docstring(cls: type) -> tuple[str, dict[str, str]]:
