@@ -72,15 +72,26 @@ class Crew:
         return self.link.call_each(name, [arguments(part) for part in self.parts])
 
     def ask(self, key: Any, name: str, *arguments: Any) -> Any:
-        """What an ability of a term, one of `ABILITIES`, returns for the whole cloth."""
+        """What the ability `name`, one of `ABILITIES`, of a term returns for the whole cloth.
+
+        The first arguments are positions and velocities, which the workers keep; each worker
+        gets its part of the others.
+        """
         ability = ABILITIES[name]
         self.place(*arguments[: ability.placed])
-        others = arguments[ability.placed :]
-        shares = self.call_each("ask", lambda part: (key, name, cut(others, part.nodes)))
+        other_arguments = arguments[ability.placed :]
+
+        def arguments_of(part: Part) -> tuple:
+            return key, name, cut(other_arguments, part.nodes)
+
+        shares = self.call_each("ask", arguments_of)
         return ability.gather(self.parts, shares)
 
     def place(self, x: np.ndarray | None = None, v: np.ndarray | None = None) -> None:
-        """Give each worker positions, and velocities, where they are not what it has."""
+        """Give each worker positions x and velocities v (n, 3), if they have changed.
+
+        The workers keep those of the last call; None leaves them as they are.
+        """
         for name, y in (("x", x), ("v", v)):
             if y is None or np.array_equal(self.placed.get(name, np.empty(0)), y):
                 continue

@@ -301,10 +301,10 @@ def increase_loads(
             end = load
         else:
             begin = end = at
-        here = State(start.t, x, np.zeros_like(x))
+        state_before = State(start.t, x, np.zeros_like(x))
         increment = LoadIncrement(
             system,
-            here,
+            state_before,
             load=load,
             size=load - reached,
             begin=begin,
@@ -355,10 +355,10 @@ def shake(
     history = increase.history
     x = increase.solved.x
     for friction in FRICTION_LEFT:
-        here = replace(last_increment.start, x=x)
+        state_before = replace(last_increment.start, x=x)
         increment = replace(
             last_increment,
-            start=here,
+            start=state_before,
             size=1 / len(FRICTION_LEFT),
             begin=last_increment.end,  # begin and end are the same time: nothing moves
             history=history,
@@ -367,7 +367,7 @@ def shake(
         solved, over = solve_increment(increment, rate=0.0, context=context, report=report)
         x = solved.x
         total_counts = total_counts.plus(solved.counts)
-        history = over.commit(replace(here, x=x), history)
+        history = over.commit(replace(state_before, x=x), history)
         path.append(SolvedIncrement(increment, x))
     solved = solved._replace(counts=total_counts)
     return Increase(solved, increase.rate, over, history, tuple(path))

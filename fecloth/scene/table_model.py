@@ -132,6 +132,7 @@ class Made(Table):
     @model_validator(mode="before")
     @classmethod
     def _read_old_names(cls, data: Any) -> Any:
+        """Return the table with today's names in place of older names of its keys."""
         if isinstance(data, dict):
             return by_new_names(cls.makes.__name__, data)
         return data
