@@ -101,14 +101,20 @@ class RunFiles:
         return Frame(state.t, state.x, system.cloth.cells, *fields(system, state))
 
     def flush(self) -> None:
-        """Hand all to the disk, so that it survives a power cut; but for the folder itself."""
+        """Hand the tables and new frames to the disk, so that they survive a power cut.
+
+        Their folders, too, but not the folder of the run itself: `restart.write` does that.
+        """
         frames = self.frames.files(self.on_disk)
         flush_to_disk(*(table.path for table in self.tables.values()), *frames)
         flush_to_disk(*{file.parent for file in frames} - {self.folder.path})
         self.on_disk = len(self.frames.times)
 
     def _scatter(self) -> None:
-        """Write the frames of a whole run anew, as it goes on beyond its end."""
+        """Write single frames from the file that a complete run gathered, and remove that file.
+
+        A run that goes on beyond its end adds further frames to them.
+        """
         series = Series.open(self.folder.path)
         for i in range(len(series.times)):
             frame = series.read(i)

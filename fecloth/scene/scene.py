@@ -169,6 +169,7 @@ class Scene(Table):
             what = f'equilibrium.friction = "{static.friction}"'
             allowed = "needs BendingFriction"
             raise InputError(what, allowed, remedy='Add { type = "BendingFriction" } to terms.')
+        # A fabric without hysteresis has no friction, also with the term.
         if has_friction and any(any(fabric.make().hysteresis or ()) for fabric in fabrics):
             number = max(static.load_steps, LOAD_STEPS)
             in_small_steps = static.model_copy(update={"load_steps": number})
