@@ -206,7 +206,7 @@ class PartDescription:
     start: State
 
     def make(self) -> System:
-        """Make the cloth and the system of the part, as the arguments of `System` describe it."""
+        """Make the cloth of the part, and return the system on it."""
         cloth = self.part.cloth()
         return PartSystem(
             self.part,

@@ -69,8 +69,8 @@ class StaticEquation:
     def remedies(self) -> Remedies:
         """The exact K, and then definite K + σ M with growing σ.
 
-        The σ to begin with is so large that M alone would hold the cloth: the forces at the start
-        then move it by a tenth of its extent. Smaller ones are for later iterations.
+        The σ to begin with is so large that σ M alone would hold the cloth: then the forces at
+        the start move it by a tenth of its extent. Smaller ones are for later iterations.
         """
         f, _ = self.forces(self.start)
         mean_acceleration = np.linalg.norm(f, axis=1).sum() / self.system.nodal_mass.sum()

@@ -259,9 +259,9 @@ class Steps:
     def whole_steps(self, point: Point, step: np.ndarray) -> Iterator[Point]:
         """Yield the ends of whole Newton steps with the exact matrix; the first one is `step`.
 
-        A step is shortened only where it would move a node by more than `Equation.longest`. They
-        end after `MOST_WHOLE_STEPS`, where the matrix has no factor, and where the forces are not
-        finite.
+        A step is shortened only where it would move a node by more than `Equation.longest`. The
+        steps end after `MOST_WHOLE_STEPS`, where the matrix has no factor, and where the forces
+        are not finite.
         """
         for number in range(MOST_WHOLE_STEPS):
             if number > 0:

@@ -129,7 +129,7 @@ class Pieces(Table):
 
     @model_validator(mode="after")
     def _check_pieces(self):
-        """Raise `InputError` for less than two pieces, for P1 beside P2, or for a start frame."""
+        """Raise `InputError` for less than two pieces, P1 beside P2, or a frame as a start."""
         if len(self.pieces) < 2:
             what = amount(len(self.pieces), "piece")
             raise InputError(what, "must be at least two, or [cloth]")
@@ -180,7 +180,7 @@ class Pieces(Table):
         return self._join_values(cloth, "v")
 
     def _join_values(self, cloth: Cloth, name: str) -> np.ndarray:
-        """Return "x" [m] or "v" [m/s], the `name`, of all nodes (n, 3), by the pieces' starts."""
+        """Return x [m] or v [m/s], by `name`, of all nodes (n, 3), from the pieces' starts."""
         values = np.zeros((len(cloth.X), 3))
         for piece, table in self.pieces.items():
             nodes = cloth.nodes(piece)
